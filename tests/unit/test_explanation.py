@@ -7,6 +7,7 @@ import commonlaw as cl
 from commonlaw.inference import explanation
 from commonlaw.inference.explanation import effective_count, gain
 from commonlaw.outcomes import OutcomeKind
+from commonlaw.trials.starts import with_starts
 
 GAIN, TIME, DELAY = 0.6, 150.0, 20.0
 
@@ -91,3 +92,10 @@ def test_autocorrelated_residuals_count_as_the_variance_of_their_mean_square_say
     series = series[:, 100:]
     worth = 2 / np.var(np.mean(series**2, axis=1))  # Of independent ones the mean square has the variance 2/n
     assert np.median([effective_count(each) for each in series]) == pytest.approx(worth, rel=0.25)
+
+
+@pytest.mark.parametrize("starts", [{"w": 0.0}, {"w": None}])
+def test_what_laws_leave_is_compared_in_measured_states_whatever_latent_states_they_have(delayed, starts):
+    plain, latent = (explanation._constants(each) for each in (delayed, with_starts(delayed, starts)))
+    assert len(latent) == len(plain) == 1
+    np.testing.assert_array_equal(np.concatenate(latent[0]), np.concatenate(plain[0]))

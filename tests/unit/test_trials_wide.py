@@ -169,3 +169,11 @@ def test_equations_name_what_was_measured_and_the_law_reads_such_tables_and_writ
     exec(law.to_script(path), made)
     assert made["trials"].schema == law.schema
     np.testing.assert_allclose(made["law"].coefficients, law.coefficients, rtol=1e-3)
+
+
+def test_an_equation_in_another_name_than_that_of_a_guessed_wide_table_says_how_to_give_it():
+    with pytest.raises(CommonlawError, match="the states are value: read the columns of objects with wide='OD'"):
+        cl.fit("OD' = r OD", Trials.from_frame(PLATE))
+    both = Trials.from_frame(PLATE[["time [h]", "A1", "A2"]])
+    with pytest.raises(CommonlawError, match=r"give each state one equation, or .* with inputs=\['A2'\]"):
+        cl.fit("A1' = r A1 + b A2", both)

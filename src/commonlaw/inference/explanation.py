@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.error_search import kind_of
@@ -117,8 +117,7 @@ def with_approximation(found: LawSearch, outcomes: Sequence[Outcome]) -> tuple[O
     left = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in _left_by(found)]
     parts = [
         f"{value:.3g} {schema.units.get(name, '')}".rstrip() + f" in {name} (noise {level:.2g})"
-        for name, value, level in zip(schema.states, left, noise, strict=True)
-        if name not in schema.starts
+        for name, value, level in zip(schema.measured, left, noise[~schema.unmeasured], strict=True)
     ]
     of = "this law" if found.solver is None else "this law, the best of its library,"
     lack = Outcome(
@@ -147,7 +146,7 @@ def _residuals(law: Law, trials: Trials) -> list[Series]:
     forecast = own.predict(trials, start="all", averaged=False)
     pairs = list(zip(forecast.trials, (each.states for each in forecast.trajectories), strict=True))
     return [
-        [_seen(trial.states[:, j] - states[:, j]) for trial, states in pairs] for j in range(len(trials.schema.states))
+        [_seen(trial.states[:, j] - states[:, j]) for trial, states in pairs] for j in np.flatnonzero(_measured(trials))
     ]
 
 
@@ -155,8 +154,13 @@ def _constants(trials: Trials, left: float = 0.0) -> list[Series]:
     """Return what the mean of each trial leaves, state by state, and so much more."""
     return [
         [_seen(each.states[:, j] - np.nanmean(each.states[:, j]) + left) for each in trials]
-        for j in range(len(trials.schema.states))
+        for j in np.flatnonzero(_measured(trials))
     ]
+
+
+def _measured(trials: Trials) -> Bools:
+    """Return which states were measured, as laws may differ in others, shape (states,)."""
+    return ~trials.schema.unmeasured
 
 
 def _seen(left: Floats) -> Floats:

@@ -273,9 +273,11 @@ def _check_states(given: tuple[str, ...], schema: Schema) -> None:
     missing = [name for name in schema.states if name not in given]
     others = [name for name in given if name not in schema.states]
     if missing or others:
+        remedy = f"give each state one equation, or read columns that have none with inputs={missing}"
+        if schema.wide and len(others) == 1:
+            remedy = f"read the columns of objects with wide={others[0]!r}"
         raise CommonlawError(
-            f"the equations are of {', '.join(given)}, the states are {', '.join(schema.states)}: give each state one "
-            "equation, and name columns that have none as inputs"
+            f"the equations are of {', '.join(given)}, the states are {', '.join(schema.states)}: {remedy}"
         )
 
 
