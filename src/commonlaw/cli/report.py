@@ -84,7 +84,8 @@ def report(
             return law_report(found.few, command, table, in_options, show, everything=found)
 
         def of_table(law: Law, trials: Trials, training: Trials) -> Report:
-            return law_report(find(law, trials, training), command, source.path or "", in_options, show)
+            table = source.program(trials) if source.path else ""
+            return law_report(find(law, trials, training), command, table, in_options, show)
 
         known, guessed = given.schema if given else None, list[str]()
         if streams:

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial, reduce, wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -19,6 +19,9 @@ from commonlaw.trials.headers import join_header
 from commonlaw.trials.roles import GUESSED
 from commonlaw.trials.sources import read_table
 from commonlaw.trials.trial import property_names
+
+if TYPE_CHECKING:
+    from commonlaw.law.script import Source as Program
 
 S = TypeVar("S", Trials, TrialStream)
 
@@ -215,6 +218,22 @@ class Source:
         if self.hold_out:
             trials = trials.split(**_conditions("--hold-out", self.hold_out, trials))[1]
         return trials if self.learn_until is None else trials.until(self.learn_until)
+
+    def program(self, trials: Trials) -> "Program":
+        """Return where a program finds these trials in the table, and which of them it learns from."""
+        from commonlaw.law.script import Source as Program
+
+        def conditions(name: str, texts: Sequence[str]) -> str:
+            return "**" + repr(_conditions(name, texts, trials)) if texts else ""
+
+        excluded, where = conditions("--exclude", self.exclude), conditions("--where", self.where)
+        held_out = conditions("--hold-out", self.hold_out)
+        kept = (f".split({excluded})[1]" if excluded else "") + ".clip_irregular()" * self.clip
+        learned = (f".select({where})" if where else "") + (f".split({held_out})[1]" if held_out else "")
+        learned += "" if self.learn_until is None else f".until({self.learn_until!r})"
+        reading = {name: getattr(self, name) for name in ("object_name", "wide", "restarts", "sheet")}
+        training = f"measured{learned}" if learned else ""
+        return Program(str(self.path), properties=self.properties, training=training, reading=reading, kept=kept)
 
     def _without_excluded(self, trials: S) -> S:
         return trials.split(**_conditions("--exclude", self.exclude, trials))[1] if self.exclude else trials

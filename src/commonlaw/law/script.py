@@ -33,6 +33,8 @@ class Source:
         out.
     stream
         Whether the table is a stream of Parquet files.
+    kept
+        What of the table is measured, as Python behind what reads it: ``".clip_irregular()"``.
     """
 
     table: str = "trials.csv"
@@ -41,6 +43,7 @@ class Source:
     training: str = ""
     reading: Mapping[str, Any] = field(default_factory=dict)
     stream: bool = False
+    kept: str = ""
 
 
 def call(function: Callable[..., Any], values: Mapping[str, Any], *first: str) -> str:
@@ -111,6 +114,7 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, sourc
     read = (
         f"cl.TrialStream.from_parquet({source.table!r}, {said})" if source.stream else f"cl.Trials.{reading}, {said})"
     )
+    read += source.kept
     learned = [f"measured = {read}", f"trials = {source.training}"] if source.training else [f"trials = {read}"]
     judged = "measured, trials" if source.training else "trials"
     made = readable(calls, f"cl.fit({'; '.join(equations)!r}, trials)")
