@@ -264,3 +264,17 @@ def test_laws_in_discrete_time_and_without_errors_are_judged():
     assert verdict.measurements == 40
     assert verdict.coverage is None
     assert "It has no bands" in str(verdict)
+
+
+def test_growth_from_below_the_noise_is_judged_from_starts_that_average_it():
+    """The first reading is below zero: a forecast from it alone runs away, which says nothing of the law."""
+    times, source = np.linspace(0, 20, 81), np.random.default_rng(0)
+    wells = [1.1 / (1 + 3000 * np.exp(-rate * times)) + 0.003 * source.standard_normal(81) for rate in (0.7, 0.8)]
+    for own in wells:
+        own[0] = -0.004
+    trials = cl.Trials.from_arrays([times] * 2, wells, object=["a", "b"], names=["OD"])
+    law = cl.fit("OD' = r OD (1 - OD/K)", trials, errors="white")
+    assert law.predict(trials).outcomes
+    verdict = law.verdict(trials)
+    assert (verdict.usable, verdict.diverged) == (True, 0)
+    assert not np.isinf(verdict.horizon)

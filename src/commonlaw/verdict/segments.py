@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -132,7 +133,9 @@ def _held_out(trials: Trials, learned: Trials, order: Order) -> Iterator[Segment
 def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors:
     """Return the errors of the forecast of a segment of the only trial, its start fitted to the samples before.
 
-    The trial may have samples in which nothing was measured, too.
+    Where the law was learned from the whole trial, and one sample is before, the start is fitted to the first fifth of
+    them: that sample alone may be below the noise, which says nothing of the law. The trial may have samples in which
+    nothing was measured, too.
 
     Raises
     ------
@@ -141,13 +144,11 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
     """
     trial, origin, first, states = segment.trial, segment.origin, segment.first, len(law.states)
     fits = law.order != 0 and law.noise is not None
-    forecast = law.predict(
-        trials,
-        start=_MOST_BEFORE if fits and origin > _MOST_BEFORE else None,
-        from_time=float(trial.times[origin]),
-        return_std=law.has_std,
-        tolerance=_TOLERANCE,
-    )
+    how: dict[str, Any] = {"start": _MOST_BEFORE if fits and origin > _MOST_BEFORE else None}
+    how |= {"from_time": float(trial.times[origin])}
+    if fits and segment.kind is Kind.SEEN and origin == 1:
+        how = {"start": max(2, samples_before(len(trial), law.order))}
+    forecast = law.predict(trials, return_std=law.has_std, tolerance=_TOLERANCE, **how)
     rows = np.flatnonzero(np.isfinite(forecast.trials[0].states).any(axis=1))
     compared, measured = rows[first - len(trial) :], trial.states[first:]
     errors = forecast.trajectories[0].states[compared, :states] - measured
