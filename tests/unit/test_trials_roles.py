@@ -73,6 +73,13 @@ def test_numbers_name_objects_under_the_name_of_one_and_trials_under_that_of_a_t
     assert roles_of(frame, object="", restarts="trials")[3:5] == (("x",), ("subject",))
 
 
+@pytest.mark.parametrize("names", [("10 mg", "25 mg"), ("1a", "2b"), ("A", "T"), ("T1", "T2")])
+def test_names_may_begin_with_digits_and_clocks_are_no_names(names):
+    frame = stacked([{"kind": name} for name in names], x=decay)
+    clocks = frame.assign(clock=[f"{9 + i % 4}:30 am" for i in range(len(frame))])
+    assert roles_of(frame)[0] == roles_of(clocks)[0] == "kind"
+
+
 def test_remarks_beside_increasing_times_name_nothing():
     frame = stacked([{"unit": "A"}], x=decay).assign(phase=["heat"] * 10 + ["cool"] * 11)
     assert roles_of(frame)[:2] == ("unit", "trial")

@@ -49,6 +49,8 @@ _MEAN = _vocabulary("mean avg average")
 _ROW_NUMBER = _vocabulary("no nr number index row record line obs observation point")
 
 _OF_TIME = {"[time]": 1.0}
+_CLOCK = re.compile(r"\W*\d[\d\W_]*(T\d[\d\W]*Z?)?([ap]m)?\W*", re.IGNORECASE)
+"""What may be a date or a time of day."""
 _ORDERS = range(2, 9)
 """Of differences between neighbours, by which noise is estimated."""
 _WHITE = slice(2, None)
@@ -238,7 +240,7 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
             not is_called(name, _OBJECT | _TRIAL | _ROW_NUMBER) and (not _counts(table, name))
         ):
             return False
-    elif is_time(next((cell for cell in table.columns[name] if isinstance(cell, str) and cell.strip()), 0)):
+    elif all(not isinstance(cell, str) or _CLOCK.fullmatch(cell) for cell in table.columns[name]):
         return False
     try:
         codes, labels = table.encoded(name)
