@@ -42,6 +42,14 @@ def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_pro
     assert (verdict.exact, verdict.none_exact) == (False, True)
 
 
+def test_the_order_is_one_of_which_a_law_explains_whole_trials(delayed):
+    """Steps between samples, and a law of second order with many terms, follow the dead time sample by sample."""
+    law = cl.discover(delayed, library="poly:3")
+    assert law.order == 1
+    assert law.score(delayed, start="all") > 0.99
+    assert "not identifiable" not in {each.kind for each in law.outcomes}
+
+
 def test_of_laws_that_explain_whole_trials_none_is_taken_whose_forecasts_diverge(delayed, monkeypatch):
     monkeypatch.setattr(explanation, "score_of_forecasts", lambda found, _: -np.inf if found.size > 2 else 1.0)
     law = cl.discover(delayed, order=1, library="poly:1")

@@ -167,7 +167,7 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     Parameters
     ----------
     law
-        Of the largest evidence.
+        Of the largest evidence, or the one that explains whole trials.
     others
         Other orders, and 2 log B of the law against the best ones of these.
     refused
@@ -175,11 +175,16 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     """
     states = law.states
     named = [(order_in_words(order, states), each) for order, each in others]
-    against = [f"2 log B is {each:.3g} against the best law of order {order}" for order, each in named]
+    against = [
+        f"2 log B is {each:.3g} against the best law of order {order}"
+        if each >= 0
+        else f"solutions explain whole trials, unlike those of the likelier law of order {order} (2 log B {each:.3g})"
+        for order, each in named
+    ]
     choice = order_in_words(law.order, states)
     reasons = [*against, *(f"of another none was found: {each}" for each in refused)]
     step = Step("order", choice, "; ".join(reasons) or "it leaves nothing for laws of higher order to explain")
-    close = [f"{order} (2 log B is {each:.2g})" for order, each in named if each < _STRONG]
+    close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < _STRONG]
     said = tuple(
         Outcome(
             OutcomeKind.NOT_IDENTIFIABLE,

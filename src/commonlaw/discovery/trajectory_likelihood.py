@@ -31,10 +31,12 @@ from commonlaw.inference import (
     error_kinds,
     evidence_of_order,
     explains_simply,
+    explains_whole_trials,
     finish,
     known_noise,
     may_be_of_lower_order,
     may_be_simpler,
+    most_explaining,
     resolved,
     search_supports,
     with_drive_said,
@@ -215,9 +217,18 @@ class TrajectoryLikelihood(AbstractMethod):
             If no law of any order can be found: what `find` says of the last.
         """
         with threads(self.n_jobs):
-            (best, *others), refused = self._ranked(trials, structure, possible, progress)
+            ranked, refused = self._ranked(trials, structure, possible, progress)
+            best, *others = ranked
+            if others and self.errors == "auto" and not explains_whole_trials(best.search):
+                lacking = [
+                    each for each in others if each.search.state.has_model_error and not each.search.approximation
+                ]
+                found, _ = those_found(lambda each: self._with_errors(trials, each, progress), lacking)
+                ranked = [best, *(each for each in others if each not in lacking), *found]
+                best = ranked[most_explaining([each.search for each in ranked])]
             law = self._finished(trials, best, progress)
-        return with_order_said(law, [(each.order, each.evidence - best.evidence) for each in others], refused)
+        against = [(each.order, each.evidence - best.evidence) for each in ranked if each is not best]
+        return with_order_said(law, against, refused)
 
     def _ranked(
         self,

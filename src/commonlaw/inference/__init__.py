@@ -7,6 +7,7 @@ from commonlaw.inference.constants import outcomes_of_constants, with_constants_
 from commonlaw.inference.covariance import CovarianceKind
 from commonlaw.inference.drives import drives, with_drive_said
 from commonlaw.inference.error_search import ErrorKind
+from commonlaw.inference.explanation import explains_whole_trials, most_explaining
 from commonlaw.inference.finishing import finish
 from commonlaw.inference.first_noise import known_noise
 from commonlaw.inference.fit_setup import as_followed
@@ -66,6 +67,7 @@ __all__ = [
     "error_kinds",
     "evidence_of_order",
     "explains_simply",
+    "explains_whole_trials",
     "finish",
     "fit_supports",
     "known_noise",
@@ -74,6 +76,7 @@ __all__ = [
     "may_be_of_lower_order",
     "may_be_simpler",
     "missed_terms",
+    "most_explaining",
     "outcomes_of_constants",
     "prepare",
     "promising_terms",

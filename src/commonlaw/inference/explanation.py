@@ -61,16 +61,10 @@ def approximated(
     if not rivals:
         return None
     progress("comparing laws by what their solutions leave of whole trials")
-    own, means = _left_by(found), _constants(found.problem.trials)
-    count = sum(found.problem.measured)
-
-    def worth(rival: LawSearch) -> float:
-        left = _left_by(rival)
-        price = rival.size * len(rival.problem.models) * float(np.log(count))
-        return min(gain(left, own), gain(left, means)) - price
+    least = _left_by(found), _constants(found.problem.trials)
 
     def explaining(listed: Iterable[LawSearch]) -> list[LawSearch]:
-        pairs = [(worth(each), each) for each in listed]
+        pairs = [(_evidence_over(each, least), each) for each in listed]
         return [each for value, each in sorted(pairs, key=lambda pair: -pair[0]) if value > STRONG]
 
     listed = explaining(rivals)
@@ -83,6 +77,39 @@ def approximated(
         most, first = max(scores, key=lambda pair: pair[0], default=(-np.inf, best))
         best = best if np.isneginf(most) else weighed_by_forecasts(first, 0.0)
     return replace(resolved(best, progress), is_approximation=True)
+
+
+def explains_whole_trials(found: LawSearch) -> bool:
+    """Return whether solutions of a law leave at most twice its errors of measurement of whole trials."""
+    if has_process_noise(found):
+        return False
+    problem, correlated = found.problem, found.problem.errors.correlated
+    variances = np.mean(problem.white_std**2, axis=0) + (0.0 if correlated is None else correlated**2)
+    pairs = zip(_left_by(found), variances[_measured(problem.trials)], strict=True)
+    return all(_mean_square(series) <= 4 * variance for series, variance in pairs)
+
+
+def most_explaining(ranked: Sequence[LawSearch]) -> int:
+    """Return the index of the law that explains whole trials best, of those of several orders.
+
+    It is the first, of the largest evidence, unless the evidence of another without process noise is strong, as in
+    `approximated`.
+    """
+    first = ranked[0]
+    least = _left_by(first), _constants(first.problem.trials)
+    evidences = [
+        max((_evidence_over(rival, least) for rival in _without_process_noise(each) if rival.size), default=-np.inf)
+        for each in ranked
+    ]
+    best = int(np.argmax(evidences))
+    return best if evidences[best] > max(evidences[0], 0.0) + STRONG else 0
+
+
+def _evidence_over(rival: LawSearch, others: Iterable[Sequence[Series]]) -> float:
+    """Return 2 log B of a law over all that leaves others, at the price of its coefficients."""
+    left, count = _left_by(rival), sum(rival.problem.measured)
+    price = rival.size * len(rival.problem.models) * float(np.log(count))
+    return min(gain(left, other) for other in others) - price
 
 
 def _of_fewer_terms(found: LawSearch) -> Iterator[LawSearch]:
