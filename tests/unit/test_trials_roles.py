@@ -88,6 +88,12 @@ def test_remarks_beside_increasing_times_name_nothing():
     assert roles_of(switching)[0] == "object"
 
 
+def test_remarks_within_trials_are_left_out_of_several_trials_too():
+    frame = stacked(pairs("kind", "w"), x=decay)
+    remarked = frame.assign(remark=np.where(frame["t"] > 2, "late", "early"))
+    assert roles_of(remarked) == ("kind", "w", "t", ("x",), (), set())
+
+
 def test_two_columns_that_may_name_objects_are_asked_about():
     frame = stacked(pairs("medium", "operator", seconds=("Ann", "Bob")), x=decay)
     with pytest.raises(CommonlawError, match="'medium' and 'operator' may name objects: say object='medium' and trial"):

@@ -25,8 +25,11 @@ def in_page(text: str) -> str:
 
     >>> in_page("Name it with time=...; columns: a, b")
     "Choose 'time' under Columns; columns: a, b"
+    >>> in_page("say trial='run'")
+    "say trial 'run'"
     """
     for part, words in _PARTS.items():
         text = text.replace(part, words)
     roles = rf"\b({'|'.join(_ROLES)})=(\.\.\.|\[\.\.\.\])"
-    return re.sub(roles, lambda found: f"{_ROLES[found[1]]!r} under Columns", text)
+    text = re.sub(roles, lambda found: f"{_ROLES[found[1]]!r} under Columns", text)
+    return re.sub(rf"\b({'|'.join(_ROLES)})=('[^']*')", r"\1 \2", text)

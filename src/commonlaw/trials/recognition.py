@@ -168,6 +168,9 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     codes = {name: table.encoded(name)[0] for name in (*pool, *numbers)}
     # A number names an object alone if it is never used twice
     pool += [name for name in numbers if all(_determines(codes[name], codes[text]) for text in pool)]
+    # A remark changes within trials, too
+    pool = [name for name in pool if (np.diff(times)[np.diff(codes[name]) != 0] <= 0).all()] or pool
+    codes = {name: codes[name] for name in pool}
     finest = [name for i, name in enumerate(pool) if not any(_is_property(name, b, codes, i) for b in pool)]
     for likely in (
         finest,
