@@ -82,6 +82,10 @@ def test_columns_of_standard_deviations_go_with_those_of_the_same_number():
     assert trials.objects == ("G1", "G2", "G3", "G4")
     assert trials.schema.noise_columns == {"value": "value noise"}
     assert [each.noise[0, 0] for each in trials] == [0.01, 0.02, 0.03, 0.04]
+    frame = pd.DataFrame({"t": HOURS, **curves, **deviations}).drop(columns="std3")
+    with pytest.raises(CommonlawError, match="G3: no column of standard deviations, which others have"):
+        Trials.from_frame(frame, wide="G")
+    assert Trials.from_frame(frame, wide="G", states=list(curves), noise_columns={}).schema.noise_columns == {}
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def long_table(
 ) -> tuple[Table, str, Codes]:
     """Return a table with a row for each sample of each object, the name of its state, and the row that each was in.
 
-    Where each object has a column of standard deviations, they are in the column named by `deviations_of`.
+    Where objects have columns of standard deviations, they are in the column named by `deviations_of`.
 
     Parameters
     ----------
@@ -118,7 +118,12 @@ def long_table(
     made: dict[str, Column] = {"object": np.repeat(np.array(columns, dtype=object), len(rows))}
     made |= {each: np.tile(measured.columns[each], count) for each in (time, *repeated)}
     made[name] = np.concatenate([measured.numbers(each, missing=True) for each in columns])
-    if {*columns} <= {*noise}:
+    if noise:
+        if without := [each for each in columns if each not in noise]:
+            raise CommonlawError(
+                f"{table.source}: {shown_columns(without)}: no column of standard deviations, which others have; name "
+                "those of all with noise_columns={...}, or say that there are none with noise_columns={}"
+            )
         made[deviations_of(name)] = np.concatenate([measured.numbers(noise[each], missing=True) for each in columns])
     conditions = _conditions(table, time, columns, first)
     if twice := conditions.keys() & made.keys():
