@@ -15,7 +15,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Forecast, Law
-from commonlaw.law.numbers import rounded, with_error
+from commonlaw.law.numbers import r_squared_text, rounded, with_error
 from commonlaw.law.simplifying import within_errors
 from commonlaw.law.text import said_within_errors
 from commonlaw.library import order_of_each
@@ -159,6 +159,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "terms": _terms(law, law.support),
         "table": _table(law),
         "score": score if score is not None and np.isfinite(score) else None,
+        "r_squared": "" if score is None else r_squared_text(score),
         "diverged": 0 if forecast is None else len(forecast.outcomes),
         "curves": [] if forecast is None else list(_curves(forecast)),
     }

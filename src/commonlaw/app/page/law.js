@@ -57,9 +57,9 @@ export function move(index) {
   Object.assign(state, { at: index, wanted: candidate.terms });
   $("slider").value = state.order.indexOf(index);
   $("other").hidden = candidate.chosen;
-  const parts = [`${plural(candidate.size, "term")}${candidate.chosen ? `, chosen${candidate.evidence > 2 ? " all the same: see how it was found" : ""}` : ""}${candidate.own ? ", taken by you" : ""}`];
+  const parts = [`${plural(candidate.size, "term")}${candidate.chosen ? ", chosen" : ""}${candidate.own ? ", taken by you" : ""}`];
   if (candidate.evidence !== null) parts.push(`${probable(candidate.evidence)} (2 log B ${Number(candidate.evidence.toPrecision(3))})`);
-  if (candidate.score !== null) parts.push(`R² of forecasts ${Number(candidate.score.toPrecision(4))}${found.held_out ? " (kept back)" : ""}`);
+  if (candidate.score !== null) parts.push(`R² of forecasts ${candidate.r_squared}${found.held_out ? " (kept back)" : ""}`);
   if (candidate.diverged) parts.push(`${plural(candidate.diverged, "forecast")} run away`);
   if (!candidate.curves.length) parts.push("it cannot forecast these trials");
   $("which").textContent = parts.join("; ");
