@@ -55,10 +55,14 @@ def given(option, value=None):
     return [option.opts[0], value or of_type]
 
 
+EXAMPLES = {"equations": "x' = -x", "path": "y.csv"}
+"""Arguments that are no saved law, by name."""
+
+
 def needed(command, but=(), reading=None, source=""):
-    """Return what a command cannot do without, every file being x.json, and what it is to read."""
+    """Return what a command cannot do without, every law being x.json and table y.csv, and what it is to read."""
     wanted = [each for each in command.params if each not in but and (each.required or each is reading)]
-    values = {each: source if each is reading else "x.json" for each in wanted}
+    values = {each: source if each is reading else EXAMPLES.get(each.name, "x.json") for each in wanted}
     options = [each for each in wanted if isinstance(each, click.Option)]
     arguments = [values[each] for each in wanted if each not in options]
     return [*arguments, *(word for each in options for word in given(each, values[each]))]
@@ -106,19 +110,21 @@ READ_AND_WRITTEN = [
     ("words", "read", "written"), READ_AND_WRITTEN, ids=[f"{w} {r.name} {o.name}" for w, r, o in READ_AND_WRITTEN]
 )
 def test_what_is_read_is_never_written_over(run, tmp_path, monkeypatch, words, read, written, link):
-    (tmp_path / "x.json").write_text("others")
+    for name in ("x.json", "y.csv"):
+        (tmp_path / name).write_text("others")
     (tmp_path / "of mine").mkdir()
-    (tmp_path / "of mine" / "in.json").write_text("read")
-    path = "of mine/../of mine/in.json"
+    file = "in.csv" if read.name in ("path", "more", "laws") else "in.json"
+    (tmp_path / "of mine" / file).write_text("read")
+    path = f"of mine/../of mine/{file}"
     if link:
-        link(tmp_path / "of mine/in.json", tmp_path / "link.svg")
+        link(tmp_path / "of mine" / file, tmp_path / "link.svg")
     monkeypatch.setattr(ALL[words], "callback", lambda **_: pytest.fail("work was started"))
-    source = "ball-drops:folder=of mine" if read.name == "dataset" else "of mine/in.json"
+    source = "ball-drops:folder=of mine" if read.name == "dataset" else f"of mine/{file}"
     rest = needed(ALL[words], (written,), read, source)
     code, _, err = run(*words, *rest, written.opts[0], "link.svg" if link else path)
     assert code == 1
     assert "it is read here too" in err or (link is os.link and "one file under several names" in err)
-    assert (tmp_path / "of mine" / "in.json").read_text() == "read"
+    assert (tmp_path / "of mine" / file).read_text() == "read"
 
 
 def test_a_law_that_is_given_as_text_is_no_file():
