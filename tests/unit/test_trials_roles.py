@@ -94,6 +94,13 @@ def test_remarks_within_trials_are_left_out_of_several_trials_too():
     assert roles_of(remarked) == ("kind", "w", "t", ("x",), (), set())
 
 
+def test_quantities_below_each_other_are_no_objects_unless_that_is_said():
+    frame = stacked([{"variable": "x"}, {"variable": "y"}], value=decay)
+    with pytest.raises(CommonlawError, match="'variable' seems to name what was measured: give each quantity a column"):
+        Trials.from_frame(frame)
+    assert Trials.from_frame(frame, object="variable").objects == ("x", "y")
+
+
 def test_two_columns_that_may_name_objects_are_asked_about():
     frame = stacked(pairs("medium", "operator", seconds=("Ann", "Bob")), x=decay)
     with pytest.raises(CommonlawError, match="'medium' and 'operator' may name objects: say object='medium' and trial"):

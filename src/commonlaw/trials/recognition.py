@@ -41,6 +41,8 @@ QUANTITIES = _vocabulary(
     "mass species node mode channel state var tank cell body particle site station patch compartment"
 )
 """What one object may have several of."""
+_MEASURAND = _vocabulary("variable quantity parameter signal channel measurand analyte observable")
+"""What names quantities that stand below each other."""
 _INPUT = _vocabulary("input setpoint command control stimulus forcing dose amt")
 _DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
 _VELOCITIES = _vocabulary("v w")
@@ -178,6 +180,11 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
         [name for name in finest if increase_within(codes[name], times)],
     ):
         if len(likely) == 1:
+            if is_called(likely[0], _MEASURAND):
+                raise CommonlawError(
+                    f"{table.source}: column {likely[0]!r} seems to name what was measured: give each quantity a "
+                    f"column of its own, or say object={likely[0]!r} if it names objects"
+                )
             return likely[0]
     if not finest:
         return None
