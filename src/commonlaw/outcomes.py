@@ -21,6 +21,8 @@ class OutcomeKind(StrEnum):
     """A trajectory ran away, or no number of steps could follow it on."""
     EMPTY_SUPPORT = "empty support"
     """An equation has no term."""
+    ERRORS = "errors"
+    """Other errors than white noise were chosen; the text says which, and what they change."""
     FEW_SAMPLES = "few samples"
     """An equation has as many terms as the samples can tell apart."""
     ILL_CONDITIONED = "ill-conditioned"

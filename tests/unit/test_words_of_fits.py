@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.law.numbers import with_error
 from commonlaw.outcomes import OutcomeKind
 
 TIMES = np.arange(40) * 0.1
@@ -60,3 +61,15 @@ def test_a_law_that_is_fitted_again_keeps_no_outcome_of_the_fit_before(white):
     clean = 5 * np.exp(-0.5 * TIMES) + NOISE * draws.standard_normal(40)
     trials = cl.Trials.from_arrays(TIMES, clean, names=["x"], units={"x": "m", "t": "s"})
     assert kinds(cl.refine(white.select(white.objects[:1]), trials)) == []
+
+
+def test_errors_that_were_chosen_are_said_with_what_they_change():
+    exact = 20 * np.exp(-0.5 * np.linspace(0, 8, 60))
+    noisy = exact * (1 + 0.15 * np.random.default_rng(0).standard_normal(60))
+    trials = cl.Trials.from_arrays(np.linspace(0, 8, 60), noisy, names=["c"])
+    law, white = (cl.fit("c' = -k c", trials, errors=errors) for errors in ("auto", "white"))
+    (said,) = (each.text for each in law.outcomes if each.kind is OutcomeKind.ERRORS)
+    assert said.startswith("noise in proportion: ")
+    (here, error), (there, other) = (tuple(map(np.ndarray.item, each.letter_values())) for each in (law, white))
+    assert said.endswith(f"k is {with_error(here, error)}, and {with_error(there, other)} under white noise")
+    assert OutcomeKind.ERRORS not in kinds(white)

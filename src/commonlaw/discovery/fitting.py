@@ -40,6 +40,9 @@ if TYPE_CHECKING:
 _UNMEASURED = "as given: it was not measured"
 """Why a state starts where it does."""
 
+_OTHER_ERRORS = ("noise in proportion", "errors with a memory", "model error")
+"""Stages of a history that say which errors a law has beside white noise."""
+
 F = TypeVar("F", bound=Callable[..., Law])
 
 
@@ -205,7 +208,12 @@ def fit(
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
         law = law if universal else law.partial_pooling(None, others)
     law = law.partial_pooling(shared, others) if universal else law
-    outcomes = (*law.outcomes, *outcomes_of_constants(law))
+
+    def under_white_noise() -> Law:
+        return refine(begun, trials, **{**apart, "errors": "white"}).partial_pooling(shared, others)
+
+    chosen_errors = _chosen_errors(law, under_white_noise) if settings.get("errors", "auto") == "auto" else ()
+    outcomes = (*law.outcomes, *outcomes_of_constants(law), *chosen_errors)
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
 
@@ -222,6 +230,28 @@ def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
             )
         found[named[letter].equation, named[letter].term] = True
     return found
+
+
+def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
+    """Return which errors were chosen in place of white noise, and what they change, if there are any."""
+    steps = {each.stage: each.choice for each in law.history if each.choice != "none"}
+    chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
+    if not chosen or not law.letters:
+        return ()
+    remedy = "errors='white' gives least squares"
+    try:
+        white = under_white_noise()
+    except CommonlawError as error:
+        return (Outcome(OutcomeKind.ERRORS, "", f"{'; '.join(chosen)}; {error}", remedy),)
+    (here, errors), (there, others) = law.letter_values(), white.letter_values()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        changes = np.nan_to_num(abs(there - here) / errors)
+    i, j = np.unravel_index(np.argmax(changes), here.shape)
+    of = f" of {law.objects[i]}" if len(law.objects) > 1 else ""
+    under = with_error(there[i, j], float(np.nan_to_num(others[i, j])))
+    changed = f"{law.letters[j]}{of} is {with_error(here[i, j], errors[i, j])}, and {under} under white noise"
+    text = f"{'; '.join(chosen)}, chosen by evidence; {changed}"
+    return (Outcome(OutcomeKind.ERRORS, "", text, remedy),)
 
 
 def _of_stream(
