@@ -211,3 +211,24 @@ def test_a_dose_before_several_states_were_measured_asks_for_their_values():
         cl.CommonlawError, match="a dose at 0 is before the first measurement: give the values of conc, y"
     ):
         cl.fit("conc' = -k conc + dose/V; y' = conc - y", trials, doses="dose", **WHITE)
+
+
+def test_a_dose_may_have_a_row_of_its_own_at_the_time_of_a_measurement():
+    """As tables of clinics have it: the dose and the measurement before it, in either order."""
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    rows = [{"t": t, "conc": c, "dose": 0.0} for t, c in zip(times, conc, strict=True)]
+    dose = {"t": 5.0, "conc": np.nan, "dose": 50.0}
+    found = []
+    for own in (
+        [*rows[:3], dose, *rows[3:]],
+        [*rows[:4], dose, *rows[4:]],
+        [{**row, "dose": 50.0 * (row["t"] == 5)} for row in rows],
+    ):
+        trials = cl.Trials.from_frame(pd.DataFrame(own), time="t", states=["conc"], inputs=["dose"])
+        np.testing.assert_array_equal(trials[0].inputs[:, 0], [0, 0, 0, 50, 0, 0])
+        found.append(cl.fit(INJECTED, trials, doses="dose", **WHITE).coefficients)
+    np.testing.assert_array_equal(found[0], found[2])
+    np.testing.assert_array_equal(found[1], found[2])
+    two = pd.DataFrame([*rows[:4], dose, {**dose, "dose": 20.0}, *rows[4:]])
+    with pytest.raises(cl.CommonlawError, match="inputs differ at time 5"):
+        cl.Trials.from_frame(two, time="t", states=["conc"], inputs=["dose"])

@@ -87,7 +87,9 @@ def trials_of(
         begun = [group.label for group in groups if len(_back(cells[0], group))]
         groups = [part for group in groups for part in _parts(cells[0], group, named)]
         notes = [f"a trial begins wherever the time goes back: {'; '.join(begun)}"] if begun else []
-    sorted_rows = [group.rows[np.argsort(cells[0][group.rows], kind="stable")] for group in groups]
+    # Rows of inputs alone, such as doses, come after what was measured at their times
+    alone = np.asarray(np.isnan(cells[1]).all(axis=1))
+    sorted_rows = [group.rows[np.lexsort((alone[group.rows], cells[0][group.rows]))] for group in groups]
     for group, rows in zip(groups, sorted_rows, strict=True):
         _refuse_twice(table, cells, rows, group, groups, may_be_apart=restarts == "sort")
     if restarts is None:
@@ -245,7 +247,8 @@ def _refuse_twice(
     said to be of one trial.
     """
     own = cells[0][rows]
-    twice = np.flatnonzero(own[1:] == own[:-1])
+    measured = np.asarray(np.isfinite(cells[1][rows]).any(axis=1))
+    twice = np.flatnonzero((own[1:] == own[:-1]) & measured[1:])
     if not len(twice):
         return
     here, there = (table.locate(int(row)) for row in rows[twice[0] : twice[0] + 2])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.trials.identifiers import label, plain
-from commonlaw.trials.repeats import Repeats, merged
+from commonlaw.trials.repeats import Repeats, inputs_of_times, merged
 from commonlaw.wording import counted
 
 Property = float | str
@@ -238,18 +238,19 @@ class Trial:
         return np.isfinite(self.states) * (1.0 if self.repeats is None else self.repeats.counts)
 
     def _merge(self) -> None:
-        """Make one sample of those at one time."""
+        """Make one sample of those at one time; an input that is zero in some of them is what it is in the others."""
         first = np.flatnonzero(np.diff(self.times, prepend=-np.inf) > 0)
-        rows = np.repeat(first, np.diff(first, append=len(self)))
-        differ = (self.inputs != self.inputs[rows]).any(axis=1)
+        rows = np.repeat(np.arange(len(first)), np.diff(first, append=len(self)))
+        inputs, differ = inputs_of_times(first, rows, self.inputs, np.asarray(np.isnan(self.states).all(axis=1)))
         if differ.any():
             i = int(np.argmax(differ))
+            here = int(first[rows[i]])
             raise CommonlawError(
-                f"{self.label}: inputs differ at time {self.times[i]:g}, in samples {rows[i] + 1} and {i + 1}: give "
-                "one row for each time at which an input changes"
+                f"{self.label}: inputs differ at time {self.times[i]:g}, in samples {here + 1} and {i + 1}: give one "
+                "row for each time at which an input changes"
             )
         states, noise, repeats = merged(first, self.states, self.noise, self.repeats)
-        found = (self.times[first], 1), (states, 2), (self.inputs[first], 2), (noise, 2)
+        found = (self.times[first], 1), (states, 2), (inputs, 2), (noise, 2)
         for name, values in zip(("times", "states", "inputs", "noise"), found, strict=True):
             object.__setattr__(self, name, _frozen(*values))
         object.__setattr__(self, "repeats", repeats)
