@@ -243,3 +243,11 @@ def test_experiments_are_suggested_for_a_budget(law, drops):
     assert all(each["settles"] for each in made)
     with pytest.raises(cl.CommonlawError, match="a budget of 9 trials: choose 1 to 6"):
         suggested(found(law, drops), Budget(9))
+
+
+def test_numbers_stand_beside_the_formula_with_the_ends_of_their_intervals(law, drops):
+    table = next(results(law, drops, drops, lambda _: None)).candidates[0].shown["table"]
+    low, high = law.letter_interval_ends()
+    for row, *ends in zip(table["rows"], low, high, strict=True):
+        shown = [[float(each) for each in cell.split("\n")[1].split(" to ")] for cell in row[1:]]
+        np.testing.assert_allclose(np.transpose(shown), ends, rtol=0.02)

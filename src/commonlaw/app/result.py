@@ -189,7 +189,7 @@ def _terms(law: Law, support: Bools) -> list[list[str]]:
 
 
 def _table(law: Law) -> dict[str, Any]:
-    """Return the coefficients of each object: ``0.447 ± 0.005 (0.437 to 0.457)``, with the ends of a 95 % interval."""
+    """Return the coefficients of each object: ``0.447 ± 0.005``, and on a line the ends of a 95 % interval."""
     if not law.shared or not law.letters:
         return {"head": [], "rows": []}
     values, errors = law.letter_values()
@@ -197,7 +197,7 @@ def _table(law: Law) -> dict[str, Any]:
     units = [f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law)]
 
     def cell(value: float, error: float, *ends: float) -> str:
-        interval = f" ({' to '.join(rounded(end, error) for end in ends)})" if error > 0 else ""
+        interval = f"\n{' to '.join(rounded(end, error) for end in ends)}" if error > 0 else ""
         return with_error(value, error) + interval
 
     every = zip(law.objects, values, np.nan_to_num(errors), low, high, strict=True)
