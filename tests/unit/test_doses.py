@@ -232,3 +232,15 @@ def test_a_dose_may_have_a_row_of_its_own_at_the_time_of_a_measurement():
     two = pd.DataFrame([*rows[:4], dose, {**dose, "dose": 20.0}, *rows[4:]])
     with pytest.raises(cl.CommonlawError, match="inputs differ at time 5"):
         cl.Trials.from_frame(two, time="t", states=["conc"], inputs=["dose"])
+
+
+def test_tables_that_are_written_keep_doses_before_the_first_measurement(tmp_path):
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    frame = pd.DataFrame({"t": [0.0, *times], "conc": [np.nan, *conc], "dose": [100.0, *(50.0 * (times == 5))]})
+    trials = cl.Trials.from_frame(frame, time="t", states=["conc"], inputs=["dose"])
+    trials.to_csv(tmp_path / "doses.csv")
+    again = cl.Trials.read(
+        tmp_path / "doses.csv", object="object", trial="trial", time="t", states=["conc"], inputs=["dose"]
+    )
+    np.testing.assert_array_equal(again[0].earlier, [[0.0, 100.0]])
+    np.testing.assert_array_equal(again[0].states, trials[0].states)

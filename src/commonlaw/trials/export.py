@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.files import write_whole
 from commonlaw.trials.columns import Column
 from commonlaw.trials.headers import join_header
 from commonlaw.trials.parquet import write_parquet
-from commonlaw.trials.trial import Property, TrialData, property_names
+from commonlaw.trials.trial import Property, Trial, TrialData, property_names
 from commonlaw.trials.units import check_unit
 
 if TYPE_CHECKING:
@@ -50,7 +51,9 @@ def to_parquet(data: TrialData, path: str | os.PathLike[str]) -> None:
 def _columns(data: TrialData) -> dict[str, Column]:
     """Return the columns of all samples; a missing state or property is NaN among numbers and None among texts."""
     trials, schema, properties = data.trials, data.schema, data.properties
-    row_trials = np.repeat(np.arange(len(trials)), [len(trial) for trial in trials])
+    rows = [_rows(trial) for trial in trials]
+    row_trials = np.repeat(np.arange(len(trials)), [len(times) for times, *_ in rows])
+    times, states, inputs, noise = (np.concatenate(each) for each in zip(*rows, strict=True))
 
     def per_trial(values: Sequence[Property | None]) -> Column:
         is_text = any(isinstance(value, str) for value in values)
@@ -59,15 +62,25 @@ def _columns(data: TrialData) -> dict[str, Column]:
     columns = {
         schema.object: per_trial([trial.object for trial in trials]),
         schema.trial: per_trial([trial.name for trial in trials]),
-        schema.time: np.concatenate([trial.times for trial in trials]),
+        schema.time: times,
     }
-    values = np.concatenate([np.hstack([trial.states, trial.inputs]) for trial in trials])
+    values = np.hstack([states, inputs])
     columns |= dict(zip((*schema.states, *schema.inputs), values.T, strict=True))
-    noise = np.concatenate([trial.noise for trial in trials])
     columns |= {name: noise[:, schema.states.index(state)] for state, name in schema.noise_columns.items()}
     for name in property_names(data.properties):
         columns[name] = per_trial([properties.get(trial.object, {}).get(name) for trial in trials])
     return columns
+
+
+def _rows(trial: Trial) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return times, states, inputs and noise of a trial, from its first input before its first sample on."""
+    own = trial.times, trial.states, trial.inputs, trial.noise
+    if not len(trial.earlier):
+        return own
+    unknown = np.full((len(trial.earlier), trial.states.shape[1]), np.nan)
+    before = trial.earlier[:, 0], unknown, trial.earlier[:, 1:], unknown
+    times, states, inputs, noise = (np.concatenate(pair) for pair in zip(before, own, strict=True))
+    return times, states, inputs, noise
 
 
 def _with_units(data: TrialData) -> dict[str, Column]:
