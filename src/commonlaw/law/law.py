@@ -269,7 +269,12 @@ class Law(AbstractDelegates):
     # What the law says
 
     def candidates(self) -> "pd.DataFrame":
-        """Return the candidates that the law was chosen from, what speaks for each, and which was chosen."""
+        """Return the candidates that the law was chosen from, what speaks for each, and which was chosen.
+
+        By evidence: ``2 log B``, twice the logarithm of the Bayes factor of the law over each (Kass and Raftery 1995),
+        and the probability if one of the equation's candidates is right. Where forecasts of what was left out chose the
+        law: ``log score difference``, by how much less the logarithm of the probability of that is by each.
+        """
         from commonlaw.law.tables import candidate_frame
 
         return candidate_frame(self.alternatives)
