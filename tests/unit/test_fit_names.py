@@ -7,6 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
+from commonlaw.law.coefficients_csv import coefficient_rows
 from commonlaw.law.from_text import read_equations
 from commonlaw.law.numbers import with_error
 
@@ -167,6 +168,7 @@ def test_letters_of_equations_are_in_every_form_of_the_law(law):
         np.testing.assert_allclose(table["low"], (values - half).ravel())
         np.testing.assert_allclose(table["high"], (values + half).ravel())
         assert each.to_frame().columns.tolist() == ["k", "a"]
+        np.testing.assert_array_equal(coefficient_rows(each)["value"], table["coefficient"])
         np.testing.assert_array_equal(each.to_frame(errors=True)["a ±"], errors[:, 1])
         assert each.to_latex("cup").splitlines()[1:4] == [
             r"\dot{T} &= -k \left(T - a\right) \\",
