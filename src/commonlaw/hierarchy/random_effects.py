@@ -213,12 +213,13 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     numpy.linalg.LinAlgError
         If a covariance is singular.
     """
-    # Harmonic means, to which objects that say next to nothing add nothing
+    # Means in which objects that say next to nothing hardly count
     units = 1 / np.sqrt(np.mean(1 / np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     own = estimates / units
     scaled = covariances / np.outer(units, units)
     errors: Floats = np.asarray(scaled + JITTER * scaled * np.eye(len(units)))
-    typical = np.linalg.inv(np.linalg.inv(errors).mean(axis=0))
+    weights = 1 / np.trace(errors, axis1=1, axis2=2)
+    typical = np.tensordot(weights / weights.sum(), errors, 1)
     if np.isnan(variances).all() and np.linalg.cond(typical) > WORST_CONDITION:
         # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down
         back = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]

@@ -270,7 +270,7 @@ static void times_units(const Model *model, double power, int64_t count, int64_t
     for (int64_t i = 0; i < count; ++i) {
         const int64_t a = i % W;
         if (a >= D) continue;
-        const double unit = model->unit[a];
+        const double unit = model->unit[a] > 0 ? model->unit[a] : 1;
         double *row = rows + i * (p + 1);
         for (int64_t r = 0; r < p; ++r) row[r] = power > 0 ? row[r] * unit : row[r] / unit;
     }

@@ -155,6 +155,7 @@ def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tupl
     alike, as each moves its own state most.
     """
     counts, units = free.sum(axis=1), np.append(model.unit, np.ones(model.latent.width))
+    units = np.where(units > 0, units, 1.0)
     units = np.tile(units, len(library) // len(units))[:, np.newaxis]
     library = library / units
     if len(library) < counts.max(initial=0):
