@@ -86,6 +86,14 @@ def is_law_file(value: str) -> bool:
     return value.endswith((".json", ".parquet"))
 
 
+def _is_file(name: str) -> bool:
+    """Return whether a file has this name; of one that is too long none has."""
+    try:
+        return Path(name).is_file()
+    except OSError:
+        return False
+
+
 def check_order(values: Mapping[str, Any]) -> None:
     """Refuse a table in the place of a law, and a law in that of a table.
 
@@ -95,10 +103,10 @@ def check_order(values: Mapping[str, Any]) -> None:
         If the value of an argument is plainly what another one takes.
     """
     law, equations, path = (str(values.get(name) or "") for name in ("law_path", "equations", "path"))
-    is_text = bool(_EQUATION.search(path)) and not values.get("dataset") and not Path(path).exists()
-    if law and Path(law).is_file() and not is_law_file(law):
+    is_text = bool(_EQUATION.search(path)) and not values.get("dataset") and not _is_file(path)
+    if law and _is_file(law) and not is_law_file(law):
         problem = f"{law} is a table, not a saved law"
-    elif equations and not _EQUATION.search(equations) and (is_text or Path(equations).is_file()):
+    elif equations and not _EQUATION.search(equations) and (is_text or _is_file(equations)):
         problem = f"{equations} is a table, not an equation"
     elif is_text and not equations:
         problem = f"{path} is an equation, not a table"

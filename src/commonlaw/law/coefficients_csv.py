@@ -24,7 +24,8 @@ def coefficient_rows(law: Law) -> pd.DataFrame:
         ends = (values * np.nan,) * 2 if law.covariance is None else law.letter_interval_ends()
         units = [unit or "" for unit in law.letter_units()] * len(law.objects)
         letters = letter_interval_frame(law.objects, law.letters, values, errors, *ends).assign(unit=units)
-        return letters.rename(columns={"coefficient": "value"})
+        letters.columns = ["value" if each == "coefficient" else each for each in letters.columns]
+        return letters
     names, units_of_terms = (law.objects, law.left_hand_sides, law.terms.names), law.coefficient_units()
     unknown = np.full(law.coefficients.shape, np.nan)
     ends_of_terms = {"": (unknown, unknown) if law.covariance is None else law.interval_ends()}

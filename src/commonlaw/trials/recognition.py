@@ -140,7 +140,7 @@ def unit_in_name(time: str) -> dict[str, str]:
     >>> unit_in_name("Minutes"), unit_in_name("t")
     ({'Minutes': 'min'}, {})
     """
-    unit = known_unit(time.casefold()) if time.casefold() in _TIME | {"s", "h", "d", "min"} else None
+    unit = known_unit(time.casefold()) if time.casefold() in _TIME | {"min"} else None
     return {time: f"{unit:~}"} if unit is not None and dict(unit.dimensionality) == _OF_TIME else {}
 
 
@@ -370,7 +370,8 @@ def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -
 
     def is_pulsed(values: Floats) -> bool:
         given = [np.flatnonzero(values[rows]) for rows in trials]
-        return any(map(len, given)) and all((np.diff(each) > 1).all() for each in given) and bool(np.mean(values) > 0)
+        single = any(map(len, given)) and all((np.diff(each) > 1).all() for each in given)
+        return single and not values.all() and bool(np.mean(values) > 0)
 
     return [name for name in names if is_pulsed(readable(table, name))]
 
