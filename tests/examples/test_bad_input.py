@@ -31,7 +31,11 @@ CASES = {
     "text in a numeric column": (rows(r17h="abc"), [], r"height.*row 17.*line 18.*'abc'"),
     "a missing time": (rows(r9t=""), [], "'t'.*row 9"),
     "an infinite value": (rows(r9h="inf"), [], "height.*row 9"),
-    "duplicate times": (rows(r9t=str(7 / 15)), [], "(?i)golf.*(twice|same|duplicate)"),
+    "a row twice": (
+        rows(r9t=str(7 / 15), r9h=str(50 - 4.9 * (7 / 15) ** 2 + 0.5 * (7 / 15) ** 3)),
+        [],
+        "(?i)golf.*(twice|same|duplicate)",
+    ),
     "a wrong column": (rows(), ["--state", "hieght"], "'hieght': did you mean 'height'"),
     "a window longer than a trial": (
         rows(),
