@@ -141,7 +141,10 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         over = page.find_element("css selector", "#forecast_plot .u-over")
         ActionChains(page).move_to_element_with_offset(over, 10, 10).perform()
         told = page.find_element("css selector", "#forecast_plot .readout").text
-        assert re.search(r"Ball 1: forecast [\d.]+ \([\d.]+ to [\d.]+\), measured [\d.]+ at t", told)
+        assert re.search(r"Ball 1: fitted [\d.]+ \([\d.]+ to [\d.]+\), measured [\d.]+ at t", told)
+        assert text(page, "see_title") == "Measured and fitted"
+        choose(page, "view", "1")
+        assert text(page, "see_title") == "Measured, and forecast from the first 7 samples"
         before = page.find_element("id", "start_0").get_attribute("value")
         over = page.find_element("css selector", "#own_plot .u-over")
         ActionChains(page).drag_and_drop_by_offset(over, 0, -30).perform()

@@ -159,7 +159,8 @@ def test_a_check_that_fails_does_not_cost_the_law(run, tmp_path, monkeypatch):
     outputs = "--save", "law.json", "--plot", "law.svg"
     code, out, err = run("discover", "drops.csv", *DROPS, *SETTINGS, *outputs)
     assert (code, "R^2" in out) == (0, False)
-    assert "Note: the law was not checked by forecasts, nor drawn: the weather was bad; wait" in err
+    assert "Note: the law has no fitted curves: the weather was bad; wait" in err
+    assert "Note: the law was not checked by forecasts: the weather was bad; wait" in err
     assert cl.Law.load(tmp_path / "law.json").support.any()
     assert not (tmp_path / "law.svg").exists()
     code, out, _ = run("discover", "drops.csv", *DROPS, *SETTINGS, "--json")

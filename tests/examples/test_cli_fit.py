@@ -122,7 +122,7 @@ def test_a_state_without_a_column_starts_at_a_dose(run, tmp_path):
         "fit", "depot' = -ka depot; conc' = ka depot/V - k conc", *roles, "--start", "depot=dose", "--save", "law.json"
     )
     assert code == 0
-    assert "rms error of conc" in out
+    assert "RMS residual of conc" in out
     values = cl.Law.load(tmp_path / "law.json").letter_values()[0]
     assert values == pytest.approx(np.tile([1.5, 20.0, 0.3], (2, 1)), rel=0.1)
     code, out, _ = run("predict", "law.json", *roles)

@@ -15,8 +15,10 @@ from commonlaw.app.question import Columns, HoldOut, Question, Table, named
 from commonlaw.app.result import of_terms, results, support_of
 from commonlaw.app.searching import answer
 from commonlaw.app.suggested import Budget, suggested
+from commonlaw.forecast import fitted
 from commonlaw.report.formulas import law_latex
 from commonlaw.report.markup import formula
+from commonlaw.wording import r_squared
 
 
 @pytest.fixture(scope="module")
@@ -50,15 +52,17 @@ def test_the_law_comes_first_and_its_rivals_after_it(drops):
 def test_curves_and_coefficients_are_those_of_the_law(law, drops):
     shown = json.loads(msgspec.json.encode(found(law, drops).shown))
     (candidate,) = shown["candidates"]
-    forecast = law.predict(drops, return_std=True)
-    assert candidate["score"] == pytest.approx(forecast.score())
-    for trial, trajectory, curve in zip(drops, forecast.trajectories, candidate["curves"], strict=True):
-        measured, line, low, high = (np.array(each, dtype=float) for each in curve["states"][0])
-        there = np.isfinite(measured)
-        np.testing.assert_allclose(np.array(curve["t"])[there], trial.times, rtol=1e-4)
-        np.testing.assert_allclose(measured[there], trial.states[:, 0], rtol=1e-4)
-        np.testing.assert_allclose(line[there], trajectory.states[:, 0], rtol=1e-4)
-        assert ((low < line) & (line < high)).all()
+    curves = fitted(law, drops, return_std=True), law.predict(drops, start=10, return_std=True)
+    assert [each["title"] for each in shown["views"]] == ["fit", "forecast from the first 10 samples"]
+    for view, expected in zip(candidate["views"], curves, strict=True):
+        assert view["score"] == r_squared(expected.score())
+        for trial, trajectory, curve in zip(drops, expected.trajectories, view["curves"], strict=True):
+            measured, line, low, high = (np.array(each, dtype=float) for each in curve["states"][0])
+            there = np.isfinite(measured)
+            np.testing.assert_allclose(np.array(curve["t"])[there], trial.times, rtol=1e-4)
+            np.testing.assert_allclose(measured[there], trial.states[:, 0], rtol=1e-4)
+            np.testing.assert_allclose(line[there], trajectory.states[:, 0], rtol=1e-4)
+            assert ((low < line) & (line < high)).all()
     assert [row[0] for row in candidate["table"]["rows"]] == list(drops.objects)
     assert candidate["table"]["head"] == ["object", "of 1 (m/s²)", "of v (1/s)"]
     assert shown["follows"] == ["mass"]
@@ -110,10 +114,11 @@ def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
     first, other = after.shown["candidates"]
     assert first is before.shown["candidates"][0]
     assert (other["terms"], other["own"], other["chosen"]) == ([["1"]], True, False)
-    assert other["score"] < first["score"]
+    assert [each["score"] for each in other["views"]] != [each["score"] for each in first["views"]]
     taken = after.of_candidate(1)
     assert taken.law.structure() == ("x'' = a",)
-    assert taken.findings.forecast.score() == pytest.approx(other["score"])
+    curves = taken.findings.fit, taken.findings.forecast
+    assert [r_squared(each.score()) for each in curves] == [each["score"] for each in other["views"]]
     assert after.of_candidate(0) is after
     for terms, words in (([], "1 equation "), ([["w"]], "unknown term 'w'")):
         with pytest.raises(cl.CommonlawError, match=words):

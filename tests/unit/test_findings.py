@@ -5,6 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.report import law_report
+from commonlaw.report.document import Text
 from commonlaw.verdict import find, findings
 
 
@@ -39,8 +40,11 @@ def test_a_report_of_findings_judges_nothing_again(law, drops, monkeypatch):
     found = find(law, drops, drops.select(trial="1"))
     monkeypatch.setattr("commonlaw.verdict.findings.judge", None)
     monkeypatch.setattr("commonlaw.verdict.judge", None)
-    summary = law_report(found, rivals=()).summary.replace("\\", "")
-    assert all(each in summary for each in found.sentences)
+    report = law_report(found, rivals=())
+    top = "\n".join([report.summary, *(each.text for each in report.blocks if isinstance(each, Text))]).replace(
+        "\\", ""
+    )
+    assert all(each in top for each in found.sentences)
 
 
 @pytest.mark.parametrize(

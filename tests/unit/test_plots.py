@@ -14,8 +14,9 @@ from matplotlib.patches import Rectangle
 from commonlaw import datasets
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast import fitted
 from commonlaw.formulation import StrongForm, law_variables
-from commonlaw.law import Law, Provenance
+from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.widening import Widening
 from commonlaw.library import PolynomialLibrary
 from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render
@@ -191,7 +192,7 @@ def test_forecasts_are_lines_through_measured_points_with_their_errors_below() -
     figure = plot_forecast(forecast)
     assert len(figure.axes) == 20
     assert [panel.get_title() for panel in figure.axes[::2]] == list(trials.objects)
-    assert legend_of(figure) == ["measured", "forecast", "trial 1", "trial 2"]
+    assert legend_of(figure) == ["measured", "forecast from the first sample", "trial 1", "trial 2"]
     for i, (trial, trajectory) in enumerate(zip(trials, forecast.trajectories, strict=True)):
         state, error = figure.axes[2 * (i // 2) : 2 * (i // 2) + 2]
         np.testing.assert_array_equal(xy(state, i % 2), (trial.times, trial.states[:, 0]))
@@ -234,7 +235,7 @@ def test_a_diverged_forecast_is_marked_where_it_ends_and_does_not_stretch_the_ax
     for panel in (state, error):
         crosses = [line for line in panel.get_lines() if line.get_marker() == "X"]
         assert [list(line.get_xdata()) for line in crosses] == [[ends]]
-    assert "forecast diverged" in legend_of(figure)
+    assert "diverged" in legend_of(figure)
     span = np.ptp(trials[0].states)
     low, high = state.get_ylim()
     assert span < high - low < 2.2 * span
@@ -291,7 +292,7 @@ def test_forecasts_with_a_spread_have_bands_of_measurements_and_around_no_error(
     trials = drops(1)
     forecast = unsure(law_of(trials)).predict(trials, return_std=True)
     figure = plot_forecast(forecast)
-    assert legend_of(figure)[:3] == ["measured", "forecast", "95 % band (measured)"]
+    assert legend_of(figure)[:3] == ["measured", "forecast from the first 38 samples", "95 % band (measured)"]
     margins = forecast.margins(measured=True)
     for panel, middles in zip(
         figure.axes, ([each.states[:, 0] for each in forecast.trajectories], [0, 0]), strict=True
@@ -324,10 +325,31 @@ def test_many_coefficients_are_drawn_as_a_heat_map_with_the_true_terms_framed() 
     assert legend_of(figure)[0] == "true term"
 
 
-def test_a_forecast_that_is_there_already_is_not_made_again() -> None:
+def test_a_law_is_drawn_with_its_fit_and_the_residuals_in_the_unit_of_the_state() -> None:
+    """Logistic growth whose first sample is far off: the fitted curve passes it, a forecast starts there."""
+    times = np.linspace(0, 12, 40)
+    states = 1 / (1 + 20 * np.exp(-times)) + 0.002 * np.random.default_rng(0).standard_normal(40)
+    states[0] = 0.1
+    trials = Trials.from_arrays(times, states, names=["OD"], units={"t": "h", "OD": "mg"})
+    law = replace(Law.from_text("OD' = OD - OD^2"), uncertainty=Uncertainty(noise=np.array([0.002])))
+    figure = plot_law(law, trials)
+    above, below = figure.axes[-2:]
+    assert legend_of(figure)[-2:] == ["measured", "fit"]
+    drawn_at, curve = xy(above, 1)
+    begin = curve[0]
+    np.testing.assert_allclose(curve, 1 / (1 + (1 / begin - 1) * np.exp(-drawn_at)), atol=1e-6)
+    assert begin == pytest.approx(1 / 21, abs=1e-3)
+    np.testing.assert_allclose(xy(below, 1)[1], states - curve[np.isin(drawn_at, times)], atol=1e-8)
+    assert (below.get_xlabel(), below.get_ylabel()) == ("t (h)", "residual (mg)")
+    forecast = plot_law(law, law.predict(trials))
+    assert legend_of(forecast)[-1] == "forecast from the first sample"
+    assert xy(forecast.axes[-2], 1)[1][0] == states[0]
+
+
+def test_a_fit_that_is_there_already_is_not_made_again() -> None:
     trials = drops(2)
     law = law_of(trials)
-    assert render(plot_law(law, law.predict(trials)), "png") == render(plot_law(law, trials), "png")
+    assert render(plot_law(law, fitted(law, trials)), "png") == render(plot_law(law, trials), "png")
 
 
 @cache

@@ -9,7 +9,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.report import law_report
-from commonlaw.report.document import Table
+from commonlaw.report.document import Table, Text
 from commonlaw.verdict import find
 
 TIMES = np.arange(60) * 0.1
@@ -22,7 +22,8 @@ def drops():
 
 def top_of(report):
     """Return the words at the top of a page, without their formula and marks."""
-    return re.sub(r"\\(.)", r"\1", re.sub(r"\$\$.*?\$\$", "", report.summary))
+    text = "\n\n".join([report.summary, *(each.text for each in report.blocks if isinstance(each, Text))])
+    return re.sub(r"\\(.)", r"\1", re.sub(r"\$\$.*?\$\$", "", text))
 
 
 def table_of(report, name):
@@ -57,7 +58,7 @@ def test_a_law_that_the_library_holds_is_said_to_be_good_and_nothing_against_it(
     assert top.startswith("**By samples that it was learned from, this law can be used for forecasts up to 2.6 s ahead")
     assert numbers_agree(top, law, drops) < 0.06
     assert not re.search("exact|Do not|get further|stays zero", top)
-    assert table_of(report, "residuals-by-state")["rms error"].item() < 0.1
+    assert table_of(report, "fit-by-state")["RMS residual"].item() == pytest.approx(0.02, rel=0.2)
     assert law.score(drops) > 0.9999
 
 
@@ -73,10 +74,10 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
     assert f"themselves scatter by {noise:.3g} m; {np.sqrt(error**2 - noise**2):.3g} m stays unexplained" in top
     assert "To get further: offer terms for what is missing" in top
     whole = law.predict(drops, start=10).to_frame()["x error"]
-    assert table_of(report, "residuals-by-state")["rms error"].item() == pytest.approx(np.sqrt(np.mean(whole**2)))
-    assert np.sqrt(np.mean(whole**2)) > 10 * noise
-    intro = report.sections[0].blocks[0].text
-    assert "from a start fitted to its first 10 samples, which the lines follow" in intro
+    assert table_of(report, "forecast-by-state")["RMS error"].item() == pytest.approx(np.sqrt(np.mean(whole**2)))
+    assert np.sqrt(np.mean(whole**2)) > 5 * noise
+    intro = next(each for each in report.sections if each.name == "forecasts").blocks[0].text
+    assert "from the first 10 samples on" in intro
 
 
 def test_a_law_that_was_given_and_is_wrong_is_said_to_be_inexact_too(drops):
@@ -99,7 +100,7 @@ def test_in_noise_nothing_is_found_and_that_is_said(seed):
     assert verdict.measurements == 4 * 59
     assert verdict.r_squared < 0.05
     assert law.score(noise) < 0
-    assert table_of(report, "residuals-by-state")["rms error"].item() > 1
+    assert table_of(report, "fit-by-state")["RMS residual"].item() == pytest.approx(np.std(states), rel=0.05)
 
 
 @pytest.mark.slow

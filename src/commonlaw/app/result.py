@@ -1,4 +1,4 @@
-"""What the page is sent of a law: every candidate with its equations, coefficients, forecasts and errors at once.
+"""What the page is sent of a law: every candidate with its equations, coefficients, fit and forecasts at once.
 
 So nothing is fitted or asked for when somebody moves along the candidates.
 """
@@ -13,9 +13,10 @@ import numpy as np
 from commonlaw.app.words import in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.forecast import fitted
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Forecast, Law
-from commonlaw.law.numbers import r_squared_text, rounded, with_error
+from commonlaw.law.numbers import rounded, with_error
 from commonlaw.law.simplifying import within_errors
 from commonlaw.law.text import said_within_errors
 from commonlaw.library import order_of_each
@@ -24,7 +25,7 @@ from commonlaw.report.formulas import coefficient_names, equation_parts
 from commonlaw.report.markup import formula
 from commonlaw.trials import Trials
 from commonlaw.verdict import Findings, find
-from commonlaw.wording import counted
+from commonlaw.wording import counted, r_squared
 
 _CANDIDATES, _TRIALS, _POINTS, _SAMPLES, _DIGITS = 12, 60, 60, 400, 5
 """Most candidates, trials that are drawn, points of a curve, samples of a trial; digits of numbers in curves."""
@@ -97,12 +98,10 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
     """Yield a law with all that the page needs of it, again and again with one more candidate after it."""
     show(Stage("judging the law", SEARCHED))
     findings = find(law, trials, training)
-    law, forecast = findings.law, findings.forecast
-    trials_shown = () if forecast is None else forecast.trials.trials[:_TRIALS]
+    law = findings.law
     schema = findings.trials.schema
     about = {
         "verdict": [in_page(each) for each in findings.sentences],
-        "held_out": forecast is not None and findings.is_held_out,
         "objects": law.objects,
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.states],
         "orders": order_of_each(law.order, len(law.states)),
@@ -113,7 +112,15 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "others": law.shared and law.order != 0,
         "follows": () if law.explanation is None else law.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
-        "trials": [{"object": each.object, "name": each.name} for each in trials_shown],
+        "views": [
+            {
+                "title": view.title,
+                "fit": view.is_fit,
+                "held_out": not view.is_fit and findings.is_held_out,
+                "trials": [{"object": each.object, "name": each.name} for each in view.trials.trials[:_TRIALS]],
+            }
+            for view in _views(findings)
+        ],
         "lacking": [in_page(each) for each in findings.lacking],
         "outcomes": [in_page(str(each)) for each in law.outcomes],
         "history": [[each.stage, each.choice, in_page(each.reason)] for each in law.history],
@@ -145,9 +152,6 @@ def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> Itera
 def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
     """Return a candidate with what the page shows of it."""
     law = candidate.law
-    checked = found.findings.forecast
-    forecast = None if checked is None else _forecast(law, checked)
-    score = None if forecast is None else forecast.score()
     shown = {
         "size": candidate.size,
         "chosen": candidate.chosen,
@@ -158,21 +162,32 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "left": law.left_hand_sides,
         "terms": _terms(law, law.support),
         "table": _table(law),
-        "score": score if score is not None and np.isfinite(score) else None,
-        "r_squared": "" if score is None else r_squared_text(score),
-        "diverged": 0 if forecast is None else len(forecast.outcomes),
-        "curves": [] if forecast is None else list(_curves(forecast)),
+        "views": [_view(law, each, found.findings.start) for each in _views(found.findings)],
     }
     return ShownLaw(candidate, shown)
 
 
-def _forecast(law: Law, checked: Forecast) -> Forecast | None:
-    """Return a candidate's forecasts of the trials that the law was checked on, few enough to be drawn."""
-    trials = checked.trials.with_trials(checked.trials.trials[:_TRIALS])
+def _views(findings: Findings) -> list[Forecast]:
+    """Return what is drawn of a law, the fit first."""
+    return [each for each in (findings.fit, findings.forecast) if each is not None]
+
+
+def _view(law: Law, of_law: Forecast, start: int | None) -> dict[str, Any]:
+    """Return a candidate's fit or forecasts of the same trials as those of the law, few enough to be drawn."""
+    trials = of_law.trials.with_trials(of_law.trials.trials[:_TRIALS])
     try:
-        return law.predict(trials, return_std=law.has_std)
+        if of_law.is_fit:
+            made = fitted(law, trials, return_std=law.has_std)
+        else:
+            made = law.predict(trials, start=start, return_std=law.has_std)
     except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
-        return None
+        return {"score": "", "diverged": 0, "curves": []}
+    score = made.score()
+    return {
+        "score": r_squared(score) if np.isfinite(score) else "",
+        "diverged": len(made.outcomes),
+        "curves": list(_curves(made)),
+    }
 
 
 def _mathml(law: Law) -> list[list[str]]:

@@ -254,17 +254,17 @@ def _report(found: Found, source: Source | None) -> str:
 
 def _figure(suffix: str, found: Found, _: Source | None) -> bytes:
     with _one_draws:
-        return render(plot_law(found.law, _forecast_of(found)), suffix)
+        return render(plot_law(found.law, _given(found, found.findings.shown)), suffix)
 
 
-def _forecasts(found: Found, _: Source | None) -> str:
-    return str(_forecast_of(found).to_frame().to_csv(index=False))
+def _curves(kind: str, found: Found, _: Source | None) -> str:
+    return str(_given(found, getattr(found.findings, kind)).to_frame().to_csv(index=False))
 
 
-def _forecast_of(found: Found) -> Forecast:
-    if found.findings.forecast is None:
-        raise CommonlawError("; ".join(found.findings.lacking))
-    return found.findings.forecast
+def _given(found: Found, curves: Forecast | None) -> Forecast:
+    if curves is None:
+        raise CommonlawError("; ".join(found.findings.lacking) or "a law in discrete time has no fitted curves")
+    return curves
 
 
 _LIGHT = (_first, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
@@ -278,7 +278,8 @@ _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {
     "report.html": _report,
     "law.svg": partial(_figure, ".svg"),
     "law.png": partial(_figure, ".png"),
-    "forecasts.csv": _forecasts,
+    "fit.csv": partial(_curves, "fit"),
+    "forecasts.csv": partial(_curves, "forecast"),
 }
 
 

@@ -2,6 +2,7 @@
 
 import json
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -13,17 +14,17 @@ from commonlaw.cli.comparing import print_compared
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.many_objects import print_spread
 from commonlaw.cli.options import as_one, option
-from commonlaw.cli.output import print_frame, print_history, print_json, print_table, say
+from commonlaw.cli.output import print_columns, print_frame, print_history, print_json, print_table, say
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
 from commonlaw.names import in_line
 from commonlaw.progress import ProgressCallback
-from commonlaw.wording import counted
+from commonlaw.wording import counted, r_squared
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from commonlaw.law import Forecast, Law
+    from commonlaw.law import Law
     from commonlaw.law.from_text import Coefficient
     from commonlaw.plots import Figure
     from commonlaw.trials import Trials, TrialStream
@@ -37,7 +38,7 @@ _OPTIONS = (
         "--plot",
         metavar="FIGURE",
         type=WrittenFigure(),
-        help="Write a figure of the law and its forecasts (.png, .svg, .pdf).",
+        help="Write a figure of the law and its fit, with the residuals (.png, .svg, .pdf).",
     ),
     _output("--history", is_flag=True, help="Print every choice on the way to the law, and why."),
     _output("--json", "as_json", is_flag=True, help="Print the result as JSON."),
@@ -138,9 +139,9 @@ class Learned:
         return self.findings.law
 
     def figure(self, plots: Any) -> "Figure | None":
-        """Return a figure of the law and its forecasts, if there are any."""
-        forecast = self.findings.forecast
-        return plots.plot_law(self.law, forecast, truth=self.truth) if forecast else None
+        """Return a figure of the law and its fit, or else its forecasts, if there are any."""
+        shown = self.findings.shown
+        return plots.plot_law(self.law, shown, truth=self.truth) if shown else None
 
     def show(self) -> None:
         """Print the law and how well it forecasts."""
@@ -184,23 +185,33 @@ class Learned:
         self._show_checks()
 
     def _show_checks(self) -> None:
-        """Print how well the law forecasts, and the verdict."""
-        from commonlaw.law.numbers import r_squared_text
-
-        found, kind, learned = self.findings, "held-out trial", ""
-        if not found.is_held_out:
-            later = ", later samples included" if found.has_later_samples else ""
-            kind, learned = "trial", f" it was learned from{later}"
-        begin = "its own initial state" if found.start is None else f"a start fitted to its first {found.start} samples"
-        if every := self.everything:
-            bands = "" if np.isnan(every.coverage) else f"; 95 % bands hold {100 * every.coverage:.3g} %"
-            say(f"\nForecasts of {every.forecast_of}: R^2 = {r_squared_text(every.score)}{bands}")
-            say(f"By {counted(len(found.trials.objects), 'object')} that stand for all:")
-        elif found.forecast:
-            of = counted(len(found.forecast.trials), kind)
-            say(f"\nForecasts of {of}{learned}, each from {begin}: R^2 = {r_squared_text(found.forecast.score())}")
+        """Print the R^2 of the fit and, apart from it, that of the forecasts, and the verdict."""
+        found = self.findings
+        say("\n".join(("", *self._scores())))
         if found.verdict:
             say(f"\n{found.verdict}")
+
+    def _scores(self) -> Iterator[str]:
+        found = self.findings
+        if every := self.everything:
+            bands = (
+                ""
+                if np.isnan(every.coverage)
+                else f"; 95 % bands hold {100 * every.coverage:.3g} % (about 95 % expected)"
+            )
+            yield f"Forecasts of {every.forecast_of}: {r_squared(every.score)}{bands}"
+            yield f"By {counted(len(found.trials.objects), 'object')} that stand for all:"
+            return
+        if found.fit:
+            of = counted(len(found.fit.trials), "trial")
+            yield f"Fit of {of}, initial conditions estimated from all samples: {r_squared(found.fit.score())}"
+        if found.forecast:
+            kind, learned = "held-out trial", ""
+            if not found.is_held_out:
+                kind, learned = "trial", " it was learned from"
+                learned += ", later samples included" * found.has_later_samples
+            of, begin = counted(len(found.forecast.trials), kind), found.forecast.title.removeprefix("forecast ")
+            yield f"Forecasts of {of}{learned}, {begin}: {r_squared(found.forecast.score())}"
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""
@@ -212,9 +223,11 @@ class Learned:
             "intervals": None if law.covariance is None else law.intervals().to_dict(orient="records"),
             "history": [asdict(step) for step in law.history],
             "truth": None if self.truth is None else json.loads(self.truth.to_json()),
+            "fit": found.fit and {"score": found.fit.score(), "errors": found.fit.errors().to_dict(orient="records")},
             "forecast": forecast
             and {
                 "of": "held out" if found.is_held_out else "training",
+                "title": forecast.title,
                 "score": forecast.score(),
                 "errors": forecast.errors().to_dict(orient="records"),
             },
@@ -231,7 +244,7 @@ class Learned:
         return [*found.training.notes, *self.law.outcomes, *found.lacking, *outcomes]
 
     def _show_parameters(self) -> None:
-        """Print a line for each letter of given equations, then how far forecasts are off."""
+        """Print a line for each letter of given equations, then the RMS residuals of several objects."""
         from commonlaw.law.numbers import Written, rounded
 
         law, columns = self.law, defaultdict[str, list[object]](list)
@@ -253,10 +266,9 @@ class Learned:
         if not any(columns["unit"]):
             del columns["unit"]
         print_table(list(columns), zip(*columns.values(), strict=True))
-        if self.findings.forecast is not None and len(law.objects) > 1:
+        if self.findings.shown is not None and len(law.objects) > 1:
             say("")
-            off = self._error_columns()
-            print_table(list(off), zip(*off.values(), strict=True))
+            print_columns(self._error_columns())
 
     def _show_coefficients(self) -> None:
         """Print what the letters of the law stand for, of many objects how they are spread."""
@@ -270,11 +282,10 @@ class Learned:
                 names = [f"of {term}{f' in {state}' * (len(law.states) > 1)}" for term, state in parts]
             print_spread(law, [_with_unit(*each) for each in zip(names, law.letter_units(), strict=True)])
         else:
-            columns = self._coefficient_columns()
-            print_table(list(columns), zip(*columns.values(), strict=True))
+            print_columns(self._coefficient_columns())
 
     def _coefficient_columns(self) -> dict[str, list[object]]:
-        """Return coefficients, with standard errors where they are known and true ones beside, and forecast errors."""
+        """Return coefficients, with standard errors where they are known and true ones beside, and RMS residuals."""
         law, truth = self.law, self.truth
         columns = {law.schema.object: list[object](law.objects)}
         values, errors = law.letter_values()
@@ -285,7 +296,7 @@ class Learned:
             columns[head] = [(value, error) if error else value for value, error in pairs]
             if truth is not None:
                 columns[f"true {each.name}"] = self._true_values(each).tolist()
-        return columns if self.findings.forecast is None else columns | self._error_columns()
+        return columns | self._error_columns()
 
     def _true_values(self, coefficient: "Coefficient") -> Floats:
         """Return what a letter stands for in the true law, shape (objects,)."""
@@ -296,15 +307,19 @@ class Learned:
         )
 
     def _error_columns(self) -> dict[str, list[object]]:
-        """Return how far forecasts of each object are off."""
-        law, forecast = self.law, cast("Forecast", self.findings.forecast)
+        """Return the RMS residuals of each object, or RMS errors of its forecasts where there is no fit."""
+        law, curves = self.law, self.findings.shown
         columns = {law.schema.object: list[object](law.objects)}
-        errors_of = forecast.errors().pivot_table(
+        if curves is None:
+            return columns
+        errors_of = curves.errors().pivot_table(
             index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
         )
         for state in law.schema.measured:
-            head = _with_unit(f"rms error of {state}", law.schema.units.get(state))
-            columns[head] = errors_of[state].reindex(law.objects).tolist()
+            what = "RMS residual" if curves.is_fit else "RMS forecast error"
+            columns[_with_unit(f"{what} of {state}", law.schema.units.get(state))] = (
+                errors_of[state].reindex(law.objects).tolist()
+            )
         return columns
 
 

@@ -2,8 +2,10 @@
 
 import json
 import sys
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import accumulate
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +15,13 @@ from commonlaw.names import in_line, visible
 
 if TYPE_CHECKING:
     import pandas as pd
+    from rich.console import Console
 
     from commonlaw.law import Law
+
+
+_GAP = 3
+"""Characters between the columns of a table."""
 
 
 _MOST_ROWS = 1000
@@ -40,7 +47,6 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     A cell is a number, a pair of a number and its standard error, or text.
     """
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Table
 
     from commonlaw.law.numbers import Written
@@ -53,10 +59,31 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
         table.add_column(in_line(name), justify="right" if numeric else "left")
     for row in rows:
         table.add_row(*(in_line(shown(cell)) for cell in row))
-    width = None if sys.stdout.isatty() else 160
-    Console(width=width, highlight=False, markup=False, emoji=False).print(table)
+    _console().print(table)
     if left_out:
         say(f" ... and {len(left_out)} more rows")
+
+
+def print_columns(columns: Mapping[str, Sequence[object]]) -> None:
+    """Print columns of which the first names the rows; a row for each column where they are too wide together."""
+    head, rows = list(columns), list(zip(*columns.values(), strict=True))
+    widths = [max(len(shown(cell)) for cell in (name, *values)) + _GAP for name, values in columns.items()]
+    room = _console().width
+    if sum(widths) <= room:
+        print_table(head, rows)
+        return
+    names = max(map(len, head)) + _GAP
+    across = [max(len(shown(cell)) for cell in row) + _GAP for row in rows]
+    while rows:
+        # As many side by side as there is room for, but one at least
+        count = max(1, bisect_right(list(accumulate(across)), room - names))
+        print_table(
+            [head[0], *(str(row[0]) for row in rows[:count])],
+            zip(head[1:], *(row[1:] for row in rows[:count]), strict=True),
+        )
+        rows, across = rows[count:], across[count:]
+        if rows:
+            say("")
 
 
 def print_frame(frame: "pd.DataFrame") -> None:
@@ -65,6 +92,12 @@ def print_frame(frame: "pd.DataFrame") -> None:
 
     frame = readable(frame)
     print_table([str(name) for name in frame.columns], frame.itertuples(index=False, name=None))
+
+
+def _console() -> "Console":
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else 160, highlight=False, markup=False, emoji=False)
 
 
 def shown(value: object) -> str:

@@ -20,6 +20,7 @@ from commonlaw.cli.working import working
 from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Trials
+from commonlaw.wording import r_squared_text
 
 if TYPE_CHECKING:
     from commonlaw.law import Law
@@ -116,7 +117,6 @@ def predict(
       commonlaw predict law.json 'runs/*.parquet' --folder forecasts --out errors.parquet --cluster local:4
     """
     from commonlaw.law import Law
-    from commonlaw.law.numbers import r_squared_text
 
     law = Law.load(law_path)
     if cluster or source.is_stream:

@@ -15,7 +15,7 @@ from commonlaw.law.widening import Widening
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
-from commonlaw.trials import Trials
+from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import as_measured, natural
 from commonlaw.wording import counted
 
@@ -90,12 +90,35 @@ class Forecast(ShownInNotebooks):
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
-        return f"<Forecast of {counted(len(self.trials), 'trial')}{lost}>"
+        return f"<{self.title.capitalize()} of {counted(len(self.trials), 'trial')}{lost}>"
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
         """What a user should know about these forecasts: the divergences."""
         return tuple(each.outcome for each in self.trajectories if each.outcome is not None)
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether the initial conditions are estimated from all samples: these are fitted curves, and no forecasts."""
+        pairs = zip(self.trials, self.horizons, strict=True)
+        return bool(self.horizons) and not any(ahead[_measured(trial)].any() for trial, ahead in pairs)
+
+    @property
+    def title(self) -> str:
+        """What the curves are: a fit, or a forecast from so many first samples."""
+        if self.is_fit:
+            return "fit"
+        if self.from_time is not None:
+            unit = self.trials.schema.units.get(self.trials.schema.time, "")
+            return f"forecast from {self.trials.schema.time} = {self.from_time:g} {unit}".rstrip()
+        if not self.horizons:
+            return "forecast"
+        pairs = zip(self.trials, self.horizons, strict=True)
+        counts = {int(np.sum(ahead[_measured(trial)] == 0)) for trial, ahead in pairs}
+        if counts == {1}:
+            return "forecast from the first sample"
+        least, most = min(counts), max(counts)
+        return f"forecast from the first {most if least == most else f'{least} to {most}'} samples"
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a long table: object, trial, time, and each state as measured, as forecast, and their difference.
@@ -339,6 +362,11 @@ def _between(times: Floats, points: int) -> Floats:
     grid = np.linspace(times[0], times[-1], points + 1)[1:-1]
     far = np.append(np.diff(times) > (times[-1] - times[0]) / points, False)
     return np.asarray(grid[far[np.searchsorted(times, grid, side="right") - 1]])
+
+
+def _measured(trial: Trial) -> Bools:
+    """Return in which samples of a trial anything was measured, shape (n,)."""
+    return np.asarray(np.isfinite(trial.states).any(axis=1))
 
 
 def _sum_of_squares(parts: Sequence[Floats]) -> Floats:

@@ -68,16 +68,6 @@ def rounded(value: float, error: float) -> str:
     return f"{round(value, -last):z.{max(-last, 0)}f}"
 
 
-def r_squared_text(value: float) -> str:
-    """Return R^2 to five digits, and where these are those of 1 how far below 1 it is.
-
-    >>> r_squared_text(0.98765432), r_squared_text(1 - 3.21e-7), r_squared_text(1.0), r_squared_text(-2.7)
-    ('0.98765', '1 - 3.2e-07', '1', '-2.7')
-    """
-    text = f"{value:.5g}"
-    return f"1 - {1 - value:.2g}" if text == "1" and value < 1 else text
-
-
 def latex_with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:
     r"""Return the same as LaTeX.
 

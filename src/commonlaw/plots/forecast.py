@@ -1,4 +1,4 @@
-"""Forecasts beside measurements."""
+"""Fitted curves and forecasts beside measurements."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,17 +39,18 @@ _POINTS: Mapping[str, Any] = {"markersize": 3, "alpha": 0.45, "markeredgewidth":
 
 @styled()
 def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> Figure:
-    """Plot measured points and forecast lines, and below them the error, one pair of panels for each object and state.
+    """Plot measured points and curves of a law, and below them the residuals, two panels for each object and state.
 
-    Lines and bands are forecast at more times than were measured, so that they are smooth. A forecast that diverged
-    ends at a cross; values that are not finite are not drawn, and axes are set by what was measured. A forecast with
-    standard deviations has a band that a measurement lies in with a probability of 95 %, its noise included if that is
-    known; around the errors it is a band around zero.
+    Residuals are measured minus fitted states, in the unit of the state; of a forecast the lower panels show its
+    errors, forecast minus measured states. Curves and bands are drawn at more times than were measured, so that they
+    are smooth. A curve that diverged ends at a cross; values that are not finite are not drawn, and axes are set by
+    what was measured. Curves with standard deviations have a band that a measurement lies in with a probability of
+    95 %, its noise included if that is known; around the errors it is a band around zero.
 
     Parameters
     ----------
     forecast
-        What `Law.predict` returned.
+        What `Law.predict` returned; with ``start="all"`` it is the fit.
     objects
         Some of its objects; all by default.
 
@@ -98,7 +99,7 @@ def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, column
         # As years are long, more labels would run into each other
         below.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         # Panels of one state share their axes, so those of the first object speak for the others in the line
-        for panel, what in ((above, schema.states[j]), (below, "error")):
+        for panel, what in ((above, schema.states[j]), (below, difference_of(forecast))):
             panel.tick_params(labelleft=column < states)
             if column < states:
                 panel.set_ylabel(axis_label(what, schema.units.get(schema.states[j], "")))
@@ -111,14 +112,14 @@ def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, column
 
 @dataclass(frozen=True)
 class Curve:
-    """One state of one trial: measured, and forecast as far as it is finite, at more times."""
+    """One state of one trial: measured, and fitted or forecast as far as it is finite, at more times."""
 
     times: Floats
     measured: Floats
     compared: Floats
     """Times at which it was measured and forecast."""
     error: Floats
-    """Forecast minus measured at these."""
+    """Residuals at these, measured minus fitted; of a forecast its errors, forecast minus measured."""
     at: Floats
     forecast: Floats
     diverged: bool
@@ -140,6 +141,7 @@ class Pair:
 def curves_of(forecast: Forecast, smooth: Forecast) -> dict[tuple[str, int], list[Curve]]:
     """Return the curves of all trials, by object and index of the state; `smooth` is the forecast at more times."""
     found: dict[tuple[str, int], list[Curve]] = {}
+    sign = -1 if forecast.is_fit else 1
     colors, states = trial_colors(forecast.trials), len(forecast.trials.schema.states)
     known = None if smooth.std is None else smooth.bands(measured=smooth.noise is not None)
     known_ahead, drawn_ahead = forecast.ahead, smooth.ahead
@@ -155,7 +157,7 @@ def curves_of(forecast: Forecast, smooth: Forecast) -> dict[tuple[str, int], lis
                 times=measured.times,
                 measured=measured.states[:, j],
                 compared=measured.times[compared],
-                error=missed[compared, j],
+                error=sign * missed[compared, j],
                 at=trial.times[drawn],
                 forecast=middle,
                 diverged=trajectory.outcome is not None,
@@ -217,6 +219,11 @@ def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float
     return (low - span / 20, high + span / 20), (-bound, bound)
 
 
+def difference_of(forecast: Forecast) -> str:
+    """Return what the lower panels show."""
+    return "residual" if forecast.is_fit else "error"
+
+
 def trial_colors(trials: Trials) -> dict[str, str]:
     """Return a colour for each trial label."""
     names = dict.fromkeys(trial.name for trial in trials)
@@ -226,12 +233,12 @@ def trial_colors(trials: Trials) -> dict[str, str]:
 def forecast_keys(forecast: Forecast) -> list[Line2D]:
     """Return the legend: what points and lines are, and the trials if there are several, but not very many."""
     colors = trial_colors(forecast.trials)
-    keys = [key("measured", color=GREY, marker="o", markersize=4, linestyle=""), key("forecast", color=GREY)]
+    keys = [key("measured", color=GREY, marker="o", markersize=4, linestyle=""), key(forecast.title, color=GREY)]
     if forecast.std is not None:
         of = "states" if forecast.noise is None else "measured"
         keys.append(key(f"95 % band ({of})", color=GREY, linewidth=8, alpha=_LIGHT))
     if forecast.outcomes:
-        keys.append(key("forecast diverged", color=GREY, marker="X", linestyle=":"))
+        keys.append(key("diverged", color=GREY, marker="X", linestyle=":"))
     if 1 < len(colors) <= len(COLORS):
         word = forecast.trials.schema.trial
         keys += [key(plain(f"{word} {name}"), color=color, linewidth=4) for name, color in colors.items()]

@@ -1,9 +1,9 @@
-"""A law at a glance: its equations, its coefficients, and how well it forecasts."""
+"""A law at a glance: its equations, its coefficients, and how well it fits."""
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from commonlaw.forecast import Forecast
+from commonlaw.forecast import Forecast, fitted
 from commonlaw.law import Law
 from commonlaw.plots.coefficients import HeatMaps
 from commonlaw.plots.dots import DotPlot
@@ -18,25 +18,30 @@ _MOST_DOTS = 12
 
 @styled()
 def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> Figure:
-    """Plot a law: above its equations, at the left its coefficients, at the right its forecasts of trials.
+    """Plot a law: above its equations, at the left its coefficients, at the right its fit to trials.
 
-    Where the law knows how accurate it is, coefficients have 95 % intervals and forecasts 95 % bands.
+    The curves are solutions of the law whose initial conditions are estimated from all samples of each trial, and below
+    them stand the residuals. Where the law knows how accurate it is, coefficients have 95 % intervals and curves 95 %
+    bands. Of laws in discrete time forecasts are drawn.
 
     Parameters
     ----------
     law
         The law.
     trials
-        Measurements to forecast, or their forecast if there is one already.
+        Measurements to fit; or a forecast, which is then drawn in place of the fit.
     truth
         The law that the data were simulated with; its coefficients of the law's candidate terms are open markers.
 
     Raises
     ------
     CommonlawError
-        If the trials cannot be forecast, see `Law.predict`.
+        If the law cannot be fitted to the trials, see `Law.predict`.
     """
-    forecast = trials if isinstance(trials, Forecast) else law.predict(trials, return_std=law.has_std)
+    if isinstance(trials, Forecast):
+        forecast = trials
+    else:
+        forecast = law.predict(trials) if law.order == 0 else fitted(law, trials, law.has_std)
     coefficients = _coefficients(law, truth)
     columns, lines = forecast_grid(forecast, most=3)
     widths = (coefficients.width, 1.2 + 2.1 * max(columns, 2))

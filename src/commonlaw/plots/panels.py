@@ -1,4 +1,4 @@
-"""Forecasts of many objects: a small figure for each, all with the same axes."""
+"""Fits or forecasts of many objects: a small figure for each, all with the same axes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from commonlaw.forecast import Forecast
 from commonlaw.names import in_line
-from commonlaw.plots.forecast import Curve, Pair, curves_of, draw_bands, draw_pair, limits_of
+from commonlaw.plots.forecast import Curve, Pair, curves_of, difference_of, draw_bands, draw_pair, limits_of
 from commonlaw.plots.style import axis_label, styled
 
 _WIDTH, _HEIGHT, _FOOT = 3.6, 2.3, 0.5
@@ -45,7 +45,7 @@ class ForecastPanels:
     def draw(self, name: str) -> Figure:
         """Return the figure of an object."""
         schema = self.forecast.trials.schema
-        states = schema.states
+        states, lower = schema.states, difference_of(self.forecast)
         height = _HEIGHT * len(states) + _FOOT
         figure = Figure(figsize=(_WIDTH, height))
         panels = figure.subplots(2 * len(states), 1, sharex=True, height_ratios=[2, 1] * len(states))
@@ -53,9 +53,9 @@ class ForecastPanels:
         for j, state in enumerate(states):
             pair = Pair(panels[2 * j], panels[2 * j + 1], self._curves[name, j])
             draw_pair(pair, _MOST_POINTS)
-            for panel, limits, what in zip((pair.above, pair.below), self._limits[j], (state, "error"), strict=True):
+            for panel, limits, what in zip((pair.above, pair.below), self._limits[j], (state, lower), strict=True):
                 panel.set_ylim(*limits)
-                panel.set_ylabel(axis_label(what, schema.units.get(state, "") if what == state else ""))
+                panel.set_ylabel(axis_label(what, schema.units.get(state, "")))
             draw_bands(pair)
         panels[-1].set_xlim(*self._times)
         panels[-1].xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))

@@ -7,14 +7,14 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.law import Law
-from commonlaw.law.numbers import r_squared_text, with_error
+from commonlaw.law.numbers import with_error
 from commonlaw.law.spread import letter_values, strangest
 from commonlaw.law.text import MANY
 from commonlaw.plots import plot_intervals
 from commonlaw.report.document import Block, Picture, Section, Table, Text
 from commonlaw.report.formulas import coefficient_names
 from commonlaw.verdict import ManyFindings
-from commonlaw.wording import counted
+from commonlaw.wording import counted, r_squared_text
 
 _STRANGEST = 10
 """Objects that are named each, those with the strangest coefficients and those with the worst forecasts."""

@@ -10,7 +10,7 @@ from commonlaw.law import Law
 from commonlaw.law.page import Page
 from commonlaw.law.script import Source
 from commonlaw.progress import on_terminal
-from commonlaw.report import law_sections, leftovers, making
+from commonlaw.report import curves, law_sections, leftovers, making
 from commonlaw.report.all_objects import all_objects
 from commonlaw.report.document import Report, Text
 from commonlaw.report.formulas import law_markdown
@@ -76,8 +76,9 @@ def law_report(
     summary = f"**{first}**{law_markdown(law)}"
     title = f"A law of {', '.join(law.states)}"
     parts = (
-        law_sections.forecasts,
+        curves.fit,
         law_sections.coefficients,
+        curves.forecasts,
         law_sections.candidates,
         leftovers.residuals,
         law_sections.ranges,

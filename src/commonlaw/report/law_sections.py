@@ -7,24 +7,18 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.experiments import suggestions
+from commonlaw.forecast import fitted
 from commonlaw.inference import CandidateLaw, candidate_laws
-from commonlaw.law import Forecast, Law
+from commonlaw.law import Law
 from commonlaw.law.domain import Domain
-from commonlaw.law.numbers import r_squared_text
 from commonlaw.law.tables import MEANINGS, readable_candidates
-from commonlaw.plots import ForecastPanels, IntervalPanels, plot_intervals, plot_relations
+from commonlaw.plots import IntervalPanels, plot_intervals, plot_relations
 from commonlaw.plots.style import unit_text
-from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
+from commonlaw.report.document import Block, Gallery, Picture, Section, Table, Text
 from commonlaw.report.formulas import coefficient_names
 from commonlaw.report.law_case import LawCase, folded, listed
 from commonlaw.report.markup import literal
 from commonlaw.wording import counted
-
-_EACH, _ALL = 3, 12
-"""Of best, typical and worst objects so many are shown each; all of them if there are no more than that."""
-
-_DRAWN, _IN_OVERVIEW = 50, 36
-"""Of the others up to so many have a figure each; of more, so many together have one."""
 
 _TOGETHER = 2
 """Coefficients of several objects in one figure."""
@@ -39,77 +33,6 @@ _MEASURES = {
 
 _REFITTED = 100
 """Objects up to which candidates are fitted again, as it takes long."""
-
-
-def forecasts(case: LawCase) -> Section:
-    """Return the part on trials as measured beside forecasts."""
-    title, forecast = "Measured and forecast", case.forecast
-    if forecast is None:
-        return Section("forecasts", title, (Text(listed([case.said(each) for each in case.findings.lacking])),))
-    bands = ""
-    if forecast.std is not None:
-        bands = " Bands should hold 95 % of the measurements."
-    diverged = f" {len(forecast.outcomes)} of the forecasts run away." if forecast.outcomes else ""
-    followed = f"a start fitted to its first {case.findings.start} samples, which the lines follow"
-    begin = "its own initial state" if case.findings.start is None else followed
-    judged = case.findings.verdict.judged_on if case.findings.verdict else ""
-    verdict = f" The verdict is on forecasts of {judged}, from their first samples." if judged else ""
-    several = len(forecast.trials) > len(forecast.trials.objects)
-    intro = (
-        f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, each over its whole length from "
-        f"{begin}: $R^2 = {_finite(forecast.score())}$, where 1 is perfect and 0 as good as the mean of "
-        f"each trial.{diverged} Points were measured, lines are forecasts, and below them stands what these are off."
-        f"{bands}{' Colours tell the trials of an object apart.' if several else ''}{verdict}"
-    )
-    caption = "Errors of the forecasts, in the unit of the state; rms is the root of the mean square."
-    errors = Table("forecast-errors", caption, _errors(case, forecast))
-    return Section("forecasts", title, (Text(intro), *_gallery(case, forecast), folded(errors, "Errors of each trial")))
-
-
-def _errors(case: LawCase, forecast: Forecast) -> pd.DataFrame:
-    frame = case.forecast_errors
-    return frame if forecast.outcomes else frame.drop(columns="diverged after")
-
-
-def _finite(score: float) -> str:
-    return r_squared_text(score) if np.isfinite(score) else r"-\infty"
-
-
-def _gallery(case: LawCase, forecast: Forecast) -> Iterator[Block]:
-    """Yield small pictures of the best, typical and worst objects, and the rest of them folded."""
-    panels, names = ForecastPanels(forecast), [str(name) for name in case.relative_errors.index]
-    indices = {name: i for i, name in enumerate(forecast.trials.objects)}
-
-    def picture(name: str, kind: str = "") -> Picture:
-        off = literal(case.error_in_words(name)).replace(r"\.", ".")
-        caption = f"**{literal(name)}**{kind}: {off}"
-        return Picture(f"forecast-{indices[name] + 1}", caption, partial(panels.draw, name))
-
-    if len(names) <= _ALL:
-        yield Gallery(tuple(picture(name) for name in forecast.trials.objects))
-        return
-    middle = (len(names) - _EACH) // 2
-    chosen = {"best": names[:_EACH], "typical": names[middle : middle + _EACH], "worst": names[-_EACH:]}
-    shown = [(name, kind) for kind, own in chosen.items() for name in own]
-    yield Gallery(tuple(picture(name, f" ({kind})") for name, kind in shown))
-    rest = [name for name in forecast.trials.objects if name not in {name for name, _ in shown}]
-    others = Gallery(tuple(map(picture, rest))) if len(rest) <= _DRAWN else _overviews(case, panels, rest)
-    yield Fold(f"The other {counted(len(rest), 'object')}", (others,))
-
-
-def _overviews(case: LawCase, panels: ForecastPanels, names: Sequence[str]) -> Gallery:
-    """Return the forecasts of very many objects, few lines of each, the best first."""
-    names = [name for name in case.relative_errors.index.astype(str) if name in set(names)]
-    parts = [names[i : i + _IN_OVERVIEW] for i in range(0, len(names), _IN_OVERVIEW)]
-    pictures = [
-        Picture(
-            f"forecasts-{i + 1}",
-            f"From {literal(', to '.join(f'{name}, {case.error_in_words(name)}' for name in (part[0], part[-1])))}.",
-            partial(panels.overview, part),
-        )
-        for i, part in enumerate(parts)
-    ]
-    return Gallery(tuple(pictures))
 
 
 def coefficients(case: LawCase) -> Section:
@@ -215,32 +138,36 @@ def _what_compared(case: LawCase) -> str:
 
 
 def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
-    """Yield how laws of other sizes forecast the same trials."""
-    if len(found) < 2 or case.forecast is None:
+    """Yield how laws of other sizes fit the same trials, and how they forecast held-out ones."""
+    if len(found) < 2 or case.findings.shown is None:
         return
+    held_out, score = case.findings.is_held_out, "R² of forecasts" if case.findings.is_held_out else "R² of the fit"
     rows = [
         {
             "": "*" * each.chosen,
             "terms": each.size,
             "law": "; ".join(each.law.structure()),
             "2 log B": each.evidence,
-            "R² of forecasts": (score := _score(case, each.law, case.forecast)),
-            "1 − R²": 1 - score,
+            score: (value := _score(case, each.law)),
+            "1 − R²": 1 - value,
         }
         for each in found
     ]
-    caption = (
-        f"Laws from few terms to many, fitted to the same trials, and how they forecast trials {case.forecast_of}; * "
-        "marks the law."
-    )
-    if case.forecast_of == "that it was learned from":
-        caption += " Of these, laws with more terms forecast better in any case, so that this alone speaks for none."
+    caption = "Laws from few terms to many, fitted to the same trials; * marks the law."
+    if held_out:
+        caption += " Forecasts are those of held-out trials."
+    else:
+        caption += " R² favours many terms: it speaks for no law by itself."
     yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
-def _score(case: LawCase, law: Law, forecast: Forecast) -> float:
+def _score(case: LawCase, law: Law) -> float:
+    """Return R^2 of what is held out, or else of the fit; NaN where there is none."""
+    found = case.findings
     try:
-        return law.predict(forecast.trials, start=case.findings.start).score()
+        if found.fit is not None and not found.is_held_out:
+            return fitted(law, found.training).score()
+        return law.predict(found.forecast.trials, start=found.start).score() if found.forecast else float("nan")
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return float("nan")
 

@@ -4,13 +4,12 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-import pandas as pd
 
 from commonlaw.discrepancy.function import CLAIMED
 from commonlaw.discrepancy.patterns import Residuals
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import levels_in_words
-from commonlaw.plots import ResidualPanels, plot_discrepancy, plot_errors
+from commonlaw.plots import ResidualPanels, plot_discrepancy
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.law_case import LawCase, listed
 from commonlaw.report.markup import literal
@@ -85,35 +84,11 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
 
 
 def _errors(case: LawCase) -> Iterator[Block]:
-    """Yield what free forecasts are off."""
-    forecast = case.forecast
-    if forecast is None:
-        yield Text("Without forecasts there are no errors of these to show.")
-        return
-    frame = forecast.to_frame()
-    rows = []
-    for state in case.law.states:
-        errors = frame[f"{state} error"].to_numpy(dtype=np.float64)
-        row: dict[str, object] = {
-            "state": state,
-            "unit": case.trials.schema.units.get(state),
-            "measurements": int(np.isfinite(errors).sum()),
-            "mean error": float(np.nanmean(errors)) if np.isfinite(errors).any() else None,
-            "rms error": float(np.sqrt(np.nanmean(errors**2))) if np.isfinite(errors).any() else None,
-        }
-        if f"{state} measured low" in frame:
-            low, high = frame[f"{state} measured low"], frame[f"{state} measured high"]
-            inside = ((low <= frame[state]) & (frame[state] <= high))[np.isfinite(errors)]
-            row["within 95 % band"] = f"{100 * inside.mean():.0f} %" if len(inside) else None
-        rows.append(row)
-    caption = f"Forecasts of trials {case.forecast_of}, less what was measured."
-    table = Table("residuals-by-state", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
-    yield table
-    yield Picture("errors", "Errors of these forecasts.", partial(plot_errors, forecast))
+    """Yield the errors of measurement, and whether the law itself errs."""
     if case.law.noise is not None:
         yield Text(f"Errors of measurement, by the law: {literal('; '.join(_of_measurement(case)))}.")
     if case.law.uncertainty.error_model.of_law:
-        yield Text("The law is not exact: it has a model error besides, which its bands hold.")
+        yield Text("The law is not exact: it has process noise besides, which the bands of forecasts hold.")
 
 
 def _of_measurement(case: LawCase) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""What is found out about a law by trials: the verdict, forecasts that check it, and what they were held out of."""
+"""What is found out about a law by trials: the verdict, its fit, and forecasts that check it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,6 +8,8 @@ from typing import TypeVar
 import numpy as np
 
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast import fitted
+from commonlaw.forecast.initial_state import can_fit_initial_state
 from commonlaw.law import Forecast, Law
 from commonlaw.law.meeting import matched
 from commonlaw.trials import Trials
@@ -17,7 +19,8 @@ from commonlaw.verdict.segments import samples_before
 
 T = TypeVar("T")
 
-_NOT_JUDGED, _NOT_CHECKED = "the law was not judged", "the law was not checked by forecasts, nor drawn"
+_NOT_JUDGED, _NOT_FITTED = "the law was not judged", "the law has no fitted curves"
+_NOT_CHECKED = "the law was not checked by forecasts"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +37,14 @@ class Findings:
         What of it the law was learned from.
     verdict
         What the law is good for; None if it could not be judged.
+    fit
+        Solutions of the law whose initial conditions are estimated from all samples, of the trials that it was learned
+        from; None if there are none.
     forecast
         Of trials that were held out, or if there are none, of those that the law was learned from, later samples
-        included; None if there are no forecasts.
+        included, each from its first samples; None if there are no forecasts.
     start
-        How many first samples told where these begin, None for those that `Law.predict` takes.
+        How many first samples told where forecasts begin, None for those that `Law.predict` takes.
     lacking
         Why there is no verdict or no forecast.
     """
@@ -47,9 +53,15 @@ class Findings:
     trials: Trials
     training: Trials
     verdict: LawVerdict | None = None
+    fit: Forecast | None = None
     forecast: Forecast | None = None
     start: int | None = None
     lacking: tuple[str, ...] = ()
+
+    @property
+    def shown(self) -> Forecast | None:
+        """What is shown first: the fit, or forecasts if there is none."""
+        return self.fit or self.forecast
 
     @property
     def is_held_out(self) -> bool:
@@ -99,14 +111,17 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     whole = matched(law, trials)
     training = whole if learned is None or learned is trials else matched(law, learned)
     lacking = list[str]()
+    bands = bands and law.has_std
+    fit = _tried(_NOT_FITTED, partial(fitted, law, training, bands), lacking) if law.order != 0 else None
     verdict = _tried(_NOT_JUDGED, partial(judge, law, whole, training), lacking)
-    start = _start(law, whole)
-    checking = partial(law.predict, _checked(law, whole, training), return_std=bands and law.has_std, start=start)
+    checked = _checked(law, whole, training)
+    start = _start(law, checked)
+    checking = partial(law.predict, checked, return_std=bands, start=start)
     forecast = _tried(_NOT_CHECKED, checking, lacking)
     if verdict is not None and verdict.usable is not None:
         horizon = verdict.horizon if verdict.usable else 0.0
         law = replace(law, provenance=law.provenance.judged(horizon, verdict.longest))
-    return Findings(law, whole, training, verdict, forecast, start, tuple(lacking))
+    return Findings(law, whole, training, verdict, fit, forecast, start, tuple(lacking))
 
 
 def _tried(failure: str, step: Callable[[], T], lacking: list[str]) -> T | None:
@@ -129,12 +144,11 @@ def _checked(law: Law, trials: Trials, training: Trials) -> Trials:
 
 
 def _start(law: Law, trials: Trials) -> int | None:
-    """Return how many first samples tell where the forecasts start, None for those that `Law.predict` takes.
+    """Return how many first samples of trials tell where forecasts begin, None where no start can be fitted.
 
-    A law with rates and a model error follows these samples: they are to be few, as they are no forecasts.
+    They average the noise of a start: a forecast from one noisy sample is a test of that sample, and not of the law.
     """
-    follows = law.rates and law.uncertainty.error_model.of_law
-    return samples_before(min(map(len, trials)), law.order) if follows else None
+    return samples_before(min(map(len, trials)), law.order) if can_fit_initial_state(law) else None
 
 
 def _names(trials: Trials) -> set[tuple[str, str]]:

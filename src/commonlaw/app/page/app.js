@@ -1,6 +1,6 @@
 // The page: a table, a question, a law. All that a law needs is here once it was found; moving along candidates asks nobody.
 import { $, ask, remember, state, trying } from "./basics.js";
-import { showCurves, togetherOrAlone } from "./curves.js";
+import { changeView, showCurves, togetherOrAlone } from "./curves.js";
 import { move } from "./law.js";
 import { openFile, openSample, recognise, takeColumns } from "./measurements.js";
 import { showBudget, suggest } from "./next.js";
@@ -25,6 +25,7 @@ $("start").addEventListener("click", () => start());
 $("back").addEventListener("click", () => move(0));
 $("slider").addEventListener("input", () => move(state.order[Number($("slider").value)]));
 $("state").addEventListener("change", showCurves);
+$("view").addEventListener("change", changeView);
 $("find").addEventListener("input", findPanels);
 $("all").addEventListener("click", togetherOrAlone);
 for (const id of ["svg", "png"]) $(id).addEventListener("click", take);

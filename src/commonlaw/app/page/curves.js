@@ -1,4 +1,4 @@
-// Curves as measured, and as a candidate forecasts them: one figure of the objects that are chosen, and small ones of all.
+// Curves as measured, and as a candidate fits or forecasts them: one figure of the objects that are chosen, and small ones of all.
 import { $, element, labels, state, withUnit } from "./basics.js";
 import { markPanels, showPanels, updatePanels } from "./panels.js";
 import { draw } from "./plots.js";
@@ -9,7 +9,7 @@ const wide = matchMedia("(min-width: 70rem)");
 /** Show or hide what is said of a law; beside it, or below it on a narrow screen, stand the curves. */
 export function showResult(shown) {
   for (const id of ["result", "take"]) $(id).hidden = !shown;
-  if (!shown) for (const id of ["own", "next"]) $(id).hidden = true;
+  if (!shown) for (const id of ["own", "next", "views"]) $(id).hidden = true;
   (shown ? $("result") : $("data")).after($("see"));
 }
 
@@ -23,10 +23,28 @@ export function showMeasured() {
   showCurves();
 }
 
-/** Begin with a law: few objects are shown together, of many the first. */
-export function showForecasts(found) {
-  begin(found.trials.length ? found.trials : state.preview.trials, found.states, false);
+/** Begin with a law: its fit, and forecasts as another view. */
+export function showViews(found) {
+  $("views").hidden = found.views.length < 2;
+  $("view").replaceChildren(...found.views.map(({ title, held_out }, i) => element("option", `${title}${held_out ? ", held-out trials" : ""}`, { value: i })));
+  beginView();
 }
+
+/** Begin with a view of a law: few objects are shown together, of many the first. */
+function beginView() {
+  const { found, preview } = state, trials = view()?.trials ?? [];
+  begin(trials.length ? trials : preview.trials, found.states, false);
+}
+
+/** Show the fit, or the forecasts. */
+export function changeView() {
+  const j = $("state").value;
+  beginView();
+  $("state").value = j;
+  showCurves();
+}
+
+const view = () => state.found?.views[Number($("view").value)];
 
 function begin(trials, states, together) {
   const objects = [...new Set(trials.map(each => each.object))];
@@ -53,39 +71,41 @@ export function togetherOrAlone() {
   showCurves();
 }
 
-/** Of each trial that can be drawn what was measured of a state, and what the candidate that is shown forecasts. */
+/** Of each trial that can be drawn what was measured of a state, and the curve of the candidate that is shown. */
 function curves(j) {
-  const { found, preview, at } = state, forecast = found?.candidates[at].curves ?? [];
-  if (!forecast.length) {
+  const { found, preview, at } = state, drawn = found?.candidates[at].views[Number($("view").value)]?.curves ?? [];
+  if (!drawn.length) {
     const names = labels(preview.trials);
     return preview.trials.map(({ object, t, states }, i) => ({ object, t, points: states[j], line: found ? null : states[j], label: names[i], color: i }));
   }
-  const names = labels(found.trials);
-  return found.trials.flatMap(({ object }, i) => {
-    if (!forecast[i]) return [];
-    const [points, line, low, high] = forecast[i].states[j];
-    return [{ object, t: forecast[i].t, points, line, low, high, label: names[i], color: i }];
+  const { trials } = view(), names = labels(trials);
+  return trials.flatMap(({ object }, i) => {
+    if (!drawn[i]) return [];
+    const [points, line, low, high] = drawn[i].states[j];
+    return [{ object, t: drawn[i].t, points, line, low, high, label: names[i], color: i }];
   });
 }
 
 export function showCurves() {
   const { found, preview } = state, j = Number($("state").value), every = curves(j), shown = every.filter(each => state.chosen.has(each.object));
   const [x, y] = found ? [found.time, found.states[j]] : [preview.roles.time, preview.roles.states[j]].map(name => ({ name, unit: preview.units[name] }));
-  const forecast = every.some(each => each.line && each.line !== each.points);
-  $("see_title").textContent = forecast ? "Measured and forecast" : "Measured";
-  draw($("forecast_plot"), shown, { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240 });
-  $("bands").hidden = !forecast || shown.some(each => each.low);
-  $("reading").textContent = forecast ? "Points were measured, lines are forecasts, and 95 % of measurements should lie in the bands; below, forecast less measured. Drag to zoom, double-click to go back." : "Drag to zoom, double-click to go back.";
-  draw($("error_plot"), forecast ? shown.map(errors) : [], { x: withUnit(x), y: "error", height: 130, points: "forecast less measured" });
-  $("pictures").hidden = !forecast;
+  const modelled = every.some(each => each.line && each.line !== each.points), { fit, title } = view() ?? {};
+  $("see_title").textContent = !modelled ? "Measured" : fit ? "Measured and fitted" : `Measured, and ${title}`;
+  const lines = fit ? "fitted" : "forecast", difference = fit ? "residual" : "error";
+  draw($("forecast_plot"), shown, { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240, lines });
+  $("bands").hidden = !modelled || shown.some(each => each.low);
+  const what = fit ? "Lines are solutions of the law, their initial conditions estimated from all samples; below, the residuals, measured minus fitted." : `Lines are a ${title}; below, their errors, forecast minus measured.`;
+  $("reading").textContent = `${modelled ? `Points were measured. ${what} About 95 % of measurements are expected in the bands. ` : ""}Drag to zoom, double-click to go back.`;
+  draw($("error_plot"), modelled ? shown.map(each => errors(each, fit)) : [], { x: withUnit(x), y: withUnit({ name: difference, unit: y.unit }), height: 130, points: difference });
+  $("pictures").hidden = !modelled;
   for (const kind of ["svg", "png"]) $(kind).href = `searches/${state.search}/law.${kind}?candidate=${state.at}`;
   $("all").setAttribute("aria-pressed", String(shown.length === every.length));
   markPanels(shown.length < every.length ? state.chosen : new Set());
   updatePanels(every);
 }
 
-/** How far a forecast is off where something was measured. */
-function errors({ t, points, line, label, color }) {
+/** Residuals of a fit, or errors of a forecast, where something was measured. */
+function errors({ t, points, line, label, color }, fit) {
   const kept = t.map((_, k) => k).filter(k => points[k] !== null && line[k] !== null);
-  return { t: kept.map(k => t[k]), points: kept.map(k => line[k] - points[k]), label, color };
+  return { t: kept.map(k => t[k]), points: kept.map(k => (fit ? -1 : 1) * (line[k] - points[k])), label, color };
 }

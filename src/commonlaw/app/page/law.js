@@ -1,6 +1,6 @@
 // 3. The law: its formula and terms, the slider along its rivals, and laws of other terms.
 import { $, ask, begin, element, fill, follow, plural, pretty, state, trying } from "./basics.js";
-import { showCurves, showForecasts, showResult } from "./curves.js";
+import { showCurves, showViews, showResult } from "./curves.js";
 import { showNext } from "./next.js";
 import { forecastOwn, showOwn } from "./own.js";
 import { showFiles } from "./take.js";
@@ -18,7 +18,7 @@ export function show({ found, asked }) {
   const rates = found.rates.map((rate, i) => `${rate} is how fast ${second[i].name} changes`);
   $("terms_text").textContent = `Click a term to take it in or out${rates.length ? `; ${rates.join(", ")}` : ""}:`;
   $("evidence_text").hidden = found.candidates[0].evidence === null;
-  showForecasts(found);
+  showViews(found);
   showOwn(found);
   showNext();
   $("outcomes").replaceChildren(...found.outcomes.map(each => element("li", each)));
@@ -59,9 +59,12 @@ export function move(index) {
   $("other").hidden = candidate.chosen;
   const parts = [`${plural(candidate.size, "term")}${candidate.chosen ? ", chosen" : ""}${candidate.own ? ", taken by you" : ""}`];
   if (candidate.evidence !== null) parts.push(`${probable(candidate.evidence)} (2 log B ${Number(candidate.evidence.toPrecision(3))})`);
-  if (candidate.score !== null) parts.push(`R² of forecasts ${candidate.r_squared}${found.held_out ? " (kept back)" : ""}`);
-  if (candidate.diverged) parts.push(`${plural(candidate.diverged, "forecast")} run away`);
-  if (!candidate.curves.length) parts.push("it cannot forecast these trials");
+  found.views.forEach((view, i) => {
+    const { score, diverged, curves } = candidate.views[i], held = view.held_out ? ", held-out trials" : "";
+    if (score) parts.push(`${score.replace("R^2", "R²").replace("1 -", "1 −")} (${view.title}${held})`);
+    if (diverged) parts.push(`${plural(diverged, view.fit ? "fitted curve" : "forecast")} diverge${diverged === 1 ? "s" : ""}`);
+    if (!curves.length) parts.push(`${view.title}: cannot be computed for these trials`);
+  });
   $("which").textContent = parts.join("; ");
   $("slider").setAttribute("aria-valuetext", parts.join("; "));
   $("formula").replaceChildren(...candidate.formula.length ? candidate.formula.map(equation) : candidate.text.map(each => element("div", each, { class: "equation" })));

@@ -9,7 +9,7 @@ export function showOwn(found) {
   $("own_properties").replaceChildren(...found.follows.flatMap((name, j) => [
     element("label", name, { for: `property_${j}` }), element("input", "", { id: `property_${j}`, type: "number", step: "any", value: 1, "data-name": name }),
   ]));
-  const names = [...found.states.map(each => each.name), ...found.rates], first = found.candidates.find(each => each.chosen).curves[0];
+  const names = [...found.states.map(each => each.name), ...found.rates], first = found.candidates.find(each => each.chosen).views[0]?.curves[0];
   $("starts").replaceChildren(...names.flatMap((name, j) => {
     const value = tidy(first?.states[j]?.[1]?.find(each => each !== null) ?? 0);
     return [element("label", `${name} at the start`, { for: `start_${j}` }), element("input", "", { id: `start_${j}`, type: "number", step: "any", value })];

@@ -3,7 +3,7 @@ import { $, element, plural, reach, state } from "./basics.js";
 
 const FILES = {
   "report.html": "the report, one page with everything", "law.json": "the law, to open again", "coefficients.csv": "the coefficients with their errors, a row for each",
-  "forecasts.csv": "measured and forecast states, with bands", "law.svg": "the law and its forecasts as a figure", "law.png": "the same as an image", "law.tex": "the equations in LaTeX",
+  "fit.csv": "measured and fitted states, with bands", "forecasts.csv": "forecasts from the first samples, with bands", "law.svg": "the law and its fit as a figure", "law.png": "the same as an image", "law.tex": "the equations in LaTeX",
   "law.py": "a Python program that finds it again",
 };
 
