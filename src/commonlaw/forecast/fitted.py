@@ -8,7 +8,6 @@ from commonlaw.law import Forecast, Law
 from commonlaw.law.meeting import matched
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
-from commonlaw.trials.trial import with_typical
 
 
 def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
@@ -40,7 +39,7 @@ def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
         return fit
     # Errors that grow with the states are known once these are
     deviations = [
-        errors.measurement_std(np.nan_to_num(curve.states[:, : len(law.states)]), with_typical(trial.noise, law.noise))
+        errors.measurement_std(np.nan_to_num(curve.states[:, : len(law.states)]), trial.std(law.noise))
         for trial, curve in zip(trials, fit.trajectories, strict=True)
     ]
     weighted = tuple(replace(trial, noise=each) for trial, each in zip(trials, deviations, strict=True))
