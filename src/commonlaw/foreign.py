@@ -1,12 +1,14 @@
 """Bytes of strangers: whatever is read from a file comes through here, within stated limits."""
 
+import io
 import os
 import re
 import stat
+import zlib
 from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +31,8 @@ BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 T = TypeVar("T")
 
 _LISTED = 10_000
+_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+"""Characters that no text of an instrument has."""
 _STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
 _NO_BRACKETS = bytes({*range(256)} - {*b"[]{}"})
 
@@ -89,10 +93,60 @@ def check_size(source: str, rows: int, columns: int) -> None:
             )
 
 
+def unpacked(source: str, content: bytes) -> bytes:
+    """Return what a file holds that may be compressed: by gzip, bzip2 or xz.
+
+    Raises
+    ------
+    CommonlawError
+        If it is damaged, or unpacks to more than `LARGEST_FILE`.
+    """
+    import bz2
+    import gzip
+    import lzma
+
+    kinds: dict[bytes, Any] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\0": lzma.open}
+    opened = next((each for magic, each in kinds.items() if content.startswith(magic)), None)
+    if opened is None:
+        return content
+    try:
+        with opened(io.BytesIO(content)) as stream:
+            unpacked: bytes = stream.read(LARGEST_FILE + 1)
+    except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
+        raise CommonlawError(f"{source} cannot be unpacked ({error}): it is damaged; pack it again") from None
+    if len(unpacked) > LARGEST_FILE:
+        raise CommonlawError(f"{source} unpacks to more than {LARGEST_FILE} bytes, and no more are read: split it")
+    return unpacked
+
+
+def decoded(source: str, content: bytes) -> tuple[str, str]:
+    """Return bytes as text, with lines that end in a line feed, and the encoding if it is not UTF-8.
+
+    UTF-16 shows itself by its first bytes, or by zeros in every other one; what is not UTF-8 either is Windows-1252, of
+    which Latin-1 text is a part.
+
+    Raises
+    ------
+    CommonlawError
+        If it is no text.
+    """
+    zeros = [content[i:400:2].count(0) for i in (0, 1)]
+    marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    utf_16 = "UTF-16-LE" if zeros[1] > len(content[:400]) / 4 else "UTF-16-BE"
+    wide = marked or max(zeros) > len(content[:400]) / 4
+    for encoding in ("UTF-16" if marked else utf_16,) if wide else ("UTF-8-sig", "Windows-1252"):
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if not (_CONTROL.search(text) if encoding == "Windows-1252" else "\0" in text):
+            return text.replace("\r\n", "\n").replace("\r", "\n"), encoding.removesuffix("-sig").replace("UTF-8", "")
+        break
+    raise CommonlawError(f"{source} is neither text nor a workbook nor Parquet: save the table as CSV in UTF-8")
+
+
 def check_text(source: str, content: bytes) -> None:
     """Refuse bytes that are not text in UTF-8; the message names the line."""
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise CommonlawError(f"{source} is text in UTF-16: save it as UTF-8")
     try:
         content.decode()
     except UnicodeDecodeError as error:

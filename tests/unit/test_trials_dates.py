@@ -75,8 +75,8 @@ def test_months_are_as_long_as_they_are():
         (["2020-01-01", "2020-13-01", "2020-03-01", "x"], "column 'date', row 2: '2020-13-01' is not a date such as"),
         (["2020-01-01", "x", "2020-03-01", "x"], "column 'date', row 2: 'x' is not a date such as 2020-03-31"),
         (["2020-01-01", "", "2020-03-01", None], "column 'date', row 2, object, trial 1: the value is missing"),
-        (["01.03.2020"] * 4, r"'01\.03\.2020' can be read as several dates: write it as 2020-03-31"),
-        (["3/1/20 12:30"] * 4, "'3/1/20 12:30' can be read as several dates"),
+        (["01/03/2020"] * 4, r"'01/03/2020' may be 2020-03-01 or 2020-01-03, and no row settles it: .*dates='dmy'"),
+        (["3/1/20 12:30"] * 4, "'3/1/20 12:30' may be 2020-01-03 or 2020-03-01"),
         (["x", "2020-01-01", "1", "2"], "row 3: '1' is not a date"),
     ],
 )

@@ -243,7 +243,7 @@ def test_an_index_of_counts_is_a_column_where_it_is_asked_for(tmp_path):
 
 def test_a_point_that_may_be_of_thousands_is_refused_among_decimal_commas(tmp_path):
     rows = "t;x\n0;1,5\n1;1.000\n2;2,5\n"
-    with pytest.raises(CommonlawError, match=r"'x', row 2 \(line 3\), .*: '1.000' may be 1000 or 1,000 in a file of"):
+    with pytest.raises(CommonlawError, match=r"'x', row 2 \(line 3\), .*: '1.000' may be 1 or 1000: give the decimal"):
         Trials.read(text(tmp_path / "a.csv", rows))
     points = text(tmp_path / "b.csv", "t;x;y\n0;1,5;1.000\n1;2,0;0.500\n2;2,5;0\n")
     assert Trials.read(points)[0].states[:, 1].tolist() == [1, 0.5, 0]

@@ -9,10 +9,12 @@ import msgspec
 from commonlaw.errors import CommonlawError
 from commonlaw.law.script import Source
 from commonlaw.trials import Trials
+from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.columns import Table as Cells
+from commonlaw.trials.dates import DateOrder
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.roles import ColumnRoles, Reading, named_roles
-from commonlaw.trials.sources import table_in
+from commonlaw.trials.sources import name_of_table, table_in
 from commonlaw.trials.tables import Rows, column_roles_of, rows_of
 from commonlaw.trials.wide import quantity
 
@@ -28,10 +30,13 @@ class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     properties: tuple[str, ...] = ()
     wide: str | None = None
     restarts: Restarts | None = None
+    missing: tuple[str, ...] = ()
+    decimal: DecimalMark | None = None
+    dates: DateOrder | None = None
 
     def rows(self, cells: Cells) -> Rows:
         """Return what the rows of a table make."""
-        return rows_of(cells, Path(cells.source).stem, **self._said)
+        return rows_of(cells, name_of_table(cells.source), **self._said)
 
     def recognised(self, cells: Cells) -> dict[str, Any]:
         """Return the columns by role as far as they are clear, also where the rows make no trials."""
@@ -107,6 +112,8 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         learned = self.hold_out if self.law is None else HoldOut()
         columns = self.columns
         reading: dict[str, Any] = {"wide": columns.wide, "restarts": columns.restarts}
+        notation = {"missing": list(columns.missing), "decimal": columns.decimal, "dates": columns.dates}
+        reading |= {name: said for name, said in notation.items() if said}
         reading |= {role: "" for role in ("object", "trial") if getattr(columns, role) == ""}
         return Source(table.name, table.dataset, columns.properties, learned.written, reading)
 

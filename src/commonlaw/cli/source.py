@@ -14,6 +14,8 @@ from commonlaw.cli.options import as_one, by_name, in_options, number_or_text, o
 from commonlaw.cli.paths import ReadDataset, ReadFile
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials, TrialStream
+from commonlaw.trials.cells import DecimalMark
+from commonlaw.trials.dates import DateOrder
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import join_header
 from commonlaw.trials.roles import GUESSED
@@ -67,6 +69,18 @@ _OPTIONS = (
         type=click.Choice(["trials", "sort"]),
         help="Where times go back, a trial begins, or rows are out of order.  [default: refused if not shuffled]",
     ),
+    _table(
+        "--missing",
+        multiple=True,
+        metavar="MARK",
+        help="Cells that are missing values, such as -999 or '<0.5', besides empty ones, NA, -, n.d.; repeat for more.",
+    ),
+    _table("--decimal", type=click.Choice([".", ","]), help="Decimal mark.  [default: as the cells show]"),
+    _table(
+        "--dates",
+        type=click.Choice(["dmy", "mdy", "ymd", "h:mm", "m:ss"]),
+        help="Order of day, month and year, or what 1:30 is.  [default: as the cells show]",
+    ),
     _table("--sheet", metavar="NAME", help="Sheet of a workbook."),
     _table(
         "--where",
@@ -119,6 +133,9 @@ class Source:
     units: tuple[str, ...]
     wide: str | None
     restarts: Restarts | None
+    missing: tuple[str, ...]
+    decimal: DecimalMark | None
+    dates: DateOrder | None
     sheet: str | None
     where: tuple[str, ...]
     exclude: tuple[str, ...]
@@ -158,6 +175,7 @@ class Source:
         given = {
             "--dataset": self.dataset, "--object-name": self.object_name, "--wide": self.wide,
             "--restarts": self.restarts, "--sheet": self.sheet, "--clip": self.clip,
+            "--missing": self.missing, "--decimal": self.decimal, "--dates": self.dates,
         }  # fmt: skip
         if refused := [name for name, value in given.items() if value]:
             raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out")
@@ -272,6 +290,9 @@ class Source:
             units=by_name("--unit", self.units),
             wide=wide,
             restarts=self.restarts,
+            missing=self.missing,
+            decimal=self.decimal,
+            dates=self.dates,
             sheet=self.sheet,
         )
 

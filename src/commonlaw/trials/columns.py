@@ -2,6 +2,7 @@
 
 import numbers
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
@@ -13,9 +14,12 @@ from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.trials.cells import Notation, Numerals, Unreadable, is_meant_as_number, is_missing, numerals
 from commonlaw.trials.headers import find_name, split_headers
 from commonlaw.trials.identifiers import plain
 from commonlaw.trials.trial import nearest
+from commonlaw.trials.units import known_unit
+from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import narwhals as nw
@@ -24,11 +28,12 @@ Codes = NDArray[np.int64]
 Column = NDArray[Any]
 """Numbers; or, of dtype object, cells of one other kind (text, dates, ...) with NaN or None where they are empty."""
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+", re.ASCII)
-"""1.000 may be a thousand where commas are decimal points."""
+_POINT = re.compile(r"^[+-]?(0|\d{4,})?\.|\.(?!\d{3}$)")
+"""A point that groups no thousands."""
 _INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|index|level_\d+")
 """What pandas calls an index that has no name; the first of these it calls nothing else."""
+_NAMELESS = "Unnamed: 0"
+"""What it calls a first column without a header."""
 
 
 def _plain(value: object) -> object:
@@ -50,12 +55,15 @@ class Table:
     """From the index of a row to its number in the file: of the line, or of the row of a sheet."""
     loose: frozenset[str] = frozenset()
     """Columns of text whose cells may be meant as numbers: all those of a text file, mixed ones of a worksheet."""
-    decimal_comma: bool = False
+    notation: Notation = field(default_factory=Notation)
+    """How numbers are written in the columns of text."""
     roles: Mapping[str, str | list[str] | dict[str, str]] = field(default_factory=dict)
     """Names of columns by role, where the file says so itself."""
     notes: tuple[str, ...] = ()
-    parsed: dict[str, Floats | None] = field(default_factory=dict)
-    """Columns of text that have been read as numbers so far, and None for those that cannot be."""
+    facts: tuple[str, ...] = ()
+    """What was guessed of how the table is written."""
+    parsed: dict[str, Floats | Unreadable] = field(default_factory=dict)
+    """Columns of text as far as they have been read as numbers."""
 
     def __post_init__(self) -> None:
         if not len(self):
@@ -79,10 +87,11 @@ class Table:
         if name not in self.loose:
             return column.dtype.kind in "iuf"
         parsed = self._parsed(name)
-        if parsed is not None:
+        if not isinstance(parsed, Unreadable):
             return not np.isnan(parsed).all()
-        cells = [cell for cell in self._cells(name) if cell]
-        return sum(_NUMBER.fullmatch(cell) is not None for cell in cells) > 0.5 * len(cells)
+        cells = [cell for cell in self._cells(name) if cell and not is_missing(cell)]
+        counts = Counter(cells)
+        return sum(count for cell, count in counts.items() if is_meant_as_number(cell)) > 0.5 * len(cells)
 
     def numbers(self, name: str, *, missing: bool = False) -> Floats:
         """Return a column as numbers, shape (n,), NaN where a cell is empty if it may be `missing`."""
@@ -135,27 +144,11 @@ class Table:
                 return column.astype(np.float64)
         if _kind(column) != "str":
             raise CommonlawError(f"{self.source}: column {name!r} holds {_kind(column)}: give it as numbers")
-        self._refuse_thousands(name)
         parsed = self._parsed(name)
-        if parsed is None:
-            cells = self._cells(name)
-            row = next(i for i, cell in enumerate(cells) if cell and _parsed(np.array([cell], dtype=object)) is None)
-            shown = self.columns[name][row].strip()
-            raise CommonlawError(
-                f"{self._where(name, row)}: {shown!r} is not a number; repair the cell or leave the column out"
-            )
+        if isinstance(parsed, Unreadable):
+            row = self._cells(name).index(parsed.cell)
+            raise CommonlawError(f"{self._where(name, row)}: {parsed.cell!r} {parsed.reason}")
         return parsed
-
-    def _refuse_thousands(self, name: str) -> None:
-        """Refuse a cell such as 1.000 in a file of decimal commas, unless the column says that points are decimal."""
-        cells = [cell.strip() if isinstance(cell, str) else "" for cell in self.columns[name] if self.decimal_comma]
-        row = next((i for i, cell in enumerate(cells) if _THOUSANDS.fullmatch(cell)), None)
-        pointed = any("." in cell and not _THOUSANDS.fullmatch(cell) for cell in cells)
-        if row is not None and (not pointed or any("," in cell for cell in cells)):
-            raise CommonlawError(
-                f"{self._where(name, row)}: {cells[row]!r} may be {cells[row].replace('.', '')} or "
-                f"{cells[row].replace('.', ',', 1)} in a file of decimal commas: write it as one of these"
-            )
 
     def taken(self, rows: Codes) -> "Table":
         """Return the table of some of the rows, by their indices."""
@@ -172,26 +165,81 @@ class Table:
         column = self.columns[name]
         if not _INDEX.fullmatch(name):
             return False
-        values = self._parsed(name) if name in self.loose else column if column.dtype.kind in "iuf" else None
-        counts = values is not None and bool(np.all(values == np.round(values)) and np.all(np.diff(values) > 0))
+        values = self._parsed(name) if name in self.loose else column
+        counts = not isinstance(values, Unreadable) and values.dtype.kind in "iuf" and _counts(values)
         return name.startswith("__index_level_") or counts
 
     def _cells(self, name: str) -> list[str]:
-        """Return the cells of a column of text, ready to be read as numbers; empty ones are empty texts."""
-        cells = [cell.strip() if isinstance(cell, str) else "" for cell in self.columns[name].tolist()]
-        return [cell.replace(",", ".") for cell in cells] if self.decimal_comma else cells
+        """Return the cells of a column of text without blanks around them; empty ones are empty texts."""
+        return [cell.strip() if isinstance(cell, str) else "" for cell in self.columns[name].tolist()]
 
-    def _parsed(self, name: str) -> Floats | None:
-        """Return a column of text as numbers, or None if a cell is not one."""
+    def _parsed(self, name: str) -> Floats | Unreadable:
+        """Return a column of text as numbers, NaN where one is missing, or why it is none."""
         if name not in self.parsed:
-            column = self.columns[name]
-            self.parsed[name] = None if self.decimal_comma else _parsed(column)
-            if self.parsed[name] is None:
-                self.parsed[name] = _parsed(np.array([cell or np.nan for cell in self._cells(name)], dtype=object))
+            found = numerals(self.columns[name], self.notation)
+            self.parsed[name] = found if isinstance(found, Unreadable) else found.values
         return self.parsed[name]
 
     def _where(self, name: str, row: int) -> str:
         return f"{self.source}: column {name!r}, {self.locate(row)}"
+
+
+def with_numbers(table: Table, notation: Notation) -> Table:
+    """Return the table with its columns read as numbers, and facts of how these were written.
+
+    In columns by themselves ambiguous, the decimal mark is that of the other columns.
+    """
+    loose = [name for name in table.columns if name in table.loose]
+    found = {name: numerals(table.columns[name], notation) for name in loose}
+    shown = {each.decimal for each in found.values() if isinstance(each, Numerals) and each.decimal}
+    if "," in shown or any(isinstance(each, Unreadable) and each.is_ambiguous for each in found.values()):
+        shown |= {"."} if any(_shows_points(table.columns[name]) for name in loose) else set()
+        notation = replace(notation, usual=frozenset(shown))
+        found = {name: numerals(table.columns[name], notation) for name in loose}
+    columns = dict(table.columns)
+    if notation.missing_numbers:
+        found |= {name: numerals(column, notation) for name, column in columns.items() if column.dtype.kind in "iuf"}
+    read = {name: each for name, each in found.items() if isinstance(each, Numerals) and np.isfinite(each.values).any()}
+    columns |= {name: each.values for name, each in read.items() if name not in table.loose and each.missing}
+    for name, each in read.items():
+        if each.unit and known_unit(table.units.get(name, each.unit)) != known_unit(each.unit):
+            raise CommonlawError(
+                f"{table.source}: column {name!r} is in {table.units[name]} by its header and in {each.unit} by its "
+                "cells: correct one of them"
+            )
+    return replace(
+        table,
+        columns=columns,
+        units={name: each.unit for name, each in read.items() if each.unit} | dict(table.units),
+        notation=notation,
+        parsed={name: own.values if isinstance(own := found[name], Numerals) else own for name in loose},
+        facts=(*table.facts, *_facts(read)),
+    )
+
+
+def _facts(read: Mapping[str, Numerals]) -> list[str]:
+    """Return how the numbers of columns were written, where that was guessed."""
+    marks = {mark: [name for name, each in read.items() if each.grouped == mark] for mark in ",. '"}
+    other = [name for name, each in read.items() if each.grouped and each.grouped not in marks]
+    said = {
+        "a comma is read as the decimal point": [name for name, each in read.items() if each.decimal == ","],
+        **{f"{mark!r} groups thousands": names for mark, names in marks.items()},
+        "blanks group thousands": other,
+        "the cells hold units": [f"{name} [{each.unit}]" for name, each in read.items() if each.unit],
+    }
+    facts = [f"{fact} ({', '.join(names)})" for fact, names in said.items() if names]
+    for name, each in read.items():
+        counts = [f"{mark!r} in {counted(count, 'cell')}" for mark, count in each.missing.items()]
+        facts += [f"read as missing in {name}: {', '.join(counts)}"] if counts else []
+    return facts
+
+
+def _shows_points(column: Column) -> bool:
+    """Say whether a column of text has numbers with a point that can only be the decimal one."""
+    found = numerals(column, Notation())
+    if isinstance(found, Unreadable) or found.decimal == ",":
+        return False
+    return found.decimal == "." or any(_POINT.search(cell.strip()) for cell in column if isinstance(cell, str))
 
 
 def filled_table(
@@ -206,13 +254,26 @@ def filled_table(
     """Return the table of these columns without the rows and the nameless columns in which nothing stands."""
     empty = [_missing(column) for column in columns]
     used = [i for i, header in enumerate(headers) if header.strip() or not empty[i].all()]
-    names, units = split_headers(source, [headers[i] for i in used])
+    titles = [headers[i] for i in used]
+    if len(used) > 1 and not titles[0].strip() and _names_rows(columns[used[0]]):
+        titles[0] = _NAMELESS
+    names, units = split_headers(source, titles)
     blank = np.logical_and.reduce([empty[i] for i in used]) if used else np.ones(0, dtype=bool)
     rows = np.flatnonzero(~blank)
     arrays = {name: columns[i][rows] if blank.any() else columns[i] for name, i in zip(names, used, strict=True)}
     loosely = frozenset(name for name, i in zip(names, used, strict=True) if i in loose)
     where = lambda row: locate(int(rows[row])), lambda row: number(int(rows[row]))
     return Table(source, arrays, units, *where, loosely)
+
+
+def _names_rows(column: Column) -> bool:
+    """Say whether a column counts the rows, or has words in them."""
+    found = numerals(column, Notation())
+    return isinstance(found, Unreadable) or _counts(found.values)
+
+
+def _counts(values: Column) -> bool:
+    return bool(np.all(values == np.round(values)) and np.all(np.diff(values) > 0))
 
 
 def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
@@ -322,14 +383,3 @@ def _kind(column: Column) -> str:
     """Return what a column of cells that are not numbers holds; nothing counts as text."""
     present = column[~_missing(column)]
     return type(present[0]).__name__.casefold() if len(present) else "str"
-
-
-def _parsed(column: Column) -> Floats | None:
-    """Return text as numbers, NaN where it is missing; or None if a cell is not a number."""
-    try:
-        values = column.astype(np.float64)
-    except (TypeError, ValueError):
-        return None
-    # Python reads 1_000 and digits of every script
-    texts = list(map(str, column.tolist()))
-    return values if all(map(str.isascii, texts)) and not any("_" in text for text in texts) else None

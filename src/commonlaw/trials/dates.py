@@ -1,8 +1,10 @@
-"""Dates in the column of times, as time since the first of them."""
+"""Dates and times of day in the column of times, as time since the first of them."""
 
 import re
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
-from datetime import date, datetime
+from datetime import date, datetime, time, timedelta
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -10,65 +12,349 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Column, Table
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+DateOrder = Literal["dmy", "mdy", "ymd", "h:mm", "m:ss"]
+"""How dates are written, and times of day."""
+
 _OFFSET = r" ?(Z|[+-]\d\d(:?\d\d)?)"
 _ISO = re.compile(rf"\d{{4}}-\d\d(-\d\d([T ]\d\d(:?\d\d){{1,2}}([.,]\d+)?({_OFFSET})?)?)?|\d{{8}}T\d{{4}}(\d\d)?Z?")
 """2020-03, 2020-03-01, 2020-03-01 12:30, 2020-03-01T12:30:05.25Z, 20200301T1230."""
-_WITH_OFFSET = re.compile(rf".*[T ][\d:.,]*{_OFFSET}")
+_WITH_OFFSET = re.compile(rf".*[T ][\d:.,]*( ?[apAP]\.?[mM]\.?)?{_OFFSET}")
 _DIGITS = re.compile(r"\d{8}", re.ASCII)
 _YEARS = 1800, 2200
 """In which numbers such as 20200331 are taken for dates."""
-_LOCAL = re.compile(r"\d{1,4}[./]\d{1,2}[./]\d{2,4}( .*)?|\d{1,2}-\d{1,2}-\d{2,4}( .*)?")
-"""01.03.2020, 3/1/20: which is the day and which the month, only those know who wrote it."""
+
+_CLOCK = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?(?: ?([ap])\.?m\.?)?"
+_AFTER_DATE = rf"(?:[ T,]+{_CLOCK}({_OFFSET})?)?"
+_LOCAL = re.compile(rf"(\d{{1,4}})([./-])(\d{{1,2}})\2(\d{{1,4}}){_AFTER_DATE}", re.ASCII | re.IGNORECASE)
+"""31.03.2020 12:30, 3/31/20 12:30 PM, 2020/03/31."""
+_NAMED = re.compile(
+    rf"(?:(\d{{1,2}})\.?[ -]([a-z]{{3,9}})\.?|([a-z]{{3,9}})\.? (\d{{1,2}}),?)[ -](\d{{2,4}}){_AFTER_DATE}",
+    re.ASCII | re.IGNORECASE,
+)
+"""31-Mar-2020, 31 March 2020 12:30, Mar 31, 2020."""
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_FIRST_OF_CENTURY = 69
+"""Two digits from here on are years of the twentieth century, as POSIX has it."""
+_DURATION = re.compile(
+    r"(-)?(?:(\d+) days?,? ?)?(\d+):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?(?: ?([ap])\.?m\.?)?", re.ASCII | re.IGNORECASE
+)
+"""1:30:00, 26:10:05.25, 1 day 2:10:05, 1:30:00 PM; and 1:30, which may be hours or minutes."""
+_MINUTES = re.compile(r"(-)?()()(\d+):([0-5]\d)[.,](\d+)()", re.ASCII)
+"""1:30.5: minutes and seconds, as spreadsheets show them."""
+_HALF_A_DAY, _DAY = 43_200.0, 86_400.0
+
+_EPOCHS: dict[Literal["s", "ms", "us", "ns"], float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Seconds of the units in which computers count the time since 1970."""
+_EPOCH_YEARS = 946_684_800.0, 4_102_444_800.0
+"""Seconds since 1970 of the years 2000 and 2100, between which such a count is taken for a date."""
+_EPOCH_NAME = re.compile("time|date|stamp|epoch|unix|utc|zeit", re.IGNORECASE)
 
 
-def with_dates_as_times(table: Table, time: str) -> Table:
-    """Return the table with dates in the column of times as days since the earliest, or seconds if they have hours.
+class Elapsed(NamedTuple):
+    """Times since the earliest of some dates."""
 
-    Any other column stays as it is. A note says what was done; the unit of the times is theirs.
-    """
-    cells, present = _cells(table.columns[time])
-    if not present.any() or not _are_dates(cells[present][0]):
-        return table
-    _refuse_mixed_offsets(table, time, cells, present)
-    import pandas as pd
+    values: Floats
+    unit: str
+    since: str
+    """The earliest, as shown with the unit."""
 
-    stamps = pd.Series(pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce"))
-    wrong = np.flatnonzero(np.asarray(stamps.isna()) & present)
-    if len(wrong):
-        where, cell = table.locate(int(wrong[0])), str(cells[wrong[0]])
-        raise CommonlawError(
-            f"{table.source}: column {time!r}, {where}: {cell!r} is not a date such as 2020-03-31 or "
-            "2020-03-31 12:30:05; repair the cell"
-        )
-    first, whole = stamps.min(), bool((stamps == stamps.dt.floor("D"))[present].all())
-    unit, seconds = ("day", 86400.0) if whole else ("s", 1.0)
+
+def elapsed(stamps: "pd.Series[Any]") -> Elapsed:
+    """Return dates as days since the earliest, or seconds if they have hours."""
+    first = stamps.min()
+    whole = bool((stamps == stamps.dt.floor("D"))[stamps.notna()].all())
+    unit, seconds = ("day", _DAY) if whole else ("s", 1.0)
     since = (stamps - first).dt.total_seconds().to_numpy(np.float64) / seconds
     shown = first.strftime("%Y-%m-%d" if whole else "%Y-%m-%d %H:%M:%S")
-    note = f"{time}: dates taken as time in {'days' if whole else 'seconds'} since {shown}"
-    columns, units = {**table.columns, time: since}, {**table.units, time: unit}
-    return replace(table, columns=columns, units=units, loose=table.loose - {time}, notes=(*table.notes, note))
+    return Elapsed(since, unit, f"{'days' if whole else 'seconds'} since {shown}")
+
+
+def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others: Collection[str]) -> Table:
+    """Return the table with dates in the column of times as days since the earliest, or seconds if they have hours.
+
+    Times of day are seconds since 0:00:00. If one of the `other` columns holds the dates to them, both make the times.
+    Any other column stays as it is. A note says what was done; the unit of the times is theirs.
+    """
+    column, note = table.columns[name], f"{name}: dates taken as time in"
+    partner = _partner(table, name, others)
+    if partner is not None:
+        days, clock = (partner, name) if _is_clock(table.columns[name]) else (name, partner)
+        stamps = _stamps(table, days, order) + _seconds_of_day(table, clock)
+        table = replace(table, columns={key: own for key, own in table.columns.items() if key != partner})
+        note = f"{days} and {clock}: taken together as time in"
+    elif _is_clock(column):
+        return _with_clock(table, name, order)
+    elif (counted := _epochs(table, name)) is not None:
+        stamps, note = counted, f"{name}: counted since 1970, taken as time in"
+    elif holds_dates(column):
+        stamps = _stamps(table, name, order)
+    else:
+        return table
+    found = elapsed(stamps)
+    return _with_times(table, name, found.values, found.unit, f"{note} {found.since}")
+
+
+def holds_dates(column: Column) -> bool:
+    """Say whether the first cell of a column that is not empty is a date, alone or with a time of day."""
+    cells, present = _cells(column)
+    return bool(present.any()) and _is_date(cells[present][0])
+
+
+def years_of(names: Iterable[str]) -> dict[str, float]:
+    """Return those of some names that are years, with these as numbers.
+
+    >>> years_of(["country", "1990", "X1991"])
+    {'1990': 1990.0, 'X1991': 1991.0}
+    """
+    found = {name: re.fullmatch(r"[A-Za-z]{0,2}(\d{4})", name.strip(), re.ASCII) for name in names}
+    years = {name: float(each[1]) for name, each in found.items() if each}
+    return {name: year for name, year in years.items() if _YEARS[0] <= year < _YEARS[1]}
 
 
 def is_time(cell: object) -> bool:
     """Say whether a cell may be meant as a time: it is no word."""
-    return not isinstance(cell, str) or not cell.strip() or cell.strip()[0] in "+-.0123456789"
+    return not isinstance(cell, str) or not cell.strip() or cell.strip()[0] in "+-.0123456789" or _is_date(cell.strip())
 
 
-def refuse_dates(table: Table, time: str) -> None:
+def refuse_dates(table: Table, name: str) -> None:
     """Refuse a table whose rows are not all there, so that nobody knows the earliest date."""
-    cells, present = _cells(table.columns[time])
-    if present.any() and _are_dates(cells[present][0]):
-        raise CommonlawError(f"{table.source}: column {time!r} holds dates: give a stream its times as numbers")
+    if holds_dates(table.columns[name]):
+        raise CommonlawError(f"{table.source}: column {name!r} holds dates: give a stream its times as numbers")
 
 
-def _refuse_mixed_offsets(table: Table, time: str, cells: Column, present: Bools) -> None:
+def _with_times(table: Table, name: str, values: Floats, unit: str, note: str) -> Table:
+    columns, units = {**table.columns, name: values}, {**table.units, name: unit}
+    return replace(table, columns=columns, units=units, loose=table.loose - {name}, notes=(*table.notes, note))
+
+
+def _partner(table: Table, name: str, others: Collection[str]) -> str | None:
+    """Return the only other column that has the times of day to the dates of this one, or the dates to its times."""
+    column = table.columns[name]
+    fits: Callable[[Column], bool]
+    if _is_clock(column):
+        fits = _is_of_days
+    elif _is_of_days(column):
+        fits = _is_clock
+    else:
+        return None
+    found = [each for each in others if each != name and fits(table.columns[each])]
+    return found[0] if len(found) == 1 else None
+
+
+def _is_of_days(column: Column) -> bool:
+    """Say whether a column holds dates without times of day."""
+    if not holds_dates(column):
+        return False
+    cells, present = _cells(column)
+    cell = cells[present][0]
+    return ":" not in cell if isinstance(cell, str) else not isinstance(cell, datetime) or cell.time() == time()
+
+
+def _is_clock(column: Column) -> bool:
+    """Say whether a column holds times of day, or durations."""
+    if column.dtype.kind != "O":
+        return False
+    cells, present = _cells(column)
+    first = cells[present][0] if present.any() else None
+    if isinstance(first, str):
+        return (_MINUTES.fullmatch(first) or _DURATION.fullmatch(first)) is not None
+    return isinstance(first, time | timedelta)
+
+
+def _with_clock(table: Table, name: str, order: DateOrder | None) -> Table:
+    """Return the table with times of day, or durations, as seconds since 0:00:00; a day later after midnight."""
+    values = _durations(table, name, order)
+    kept = np.flatnonzero(np.isfinite(values))
+    days = np.cumsum(np.diff(values[kept], prepend=-np.inf) < -_HALF_A_DAY)
+    goes_on = bool(len(kept) and days[-1] and np.max(values[kept]) < _DAY)
+    if goes_on:
+        values[kept] += _DAY * days
+    after = ", a day later after each midnight" if goes_on else ""
+    return _with_times(table, name, values, "s", f"{name}: taken as time in seconds since 0:00:00{after}")
+
+
+def _seconds_of_day(table: Table, name: str) -> "pd.Series[Any]":
+    import pandas as pd
+
+    return pd.Series(pd.to_timedelta(_durations(table, name, "h:mm"), unit="s"))
+
+
+def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
+    """Return times of day, or durations, in seconds, shape (n,), NaN where a cell is empty."""
+    cells, present = _cells(table.columns[name])
+    written = re.search(r"h+:mm(?!:ss)", name, re.IGNORECASE), re.search(r"(?<!:)m+:ss", name, re.IGNORECASE)
+    pairs = order if order in ("h:mm", "m:ss") else "h:mm" if written[0] else "m:ss" if written[1] else None
+    values = np.full(len(cells), np.nan)
+    for row in np.flatnonzero(present):
+        cell = cells[row]
+        if isinstance(cell, time):
+            cell = cell.isoformat()
+        if isinstance(cell, timedelta):
+            values[row] = cell.total_seconds()
+            continue
+        found = _MINUTES.fullmatch(cell) or _DURATION.fullmatch(cell) if isinstance(cell, str) else None
+        if found is None or (int(found[4]) > 59 and found[3]) or int(found[5] or 0) > 59:
+            raise _no_date(table, name, int(row), "a time such as 12:30:05")
+        sign, days, hours, minutes, seconds, fraction, half = found.groups()
+        if seconds is None and half is None and pairs is None:
+            raise CommonlawError(
+                f"{table.source}: column {name!r}, {table.locate(int(row))}: {cell!r} may be in hours or in minutes: "
+                "say which with dates='h:mm' or dates='m:ss'"
+            )
+        if seconds is None and half is None and pairs == "m:ss":
+            hours, minutes, seconds = "0", hours, minutes
+        hour = int(hours or 0) % 12 + 12 * (half.casefold() == "p") if half else int(hours or 0)
+        whole = _DAY * int(days or 0) + 3600 * hour + 60 * int(minutes) + int(seconds or 0)
+        values[row] = (-1.0 if sign else 1.0) * (whole + float(f"0.{fraction or 0}"))
+    return values
+
+
+def _epochs(table: Table, name: str) -> "pd.Series[Any] | None":
+    """Return the dates of a column of counts since 1970; None if it holds other numbers.
+
+    The name of the column speaks of time and not of another unit, and all counts fall into this century.
+    """
+    import pandas as pd
+
+    if not _EPOCH_NAME.search(name) or not table.is_numeric(name):
+        return None
+    try:
+        values = table.numbers(name, missing=True)
+    except CommonlawError:  # A cell that is no number is for the reader of times to refuse
+        return None
+    kept = values[np.isfinite(values)]
+    for unit, scale in _EPOCHS.items():
+        is_known = table.units.get(name, unit) in (unit, unit.replace("us", "µs"))
+        if is_known and len(kept) and _EPOCH_YEARS[0] <= kept.min() * scale and kept.max() * scale < _EPOCH_YEARS[1]:
+            return pd.Series(pd.Timestamp(0, tz="UTC") + pd.to_timedelta(values, unit=unit))
+    return None
+
+
+def _stamps(table: Table, name: str, order: DateOrder | None) -> "pd.Series[Any]":
+    """Return the dates of a column, NaT where a cell is empty."""
+    import pandas as pd
+
+    cells, present = _cells(table.columns[name])
+    _refuse_mixed_offsets(table, name, cells, present)
+    texts = _in_iso_order(table, name, cells, present, order)
+    stamps = pd.Series(pd.to_datetime(texts, format="ISO8601", utc=True, errors="coerce"))
+    wrong = np.flatnonzero(np.asarray(stamps.isna()) & present)
+    if len(wrong):
+        raise _no_date(table, name, int(wrong[0]), "a date such as 2020-03-31 or 2020-03-31 12:30:05")
+    return stamps
+
+
+def _no_date(table: Table, name: str, row: int, what: str) -> CommonlawError:
+    cell = str(table.columns[name][row]).strip()
+    return CommonlawError(
+        f"{table.source}: column {name!r}, {table.locate(row)}: {cell!r} is not {what}; repair the cell"
+    )
+
+
+class _Parts(NamedTuple):
+    """Three numbers of a date in the order in which they are written, and the rest as ISO 8601 has it."""
+
+    numbers: tuple[int, int, int]
+    orders: tuple[str, ...]
+    """In which they may be meant, by how they are written."""
+    rest: str
+
+
+def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order: DateOrder | None) -> Column:
+    """Return dates as ISO 8601 writes them; the order of day and month is that which is possible in all rows."""
+    parts = {cell: _parts(cell) for cell in dict.fromkeys(cells[present].tolist()) if isinstance(cell, str)}
+    local = {cell: each for cell, each in parts.items() if each is not None}
+    if not local:
+        return cells
+    possible = [each for each in ("dmy", "mdy", "ymd") if all(_is_possible(own, each) for own in local.values())]
+    if order in ("dmy", "mdy", "ymd"):
+        possible = [order] if all(_is_valid(own, order) for own in local.values()) else []
+    if len(possible) == 2 and all(_iso(own, possible[0]) == _iso(own, possible[1]) for own in local.values()):
+        possible = possible[:1]
+    first = next(iter(local))
+    if len(possible) > 1:
+        ways = " or ".join(_iso(local[first], each)[:10] for each in possible)
+        choices = " or ".join(f"dates={each!r}" for each in possible)
+        raise CommonlawError(
+            f"{table.source}: column {name!r}: {first!r} may be {ways}, and no row settles it: say which with {choices}"
+        )
+    if not possible:
+        orders = [order] if order in ("dmy", "mdy", "ymd") else ["dmy", "mdy", "ymd"]
+        for row in np.flatnonzero(present):
+            own = local.get(cells[row])
+            if own is not None and not any(_is_valid(own, each) for each in orders):
+                raise _no_date(table, name, int(row), f"a date{f' in the order {order}' if order else ''}")
+        raise CommonlawError(
+            f"{table.source}: column {name!r}: no order of day, month and year fits all rows ({first!r} and others): "
+            "write them as 2020-03-31"
+        )
+    return np.array([_iso(local[cell], possible[0]) if cell in local else cell for cell in cells], dtype=object)
+
+
+def _parts(cell: str) -> _Parts | None:
+    """Return the parts of a date that is not written as ISO 8601 does."""
+    if _ISO.fullmatch(cell):
+        return None
+    if found := _LOCAL.fullmatch(cell):
+        first, mark, second, third, *clock, offset = found.groups()[:10]
+        numbers = int(first), int(second), int(third)
+        orders: tuple[str, ...] = ("dmy",) if mark == "." else ("dmy", "mdy")
+        if len(first) > 2:
+            orders = ("ymd",)
+        elif mark == "-" and len(third) <= 2:
+            orders = ("dmy", "mdy", "ymd")
+        return _Parts(numbers, orders, _clock_text(clock, offset))
+    if found := _NAMED.fullmatch(cell):
+        month = (found[2] or found[3]).casefold()[:3]
+        if month not in _MONTHS:
+            return None
+        numbers = int(found[1] or found[4]), _MONTHS.index(month) + 1, int(found[5])
+        return _Parts(numbers, ("dmy",), _clock_text(found.groups()[5:10], found[11]))
+    return None
+
+
+def _clock_text(clock: Sequence[str | None], offset: str | None) -> str:
+    hour, minute, second, fraction, half = clock
+    if hour is None:
+        return ""
+    hours = int(hour) % 12 + 12 * (half.casefold() == "p") if half else int(hour)
+    return f"T{hours:02}:{minute}:{second or '00'}.{fraction or '0'}{(offset or '').strip()}"
+
+
+def _date(parts: _Parts, order: str) -> tuple[int, int, int]:
+    """Return year, month and day."""
+    year, month, day = (parts.numbers[order.index(letter)] for letter in "ymd")
+    return year + (0 if year > 99 else 1900 if year >= _FIRST_OF_CENTURY else 2000), month, day
+
+
+def _is_valid(parts: _Parts, order: str) -> bool:
+    try:
+        date(*_date(parts, order))
+    except ValueError:
+        return False
+    return True
+
+
+def _is_possible(parts: _Parts, order: str) -> bool:
+    return order in parts.orders and _is_valid(parts, order)
+
+
+def _iso(parts: _Parts, order: str) -> str:
+    year, month, day = _date(parts, order)
+    return f"{year:04}-{month:02}-{day:02}{parts.rest}"
+
+
+def _refuse_mixed_offsets(table: Table, name: str, cells: Column, present: Bools) -> None:
     """Refuse dates of which some have an offset from UTC and others none: nobody knows which one is meant."""
     rows = np.flatnonzero(present)
     offset = np.array([_has_offset(cell) for cell in cells[rows]])
     if offset.any() and not offset.all():
         aware, naive = int(rows[offset][0]), int(rows[~offset][0])
         raise CommonlawError(
-            f"{table.source}: column {time!r}: {str(cells[aware])!r} in {table.locate(aware)} has an offset from "
+            f"{table.source}: column {name!r}: {str(cells[aware])!r} in {table.locate(aware)} has an offset from "
             f"UTC, and {str(cells[naive])!r} in {table.locate(naive)} has none; write all dates in one way"
         )
 
@@ -115,8 +401,7 @@ def _compact(values: Floats) -> tuple[Column, Bools] | None:
     return cells, np.isfinite(values)
 
 
-def _are_dates(cell: object) -> bool:
-    if isinstance(cell, str) and _LOCAL.fullmatch(cell):
-        raise CommonlawError(f"the time {cell!r} can be read as several dates: write it as 2020-03-31")
-    written = isinstance(cell, str) and (_ISO.fullmatch(cell) or _DIGITS.fullmatch(cell)) is not None
-    return isinstance(cell, date) or written
+def _is_date(cell: object) -> bool:
+    if isinstance(cell, str):
+        return (_ISO.fullmatch(cell) or _DIGITS.fullmatch(cell)) is not None or _parts(cell) is not None
+    return isinstance(cell, date)

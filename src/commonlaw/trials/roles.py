@@ -5,15 +5,17 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice, unknown
+from commonlaw.trials.cells import DecimalMark, Notation
 from commonlaw.trials.columns import Codes, Column, Table
+from commonlaw.trials.dates import DateOrder
 from commonlaw.trials.grouping import Restarts
-from commonlaw.trials.headers import find_name
+from commonlaw.trials.headers import find_name, split_header
 from commonlaw.trials.properties import constant_columns, object_codes
 from commonlaw.trials.recognition import (
     deviation_columns,
@@ -54,8 +56,8 @@ class Roles(TypedDict, total=False):
         one trial, as it has with ``""``.
     time
         Column of the times. Default: ``t`` or ``time``, or the column with a word or a unit of time in its header that
-        increases. Dates in the form 2020-03-31, and dates of a frame, become days since the earliest, or seconds if
-        hours are given too.
+        increases. Dates become days since the earliest, or seconds if hours are given too, as do counts since 1970; the
+        date may stand in a column of its own. Durations such as 1:30:00 become seconds.
     states
         Columns of the measured states. Default: the columns of numbers without another role.
     inputs
@@ -98,10 +100,38 @@ class Reading(Roles, total=False):
         What it means where times go back within a trial: ``"trials"``, that a new trial begins there; ``"sort"``, that
         rows of one trial are out of order. Default: rows in reverse or random order, and a few single ones
         out of place, are sorted; all else is refused.
+    missing
+        How values that are missing are marked, such as ``-999`` or ``["<0.5", "BLQ"]``, besides empty cells, NA, NaN,
+        ``-``, n.d. and the like.
+    decimal
+        The decimal mark, ``"."`` or ``","``. Default: that by which the cells are numbers; where both are possible, as
+        in 1,000, the table is refused.
+    dates
+        How dates are written, ``"dmy"``, ``"mdy"`` or ``"ymd"``, and times of day, ``"h:mm"`` or ``"m:ss"``, where that
+        is ambiguous. Default: that which is possible in all rows.
     """
 
     wide: bool | str | None
     restarts: Restarts | None
+    missing: str | float | Sequence[str | float] | None
+    decimal: DecimalMark | None
+    dates: DateOrder | None
+
+
+def free_columns(table: Table, roles: Reading) -> list[str]:
+    """Return the columns that the user gives no role."""
+    named: list[Any] = [roles.get(role) for role in ("object", "trial", "time", "states", "inputs", "properties")]
+    listed = [each if isinstance(each, list | tuple) else [each] for each in named]
+    texts = [each for own in listed for each in own if isinstance(each, str) and each]
+    taken = {table.find(each) for each in texts if split_header(each)[0] in table.columns or each in table.columns}
+    return [name for name in table.columns if name not in taken]
+
+
+def notation_of(roles: Reading) -> Notation:
+    """Return how numbers are written, as far as it is said."""
+    missing = roles.get("missing", ())
+    marks = [missing] if isinstance(missing, str | int | float) else list(missing or ())
+    return Notation(roles.get("decimal"), missing=tuple(str(mark).strip() for mark in marks))
 
 
 def checked(roles: Roles, kind: type = Roles) -> Any:
@@ -114,8 +144,9 @@ def checked(roles: Roles, kind: type = Roles) -> Any:
         raise CommonlawError(f"noise_columns are {said['noise_columns']!r}: name them by state, such as {{'x': 'sx'}}")
     if "states" in said and not said["states"]:
         del said["states"]
-    if "restarts" in said:
-        check_choice("restarts", said["restarts"], ("trials", "sort"))
+    for name, choices in (("restarts", Restarts), ("decimal", DecimalMark), ("dates", DateOrder)):
+        if name in said:
+            check_choice(name, said[name], get_args(choices))
     return said
 
 

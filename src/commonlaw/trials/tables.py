@@ -3,22 +3,30 @@
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Unpack, cast
 
 import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.names import as_text
-from commonlaw.trials.columns import Codes, Table, frame_table
+from commonlaw.trials.across import times_across
+from commonlaw.trials.columns import Codes, Table, frame_table, with_numbers
 from commonlaw.trials.dates import is_time, with_dates_as_times
 from commonlaw.trials.grouping import groups_of, read_cells, trials_of
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.identifiers import label
 from commonlaw.trials.properties import Properties, column_properties, given_properties, object_codes
 from commonlaw.trials.recognition import unit_in_name
-from commonlaw.trials.roles import ColumnRoles, Reading, checked, column_roles, time_of
-from commonlaw.trials.sources import read_table
+from commonlaw.trials.roles import (
+    ColumnRoles,
+    Reading,
+    checked,
+    column_roles,
+    free_columns,
+    notation_of,
+    time_of,
+)
+from commonlaw.trials.sources import name_of_table, read_table
 from commonlaw.trials.trial import Schema, TrialData, check_measured
 from commonlaw.trials.units import known_unit
 from commonlaw.trials.wide import deviations_of, long_table
@@ -26,7 +34,7 @@ from commonlaw.trials.wide import deviations_of, long_table
 
 def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> TrialData:
     """Return the trials in a file, see `Trials.read`."""
-    return rows_of(read_table(path, sheet), as_text(Path(path).stem), **roles).data
+    return rows_of(read_table(path, sheet), as_text(name_of_table(path)), **roles).data
 
 
 def trials_from_frame(frame: Any, **roles: Unpack[Reading]) -> TrialData:
@@ -49,8 +57,9 @@ class Rows:
 def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows:
     """Return what the rows of a whole table make, see `Trials.read`."""
     said = cast(Reading, {**table.roles, **checked(roles, Reading)})
+    table, said, origin = _prepared(table, said)
     time = time_of(table, said)
-    samples = _samples(table, time)
+    samples = _samples(table, said, time)
     columns = column_roles(samples, said, time)
     if columns.wide:
         rows = _long_rows(table, default_object, said, columns)
@@ -58,6 +67,8 @@ def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows
         rows = read_rows(table, default_object, said)
     else:
         rows = _rows(samples, default_object, said, columns, columns)
+    if origin is not None:
+        rows = replace(rows, row_indices=tuple(origin[own] for own in rows.row_indices))
     if rows.empty:
         raise CommonlawError(f"{rows.empty[0]}: no state was measured in any row; leave the trial out")
     check_measured(rows.data.trials, rows.data.schema.states)
@@ -67,13 +78,32 @@ def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows
 def column_roles_of(table: Table, roles: Reading) -> ColumnRoles:
     """Return which column is what, also where the rows make no trials."""
     said = cast(Reading, {**table.roles, **checked(roles, Reading)})
-    return column_roles(_samples(table, time := time_of(table, said)), said, time)
+    table, said, _ = _prepared(table, said)
+    return column_roles(_samples(table, said, time := time_of(table, said)), said, time)
 
 
-def _samples(table: Table, time: str) -> Table:
+def _prepared(table: Table, roles: Reading) -> tuple[Table, Reading, Codes | None]:
+    """Return the table with its numbers read, and a row for each cell if its columns are times; and the roles then.
+
+    The third value is the index of the row in which each cell stood, if so.
+    """
+    table = with_numbers(table, notation_of(roles))
+    if table.facts:
+        table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))
+    if roles.get("time") in table.columns or (across := times_across(table, roles.get("wide"))) is None:
+        return table, roles, None
+    table, origin = across
+    return table, cast(Reading, {**table.roles, **roles, "wide": None}), origin
+
+
+def _samples(table: Table, roles: Reading, time: str) -> Table:
     """Return the rows from the first time on, as ahead of it may be conditions, with times as numbers."""
     first = next((i for i, cell in enumerate(table.columns[time]) if is_time(cell)), 0)
-    return with_dates_as_times(table.taken(np.arange(first, len(table))) if first else table, time)
+    return _with_times(table.taken(np.arange(first, len(table))) if first else table, roles, time)
+
+
+def _with_times(table: Table, roles: Reading, time: str) -> Table:
+    return with_dates_as_times(table, time, roles.get("dates"), free_columns(table, roles))
 
 
 def _long_rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles) -> Rows:
@@ -88,7 +118,7 @@ def _long_rows(table: Table, default_object: str, roles: Reading, columns: Colum
     named: Reading = {
         "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs, "noise_columns": noise,
     }  # fmt: skip
-    long = with_dates_as_times(long, columns.time)
+    long = _with_times(long, roles, columns.time)
     rows = _rows(
         long, default_object, {**roles, **named}, column_roles(long, {**roles, **named}, columns.time), columns
     )
@@ -101,7 +131,7 @@ def _long_rows(table: Table, default_object: str, roles: Reading, columns: Colum
 def read_rows(table: Table, default_object: str, roles: Reading) -> Rows:
     """Return the trials in a table, which may end within a trial."""
     time = time_of(table, roles)
-    table = with_dates_as_times(table, time)
+    table = _with_times(table, roles, time)
     columns = column_roles(table, roles, time)
     return _rows(table, default_object, roles, columns, columns)
 

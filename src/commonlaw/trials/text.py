@@ -1,47 +1,74 @@
-"""Tables in text with separators: commas, semicolons or tabs."""
+"""Tables in text: what separates their cells, where their header is, and what stands around them."""
 
 import csv
 import io
 import re
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from commonlaw.array_types import Indices
 from commonlaw.errors import CommonlawError
-from commonlaw.foreign import BYTE_ORDER_MARK, check_size, check_text
+from commonlaw.foreign import check_size, decoded
+from commonlaw.names import shown
 from commonlaw.trials.columns import Table, filled_table
+from commonlaw.trials.layout import Layout, Row, is_value, layout_of, usual_width
 
-if TYPE_CHECKING:
-    from _csv import Reader
-
-_DECIMAL_COMMA = re.compile(rb'(?<![^;\n"]) *[+-]?\d*,\d+(?:[eE][+-]?\d+)? *(?![^;\n"])')
-"""A cell that is a number with one."""
+_SAMPLE = 200_000
+"""Characters at the beginning of a file by which its layout is found."""
+_FOOTER = 100
+"""Lines at the end of a file among which a footer is looked for."""
 _MISSING = ["", "NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
-_QUOTED_MISSING = re.compile(rb'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
+_QUOTED_MISSING = re.compile(r'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
+_COMMENT = re.compile(r'"[^"]*"|^[ \t]*(?:#|%|//)[^\n]*', re.MULTILINE)
+"""A comment line, or a cell in quotes, in which such a line would be text."""
+_COMMENT_MARK = re.compile(r"\s*(?:[#%]+|//)\s*")
+_BLANKS = re.compile(r'"[^"\n]*"|[ \t]+(?=[^\s\[(])')
+_WIDE_BLANKS = re.compile(r'"[^"\n]*"|(?: {2,}| *\t *)(?=[^\s\[(])')
+"""What separates columns that are aligned by blanks; a unit in brackets belongs to the name before it."""
 
 
 def text_table(source: str, content: bytes) -> Table:
-    """Return the table in text with separators, every cell as text."""
+    """Return the table in text, every cell as text."""
     import pandas as pd
 
-    content = _decodable(source, content)
-    unquoted = re.sub(rb'"[^"]*"', b"x", content[:100_000])
-    first = next((line for line in unquoted.splitlines() if line.strip()), b"")
-    delimiter = max("\t;,", key=lambda each: first.count(each.encode()))
-    header, before = _header(source, content, delimiter)
-    check_size(source, content.count(b"\n") + 1, len(header))
-    body = content.split(b"\n", before)[before] if content.count(b"\n") >= before else b""
+    text, encoding = decoded(source, content)
+    facts = [f"text in {encoding}"] if encoding else []
+    text, comments = _without_comments(text)
+    separators = _separators(text)
+    text, delimiter = separators.applied(text), separators.mark
+    sample = _sample(text)
+    quoted = re.compile(rf'(?:^|{delimiter})"(?:[^"]|"")*"(?={delimiter}|$)')
+    written = sample.split("\n")
+    rows = [
+        replace(row, is_quoted=not quoted.sub("", "\n".join(written[row.first_line - 1 : row.line])))
+        for row in _read(source, sample, delimiter)
+        if row.line not in comments
+    ]
+    remarks = [
+        Row(line, line, separators.applied(_COMMENT_MARK.sub("", comment, count=1)).split(delimiter))
+        for line, comment in comments.items()
+    ]
+    layout = layout_of(rows, remarks)
+    header, before = layout.header, layout.first_line - 1
+    facts += [*layout.facts]
+    if others := [repr(row.text) for row in remarks if row.line != layout.header_line and row.text]:
+        facts.append(f"comments left out: {shown(others)}")
+    check_size(source, text.count("\n") + 1, len(header))
+    body = text.split("\n", before)[before] if text.count("\n") >= before else ""
+    body, footer = _without_footer(body, delimiter, layout)
+    facts += footer
     if not body.strip():
         return filled_table(source, header, [np.empty(0, dtype=object)] * len(header))
     lines = _line_numbers(source, body, delimiter, len(header), before)
-    if b'"' in body:
+    if '"' in body:
         # In quotes these words are text: a blank behind them, which is stripped from texts, tells them apart
-        body = _QUOTED_MISSING.sub(rb'"\1 "', body)
+        body = _QUOTED_MISSING.sub(r'"\1 "', body)
     try:
         frame = pd.read_csv(
-            io.BytesIO(body),
+            io.StringIO(body),
             sep=delimiter,
             header=None,
             names=range(len(header)),
@@ -63,52 +90,107 @@ def text_table(source: str, content: bytes) -> Table:
         locate=lambda row: f"row {row + 1} (line {lines[kept[row]]})",
         number=lambda row: int(lines[kept[row]]),
     )
-    if delimiter != ";" or not _DECIMAL_COMMA.search(body):
-        return table
-    note = f"{source}: semicolons separate the columns, and a comma is read as the decimal point"
-    return replace(table, decimal_comma=True, notes=(note,))
+    return replace(table, facts=tuple(facts))
 
 
-def _decodable(source: str, content: bytes) -> bytes:
-    """Return UTF-8 text without its byte order mark, lines ended by a line feed."""
-    content = content.removeprefix(BYTE_ORDER_MARK)
-    check_text(source, content)
-    if b"\0" in content:
-        raise CommonlawError(f"{source} is neither text nor a workbook nor Parquet: save the table as CSV in UTF-8")
-    return content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+def _without_comments(text: str) -> tuple[str, dict[int, str]]:
+    """Return the text with comment lines empty, and these by the numbers of the lines.
+
+    Where most lines begin as comments do, objects are called so.
+    """
+    comments = [found for found in _COMMENT.finditer(text) if not found[0].startswith('"')]
+    if not comments or 2 * len(comments) > sum(1 for line in text.split("\n") if line.strip()):
+        return text, {}
+    numbers = {text.count("\n", 0, found.start()) + 1: found[0].strip() for found in comments}
+    return _COMMENT.sub(lambda found: found[0] if found[0].startswith('"') else "", text), numbers
 
 
-def _header(source: str, content: bytes, delimiter: str) -> tuple[list[str], int]:
-    """Return the first row that is not empty, and the number of its last line."""
-    reader = _reader(content, delimiter)
+@dataclass(frozen=True)
+class _Separators:
+    """What separates the cells of a row: a mark; or, as they are written, blanks."""
+
+    mark: str
+    blanks: re.Pattern[str] | None = None
+
+    def applied(self, text: str) -> str:
+        """Return a text with the mark in place of blanks that separate cells."""
+        if self.blanks is None:
+            return text
+        stripped = re.sub(r"^[ \t]+|[ \t]+$", "", text, flags=re.MULTILINE)
+        return self.blanks.sub(lambda found: found[0] if found[0].startswith('"') else self.mark, stripped)
+
+
+def _separators(text: str) -> _Separators:
+    """Return what leaves most rows of one width, and then most values in them: tabs, semicolons, commas, or blanks."""
+    ways = [*map(_Separators, "\t;,"), _Separators("\t", _BLANKS), _Separators("\t", _WIDE_BLANKS)]
+    sample = _sample(text)
+    counts = [_rows_and_values(each.applied(sample), each.mark) for each in ways]
+    best = max(counts)
+    return ways[counts.index(best)] if best[0] else _Separators(",")
+
+
+def _sample(text: str) -> str:
+    end = text.rfind("\n", 0, _SAMPLE)
+    return text if len(text) <= _SAMPLE or end < 0 else text[:end]
+
+
+def _rows_and_values(sample: str, delimiter: str) -> tuple[int, int]:
+    """Return how many rows of the usual width a sample has by a delimiter, and how many values stand in them."""
     try:
-        header = next((row for row in reader if row), [])
+        rows = list(_read("", sample, delimiter))
+    except CommonlawError:
+        return 0, 0
+    table = [row.cells for row in rows if len(row.cells) == usual_width(rows)]
+    return len(table), sum(map(is_value, chain.from_iterable(table)))
+
+
+def _read(source: str, text: str, delimiter: str, before: int = 0) -> Iterator[Row]:
+    """Yield the rows in a text that begins `before` lines into the file."""
+    reader, line = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter), before
+    try:
+        for cells in reader:
+            yield Row(line + 1, before + reader.line_num, cells)
+            line = before + reader.line_num
     except csv.Error as error:
-        raise _unreadable(source, reader.line_num, error) from None
-    return header, reader.line_num
+        line = before + reader.line_num
+        raise CommonlawError(f"{source}, line {line}: {error}; check the quotation marks up to there") from None
 
 
-def _line_numbers(source: str, body: bytes, delimiter: str, width: int, before: int) -> Indices:
+def _without_footer(body: str, delimiter: str, layout: Layout) -> tuple[str, list[str]]:
+    """Return the rows of the table without those at their end that are no measurements, and what these were."""
+    lines = body.rstrip("\n").rsplit("\n", _FOOTER)
+    footer: list[str] = []
+    while len(lines) > 1 and not lines[-1].count('"') % 2 and layout.is_below(_cells(lines[-1], delimiter)):
+        footer.insert(0, lines.pop())
+    texts = [text for line in footer if (text := " ".join(_cells(line, delimiter)).strip())]
+    return (
+        ("\n".join(lines), [f"left out below the table: {shown([repr(text[:80]) for text in texts])}"])
+        if texts
+        else (body, [])
+    )
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    return next(csv.reader([line], delimiter=delimiter), [])
+
+
+def _line_numbers(source: str, body: str, delimiter: str, width: int, before: int) -> Indices:
     """Return the number of the last line of each row, `before` lines into the file, and 0 for an empty row.
 
     A row that has more or fewer cells than the header is refused.
     """
     # Counting separators is much faster than reading rows, and says enough where all is in order
-    if b'"' not in body and (count := _full_rows(body, delimiter, width)):
+    if '"' not in body and (count := _full_rows(body.encode(), delimiter, width)):
         return before + 1 + np.arange(count)
-    reader = _reader(body, delimiter)
-    lines, rows = [], 0
-    try:
-        for row in reader:
-            rows += bool(row)
-            lines.append(before + reader.line_num if row else 0)
-            if row and len(row) != width:
-                raise CommonlawError(
-                    f"{source}: row {rows} (line {lines[-1]}) has {len(row)} cells and the header {width}; give every "
-                    "row a cell per column"
-                )
-    except csv.Error as error:
-        raise _unreadable(source, before + reader.line_num, error) from None
+    lines, count = [], 0
+    for row in _read(source, body, delimiter, before):
+        count += bool(row.cells)
+        lines.append(row.line if row.cells else 0)
+        if row.cells and len(row.cells) != width:
+            raise CommonlawError(
+                f"{source}: row {count} (line {row.line}) has {len(row.cells)} cells and the header {width}; give "
+                "every row a cell per column"
+            )
     return np.array(lines)
 
 
@@ -118,11 +200,3 @@ def _full_rows(body: bytes, delimiter: str, width: int) -> int:
     ends = np.append(np.flatnonzero(text == ord("\n")), [len(text)] * (not body.endswith(b"\n")))
     separators = np.searchsorted(np.flatnonzero(text == ord(delimiter)), ends)
     return len(ends) if np.all(np.diff(separators, prepend=0) == width - 1) else 0
-
-
-def _reader(content: bytes, delimiter: str) -> "Reader":
-    return csv.reader(io.TextIOWrapper(io.BytesIO(content), "utf-8", newline=""), delimiter=delimiter)
-
-
-def _unreadable(source: str, line: int, error: csv.Error) -> CommonlawError:
-    return CommonlawError(f"{source}, line {line}: {error}; check the quotation marks up to there")

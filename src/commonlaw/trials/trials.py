@@ -96,8 +96,9 @@ class Trials(ShownInNotebooks):
         Parameters
         ----------
         path
-            The file. Text is UTF-8, its columns separated by commas, semicolons or tabs. A Parquet file written by
-            `to_parquet` says itself which column is what.
+            The file, which gzip, bzip2 or xz may have compressed. The columns of text are separated by commas,
+            semicolons, tabs or blanks; comments, rows above and below the table, and a row of units are recognized, and
+            a note says so. A Parquet file written by `to_parquet` says itself which column is what.
         sheet
             The sheet of a workbook. Default: the only one; or all, if they have the same header, and then each sheet is
             an object of the sheet's name unless there is a column ``object``.

@@ -18,7 +18,7 @@ $("file").addEventListener("change", () => $("file").files[0] && openFile($("fil
 $("sample").addEventListener("change", () => $("sample").value && openSample($("sample").value));
 $("confirm").addEventListener("click", () => takeColumns());
 $("change").addEventListener("click", () => { $("columns").open = true; $("columns").querySelector("select").focus(); });
-for (const id of ["wide", "restarts"]) $(id).addEventListener("change", () => takeColumns());
+for (const id of ["wide", "restarts", "missing", "decimal", "dates"]) $(id).addEventListener("change", () => takeColumns());
 $("order").addEventListener("change", showLibraries);
 $("hold_out").addEventListener("change", showHeld);
 $("start").addEventListener("click", () => start());

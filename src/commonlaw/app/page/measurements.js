@@ -102,6 +102,8 @@ function showColumns({ columns, rows, recognised }) {
   table.tBodies[0].prepend(choices);
   $("wide").value = recognised.wide || "";
   $("restarts").checked = Boolean(state.columns.restarts);
+  $("missing").value = (state.columns.missing ?? []).join("; ");
+  for (const id of ["decimal", "dates"]) $(id).value = state.columns[id] ?? "";
   if (focused) choices.querySelector(`[data-column="${CSS.escape(focused)}"]`)?.focus();
 }
 
@@ -122,5 +124,6 @@ export async function takeColumns(last) {
   const label = role => all(role)[0] ?? (state.columns[role] === "" || state.preview.recognised[role] ? "" : null);
   state.columns = { object: label("object"), trial: label("trial"), time: all("time")[0] ?? null, states: all("state"), inputs: all("input"), properties: all("property") };
   Object.assign(state.columns, { wide: $("wide").value.trim() || null, restarts: $("restarts").checked ? "trials" : null });
+  Object.assign(state.columns, { missing: $("missing").value.split(";").map(mark => mark.trim()).filter(Boolean), decimal: $("decimal").value || null, dates: $("dates").value || null });
   await trying("failure", recognise);
 }

@@ -52,6 +52,8 @@ function command({ chosen, text }) {
   for (const [option, role] of [["--state", "states"], ["--input", "inputs"], ["--property", "properties"]]) for (const name of columns[role] ?? []) said.push(option, name);
   if (columns.wide) said.push("--wide", columns.wide);
   if (columns.restarts) said.push("--restarts", columns.restarts);
+  for (const mark of columns.missing ?? []) said.push("--missing", mark);
+  for (const option of ["decimal", "dates"]) if (columns[option]) said.push(`--${option}`, columns[option]);
   if (chosen) said.push("--order", String(asked.order), "--library", asked.library);
   for (const [name, value] of known) said.push("--known", `${name}=${value}`);
   const { kind, value } = asked.hold_out;

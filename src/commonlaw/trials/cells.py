@@ -1,0 +1,247 @@
+"""Numbers as people write them in text: decimal commas, groups of thousands, units, and marks of missing values."""
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.array_types import Floats
+from commonlaw.trials.units import known_unit
+
+DecimalMark = Literal[".", ","]
+
+_MISSING = {
+    *("na", "n/a", "n.a.", "nan", "null", "none", "n.d.", "nd", "missing", "-", "--", "---", "?", ".", "*"),
+    *("\N{EN DASH}", "\N{EM DASH}"),
+    *("#n/a", "#na", "#nan", "#null!", "#div/0!", "#value!", "#ref!", "#num!", "#name?"),
+}
+"""Words and signs, in small letters, for a value that is not there: of loggers, of R, of spreadsheets."""
+_CENSORED = re.compile(
+    r"[<>\N{LESS-THAN OR EQUAL TO}\N{GREATER-THAN OR EQUAL TO}] *\S.*|bl[oq]q|b[ql]l|bl[qd]|b[qd]l|al[oq]q|al[qd]",
+    re.IGNORECASE,
+)
+"""<0.5, BLQ, <LOD: measured, and below or above what can be quantified."""
+
+_BLANKS = " '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
+_GROUPED_BY_BLANKS = re.compile(rf"(?<![\d.,])\d{{1,3}}(?:[{_BLANKS}]\d{{3}})+(?!\d)", re.ASCII)
+_WITH_UNIT = re.compile(r"([+-]?[\d.,]*\d[.,]?(?:[eE][+-]?\d+)?)(\s*)([^\d\s.,+-].*)", re.ASCII | re.DOTALL)
+_UNGROUPED = re.compile(r"[+-]?\d{4,}", re.ASCII)
+"""A whole number above 999 as it stands where thousands are not grouped."""
+_GROUPED_FOR_SURE = re.compile(r"[+-]?\d{1,3}(?:(,\d{3})+\.\d*|(\.\d{3})+,\d*|([.,])\d{3}\3\d{3}.*)", re.ASCII)
+"""1,234.5 or 1,234,567: thousands, and nothing else."""
+_GROUPS: dict[DecimalMark, str] = {".": ",", ",": "."}
+"""What may stand between groups of three digits, by the decimal mark."""
+
+
+def _pattern(decimal: DecimalMark) -> re.Pattern[str]:
+    point, group = re.escape(decimal), re.escape(_GROUPS[decimal])
+    whole = rf"(?:\d+|[1-9]\d{{0,2}}(?:{group}\d{{3}})+)"
+    return re.compile(rf"[+-]?(?:{whole}(?:{point}\d*)?|{point}\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+
+
+_NUMBERS: dict[DecimalMark, re.Pattern[str]] = {mark: _pattern(mark) for mark in get_args(DecimalMark)}
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """The cell for which a column is not numbers, as it is written, and why."""
+
+    cell: str
+    reason: str
+    is_ambiguous: bool = False
+    """Whether it is a number by either decimal mark."""
+
+
+@dataclass(frozen=True)
+class Notation:
+    """How cells are to be read as numbers, as far as that is known."""
+
+    decimal: DecimalMark | None = None
+    """As the user says."""
+    usual: frozenset[DecimalMark] = frozenset()
+    """Those that other columns of the table show."""
+    missing: tuple[str, ...] = ()
+    """Texts that are missing values, as the user says."""
+
+    @property
+    def missing_numbers(self) -> dict[str, float]:
+        """Of the texts that are missing values, those that are numbers."""
+        return {each: float(each) for each in self.missing if _NUMBERS["."].fullmatch(each)}
+
+
+@dataclass(frozen=True)
+class Numerals:
+    """A column of text as numbers, and how these were written."""
+
+    values: Floats
+    """Shape (n,), NaN where a value is missing."""
+    decimal: DecimalMark | None = None
+    """The decimal mark, if the column shows that it is no other."""
+    grouped: str = ""
+    """What stands between groups of three digits."""
+    unit: str = ""
+    """What stands behind each number."""
+    missing: Mapping[str, int] = field(default_factory=dict)
+    """Marks of missing values, and how many there are of each."""
+
+
+def is_missing(cell: str) -> bool:
+    """Say whether a cell marks a value that is not there."""
+    return cell.strip().casefold() in _MISSING
+
+
+def is_meant_as_number(cell: str) -> bool:
+    """Say whether a cell is a number in any way of writing, with a unit or without, or is beyond a limit."""
+    text = _bare(cell)
+    number = found[1] if (found := _WITH_UNIT.fullmatch(text)) and _is_unit(*found.group(2, 3)) else text
+    return any(each.fullmatch(number) for each in _NUMBERS.values()) or _CENSORED.fullmatch(text) is not None
+
+
+def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
+    """Return a column of text as numbers, NaN where cells are empty.
+
+    The decimal mark is that by which all cells are numbers. A comma or a point before three digits may as well group
+    thousands: another cell settles it, or the other columns of the table do; else the column is not read.
+    """
+    import pandas as pd
+
+    # Points are decimal where no other column says that commas are
+    if notation.decimal != "," and "," not in notation.usual and (values := _plain_numbers(column)) is not None:
+        return _without_sentinels(Numerals(values), notation)
+    codes, unique = pd.factorize(column)
+    cells = [str(cell).strip() for cell in unique]
+    counts = np.bincount(codes[codes >= 0], minlength=len(cells))
+    missing = {i: cell for i, cell in enumerate(cells) if not cell or cell in notation.missing or is_missing(cell)}
+    present = [i for i in range(len(cells)) if i not in missing]
+    found = _read([cells[i] for i in present], notation)
+    if isinstance(found, Unreadable):
+        return found
+    values = np.full(len(cells) + 1, np.nan)  # The last one is for the code -1 of empty cells
+    values[present] = found.values
+    marks = Counter[str]()
+    for i, cell in missing.items():
+        marks[cell] += int(counts[i]) if cell else 0
+    return _without_sentinels(replace(found, values=values[codes], missing=+marks), notation)
+
+
+def _without_sentinels(found: Numerals, notation: Notation) -> Numerals:
+    """Return numbers without those that are missing values, as the user says."""
+    counts = {mark: int(np.sum(found.values == number)) for mark, number in notation.missing_numbers.items()}
+    if not any(counts.values()):
+        return found
+    is_sentinel = np.isin(found.values, [*notation.missing_numbers.values()])
+    missing = Counter(found.missing) + Counter(counts)
+    return replace(found, values=np.where(is_sentinel, np.nan, found.values), missing=missing)
+
+
+def _plain_numbers(column: NDArray[Any]) -> Floats | None:
+    """Return text as numbers, NaN where it is missing; or None if a cell is not one as Python writes it."""
+    try:
+        values: Floats = column.astype(np.float64)
+    except (TypeError, ValueError):
+        return None
+    # Python reads 1_000 and digits of every script
+    texts = list(map(str, column.tolist()))
+    return values if all(map(str.isascii, texts)) and not any("_" in text for text in texts) else None
+
+
+def _read(cells: Sequence[str], notation: Notation) -> Numerals | Unreadable:
+    """Return different cells, none of them missing, as numbers."""
+    texts = [_bare(cell) for cell in cells]
+    unit, numbers = _without_unit(texts)
+    marks = [
+        mark
+        for mark, pattern in _NUMBERS.items()
+        if notation.decimal in (None, mark) and all(map(pattern.fullmatch, numbers))
+    ]
+    if not marks:
+        return _unreadable(cells, texts, numbers, notation)
+    mark: DecimalMark | None = marks[0]
+    shows = len(marks) == 1 and any(each in number for number in numbers for each in ".,")
+    twofold = [i for i, number in enumerate(numbers) if _is_twofold(number)]
+    if len(marks) == 2 and twofold:
+        mark = _settled(numbers, notation.usual)
+    elif twofold and notation.decimal is None and not any(map(_GROUPED_FOR_SURE.fullmatch, numbers)):
+        mark = None if any(_GROUPS[marks[0]] in numbers[i] for i in twofold) else mark
+    if mark is None:
+        ways = " or ".join(f"{_value(numbers[twofold[0]], each):g}" for each in _NUMBERS)
+        reason = f"may be {ways}: give the decimal mark, decimal='.' or decimal=','"
+        return Unreadable(cells[twofold[0]], reason, is_ambiguous=True)
+    blanks = (found[0].strip("0123456789")[0] for cell in cells if (found := _GROUPED_BY_BLANKS.search(cell)))
+    grouped = _GROUPS[mark] if any(_GROUPS[mark] in number for number in numbers) else next(blanks, "")
+    values = np.array([_value(number, mark) for number in numbers], dtype=np.float64)
+    return Numerals(values, mark if shows or (twofold and mark == ",") else None, grouped, unit)
+
+
+def _bare(cell: str) -> str:
+    """Return a cell with a plain minus, and without blanks around it or between groups of digits."""
+    text = cell.strip().replace("\N{MINUS SIGN}", "-")
+    return _GROUPED_BY_BLANKS.sub(lambda found: re.sub(f"[{_BLANKS}]", "", found[0]), text)
+
+
+def _value(number: str, decimal: DecimalMark) -> float:
+    return float(number.replace(_GROUPS[decimal], "").replace(decimal, "."))
+
+
+def _is_twofold(number: str) -> bool:
+    """Say whether a number is another one by the other decimal mark."""
+    return all(each.fullmatch(number) for each in _NUMBERS.values()) and _value(number, ".") != _value(number, ",")
+
+
+def _without_unit(texts: Sequence[str]) -> tuple[str, list[str]]:
+    """Return the unit that stands in every cell, and the cells without it; else none, and the cells as they are."""
+    found = [_WITH_UNIT.fullmatch(text) for text in texts]
+    parts = [each.group(1, 2, 3) for each in found if each is not None]
+    units = {unit for *_, unit in parts}
+    if len(parts) < len(texts) or len(units) != 1 or not all(_is_unit(*part[1:]) for part in parts):
+        return "", list(texts)
+    return units.pop(), [number for number, *_ in parts]
+
+
+def _is_unit(blank: str, text: str) -> bool:
+    """Say whether what follows a number is its unit; 12A without a blank is a name, as of a well, rather."""
+    return known_unit(text) is not None and bool(blank or not (len(text) == 1 and text.isupper()))
+
+
+def _settled(numbers: Sequence[str], usual: frozenset[DecimalMark]) -> DecimalMark | None:
+    """Return the decimal mark of numbers of which some are others by the other mark; None if nothing settles it."""
+    marks: set[DecimalMark] = {each for each in _NUMBERS if any(each in number for number in numbers)}
+    if len(marks) == 1 and any(map(_UNGROUPED.fullmatch, numbers)):
+        return marks.pop()
+    if marks == {"."}:
+        return None if "," in usual else "."
+    if marks == {","} == usual and not all("," in number for number in numbers):
+        return None  # 998, 999, 1,000
+    return next(iter(usual)) if len(usual) == 1 else None
+
+
+def _unreadable(cells: Sequence[str], texts: Sequence[str], numbers: Sequence[str], notation: Notation) -> Unreadable:
+    """Return the cell for which a column is not numbers; `texts` are its bare cells, `numbers` these without units."""
+    patterns = [each for mark, each in _NUMBERS.items() if notation.decimal in (None, mark)]
+    limits = [i for i, text in enumerate(texts) if _CENSORED.fullmatch(text)]
+    wrong = [i for i, number in enumerate(numbers) if not any(each.fullmatch(number) for each in patterns)]
+    words = [i for i in wrong if i not in set(limits)]
+    if words:
+        found = [_WITH_UNIT.fullmatch(text) for text in texts]
+        units = sorted({each[3] for each in found if each and _is_unit(*each.group(2, 3))})
+        cell, has_unit = cells[words[0]], (part := found[words[0]]) is not None and part[3] in units
+        if has_unit and len(units) > 1:
+            return Unreadable(cell, f"is in another unit than other cells ({', '.join(units)}): write all in one unit")
+        if has_unit:
+            return Unreadable(cell, "has a unit and other cells have none: write it in all of them, or in the header")
+        reason = f"is not a number; repair the cell, leave the column out, or read it as missing: missing={cell!r}"
+        return Unreadable(cell, reason)
+    if limits:
+        marks = [cells[i] for i in limits]
+        also = f" (and so for {', '.join(map(repr, marks[1:4]))}{', ...' if len(marks) > 4 else ''})" * (len(marks) > 1)
+        return Unreadable(
+            marks[0],
+            "is beyond a limit of quantification, and a likelihood of censored values does not exist yet; "
+            f"missing={marks[0]!r} reads it as missing{also}",
+        )
+    comma = next(i for i, number in enumerate(numbers) if not _NUMBERS["."].fullmatch(number))
+    return Unreadable(cells[comma], "has a decimal comma, and other cells have decimal points: write all in one way")

@@ -1,0 +1,285 @@
+"""Tables as loggers, instruments and spreadsheets write them."""
+
+# ruff: noqa: E501  A table a line
+
+import bz2
+import gzip
+import lzma
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from commonlaw import foreign
+from commonlaw.errors import CommonlawError
+from commonlaw.trials import Trials
+
+MINUTES = [0.0, 2.0, 4.0, 6.0]
+HEIGHTS = [1800.25, 1731.5, 1673.0, 998.75]
+PLAIN = "".join(f"{time:g},{height}\n" for time, height in zip(MINUTES, HEIGHTS, strict=True))
+
+
+def comma(number):
+    return str(number).replace(".", ",")
+
+
+def rows(separator, times=MINUTES, heights=HEIGHTS, end="\n"):
+    return "".join(f"{time}{separator}{height}{end}" for time, height in zip(times, heights, strict=True))
+
+
+def read(folder, content, name="cup.csv", **roles):
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return Trials.read(path, **roles)
+
+
+CLOCKS = ["1:30:00", "1:32:00", "1:34:00", "1:36:00"]
+SEPARATED = {
+    "units row": ("time,height\n[min],[mm]\n" + PLAIN, "line 2 holds units", {"time": "min", "height": "mm"}),
+    "bare units": ("time;height\nmin;mm\n" + PLAIN.replace(",", ";"), "line 2 holds units", {"time": "min", "height": "mm"}),
+    "some units": ("time\theight\n(min)\t-\n" + PLAIN.replace(",", "\t"), "line 2 holds units", {"time": "min"}),
+    "comments": ("# cup 3\n# by A, B\ntime [min],height\n# begin\n" + PLAIN, "'cup 3', 'by A B'", {"time": "min"}),
+    "header in a comment": ("# cup 3\n# time [min]  height [mm]\n" + rows("  "), "the comment in line 2", {"time": "min", "height": "mm"}),
+    "header after a mark": ("#time,height\n" + PLAIN, "the header is the comment in line 1", {}),
+    "pairs above": ("Logger;TL-17\nSerial;00042\n\ntime;height\n" + PLAIN.replace(",", ";"), "'Logger TL-17', 'Serial 00042'", {}),
+    "pairs directly above": ("Logger;TL-17\nSerial;00042\ntime;height\n" + PLAIN.replace(",", ";"), "'Serial 00042'", {}),
+    "a filled sheet": ("Logger,,\ntime,height,gain\n" + rows(",", end=",1\n"), "left out above the header: 1 ('Logger')", {}),
+    "a title": ("Cup of tea\ntime,height\n" + PLAIN, "'Cup of tea'", {}),
+    "a footer": ("time,height\n" + PLAIN + "End of data,\n\n", "left out below the table: 1 ('End of data')", {}),
+    "a short footer": ("time,height\n" + PLAIN + "4 rows written\n".replace("4 ", "all "), "'all rows written'", {}),
+    "means below": ("time,height\n" + PLAIN + "Mean,1500\nMax,1800.25\n", "'Mean 1500', 'Max 1800.25'", {}),
+    "blanks": ("  time   height\n" + "".join(f"{t:6.1f} {h:10.2f}\n" for t, h in zip(MINUTES, HEIGHTS, strict=True)), "", {}),
+    "blanks and units": ("time [min]  height [mm]\n" + rows(" "), "", {"time": "min", "height": "mm"}),
+    "trailing separators": ("time,height\n" + rows(",", end=",\n"), "", {}),
+    "trailing separators everywhere": ("time,height,\n" + rows(",", end=",\n"), "", {}),
+    "an index": (",time,height\n" + "".join(f"{i},{line}\n" for i, line in enumerate(PLAIN.split())), "Unnamed: 0", {}),
+    "row names of R": ('"time" "height"\n' + "".join(f'"row {i}" {line.replace(",", " ")}\n' for i, line in enumerate(PLAIN.split())), "Unnamed: 0", {}),
+    "no header": (PLAIN, "there is no header, and the columns are called t, x", {}),
+    "decimal commas and tabs": ("time\theight\n" + rows("\t", heights=map(comma, HEIGHTS)), "a comma is read as the decimal point (height)", {}),
+    "decimal commas in quotes": ("time,height\n" + rows(",", heights=[f'"{comma(h)}"' for h in HEIGHTS]), "a comma is read as the decimal point", {}),
+    "thousands": ("time;height\n" + rows(";", heights=[f'"{h:,}"' for h in HEIGHTS]), "',' groups thousands (height)", {}),
+    "thousands in German": ("time;height\n" + rows(";", heights=["1.800,25", "1.731,5", "1.673,0", "998,75"]), "'.' groups thousands", {}),
+    "thousands in French": ("time;height\n" + rows(";", heights=["1\u202f800,25", "1\u202f731,5", "1\u202f673", "998,75"]), "blanks group thousands", {}),
+    "thousands in Swiss": ("time;height\n" + rows(";", heights=["1'800.25", "1'731.5", "1'673", "998.75"]), "groups thousands", {}),
+    "units in cells": ("time,height\n" + rows(",", [f"{t} min" for t in MINUTES], [f"{h} \u00b0C" for h in HEIGHTS]), "the cells hold units (time [min], height [\u00b0C])", {"time": "min", "height": "\u00b0C"}),
+    "UTF-16": (("time [min]\theight\n" + PLAIN.replace(",", "\t")).encode("utf-16"), "text in UTF-16", {"time": "min"}),
+    "UTF-16 without a mark": (("time [min]\theight\n" + PLAIN.replace(",", "\t")).encode("utf-16-le"), "text in UTF-16-LE", {"time": "min"}),
+    "Latin-1": (("time [min];height [\u00b0C]\n" + PLAIN.replace(",", ";")).encode("latin1"), "text in Windows-1252", {"time": "min", "height": "\u00b0C"}),
+    "gzip": (gzip.compress(b"time,height\n" + PLAIN.encode()), "", {}),
+    "bzip2": (bz2.compress(b"time,height\n" + PLAIN.encode()), "", {}),
+    "xz": (lzma.compress(b"time,height\n" + PLAIN.encode()), "", {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SEPARATED)
+def test_a_table_is_read_and_what_was_guessed_is_said(tmp_path, kind):
+    content, fact, units = SEPARATED[kind]
+    trials = read(tmp_path, content)
+    assert trials[0].times.tolist() == MINUTES
+    assert trials[0].states[:, 0].tolist() == HEIGHTS
+    assert trials.schema.states == ("x" if kind == "no header" else "height",)
+    assert trials.schema.units == units
+    assert fact in "; ".join(trials.notes)
+    assert bool(fact) == any(note.startswith("cup.csv: ") or "Unnamed" in note for note in trials.notes)
+
+
+def test_a_typographic_minus_is_one(tmp_path):
+    assert read(tmp_path, "t,x\n0,\u22121.5\n1,2\n2,\u22123e\u22122\n")[0].states[:, 0].tolist() == [-1.5, 2, -0.03]
+
+
+def test_objects_whose_names_begin_as_comments_do_are_read(tmp_path):
+    trials = read(tmp_path, "object,t,x\n" + "".join(f"#{i},{t},{t}\n" for i in range(3) for t in range(3)))
+    assert trials.objects == ("#0", "#1", "#2")
+
+
+def test_objects_of_which_the_last_is_named_by_a_word_are_all_kept(tmp_path):
+    trials = read(tmp_path, "object,t,x\n" + "".join(f"{name},{t},{t}\n" for name in "123A" for t in range(3)))
+    assert trials.objects == ("1", "2", "3", "A")
+    with pytest.raises(CommonlawError, match=r"row 4 \(line 5\).*'abc' is not a number"):
+        read(tmp_path, "t,x\n0,1\n1,2\n2,3\nabc,4\n")
+
+
+def test_rows_of_properties_below_the_header_of_a_plate_are_kept(tmp_path):
+    plate = "time,A1,B1\nstrain,WT,mut\nglucose,0,1\n0,0.1,0.2\n1,0.2,0.3\n2,0.3,0.5\n"
+    assert read(tmp_path, plate, wide="OD").properties["B1"] == {"strain": "mut", "glucose": 1}
+
+
+def test_a_header_of_numbers_beside_a_name_is_one(tmp_path):
+    assert read(tmp_path, "time,1,2\n0,5,6\n1,6,7\n2,7,8\n", wide="OD").objects == ("1", "2")
+
+
+def test_the_object_of_a_compressed_table_is_called_as_of_the_table(tmp_path):
+    assert read(tmp_path, gzip.compress(b"t,x\n0,1\n1,2\n"), "cup.csv.gz").objects == ("cup",)
+
+
+def test_a_compressed_file_is_unpacked_up_to_a_limit_and_refused_if_damaged(tmp_path, monkeypatch):
+    packed = gzip.compress(b"t,x\n" + b"0,1\n" * 1000)
+    with pytest.raises(CommonlawError, match=r"cup\.csv cannot be unpacked .*damaged"):
+        read(tmp_path, packed[:-20])
+    monkeypatch.setattr(foreign, "LARGEST_FILE", 1000)
+    with pytest.raises(CommonlawError, match="unpacks to more than 1000 bytes"):
+        read(tmp_path, packed)
+
+
+AMBIGUOUS = "time;x\n0;998\n1;999\n2;1,000\n"
+
+
+def test_numbers_that_may_be_thousands_are_asked_about(tmp_path):
+    with pytest.raises(CommonlawError, match=r"'x', row 3 \(line 4\).*'1,000' may be 1000 or 1: .*decimal='.' or"):
+        read(tmp_path, AMBIGUOUS)
+    assert read(tmp_path, AMBIGUOUS, decimal=".")[0].states[:, 0].tolist() == [998, 999, 1000]
+    assert read(tmp_path, AMBIGUOUS, decimal=",")[0].states[:, 0].tolist() == [998, 999, 1]
+    with pytest.raises(CommonlawError, match="'1,000' may be"):
+        read(tmp_path, "time;x\n0;998\n0,5;999\n1,5;1,000\n")
+    with pytest.raises(CommonlawError, match="'1,000' may be"):
+        read(tmp_path, 'time,x\n0,998.5\n1,999\n2,"1,000"\n')
+
+
+@pytest.mark.parametrize(
+    ("cells", "values"),
+    [
+        (["1,234", "0,234", "2,345"], [1.234, 0.234, 2.345]),
+        (["1,234", "1234", "2,345"], [1.234, 1234, 2.345]),
+        (["1,234", "1,234,567", "2"], [1234, 1234567, 2]),
+        (["1,234.5", "1,234", "2"], [1234.5, 1234, 2]),
+        (["1.234", "2.345", "3.456"], [1.234, 2.345, 3.456]),
+        (["1e3", "-2,5e-3", "+4"], [1000, -0.0025, 4]),
+    ],
+)
+def test_another_cell_settles_what_a_comma_is(tmp_path, cells, values):
+    table = "time;x\n" + "".join(f"{i};{cell}\n" for i, cell in enumerate(cells))
+    assert read(tmp_path, table)[0].states[:, 0].tolist() == values
+
+
+def test_other_columns_settle_what_a_comma_is(tmp_path):
+    table = "time;x;y\n0;1,234;0,5\n1;2,345;1,5\n2;3,456;2,5\n"
+    assert read(tmp_path, table)[0].states[:, 0].tolist() == [1.234, 2.345, 3.456]
+    with pytest.raises(CommonlawError, match=r"'1\.234' may be 1.234 or 1234"):
+        read(tmp_path, "time;x;y\n0;1.234;0,5\n1;2.345;1,5\n2;3.456;2,5\n")
+
+
+@pytest.mark.parametrize("mark", ["-", "NA", "n.d.", "#N/A", "NaN", "n/a", "#DIV/0!", "\u2013"])
+def test_marks_of_missing_values_are_counted(tmp_path, mark):
+    trials = read(
+        tmp_path, f"time,x,y\n0,1,1\n1,{mark},2\n2,{mark},2\n3,2,3\n" + "".join(f"{i},{i},{i}\n" for i in range(4, 8))
+    )
+    assert np.isnan(trials[0].states[:, 0]).tolist() == [False, True, True, *[False] * 5]
+    if mark not in ("NA", "NaN", "n/a"):
+        assert f"read as missing in x: {mark!r} in 2 cells" in trials.notes[0]
+
+
+def test_a_mark_is_a_word_where_columns_hold_words(tmp_path):
+    assert read(tmp_path, "object,t,x\n-,0,1\n-,1,2\nb,0,1\nb,1,2\n").objects == ("-", "b")
+
+
+@pytest.mark.parametrize("mark", ["<0.5", "< 0.5", "BLQ", "<LOD", ">100", "bql"])
+def test_censored_values_are_refused_with_the_option_that_reads_them(tmp_path, mark):
+    table = f"time,x\n0,1\n1,{mark}\n2,{mark}\n3,2\n4,3\n5,4\n"
+    with pytest.raises(CommonlawError) as refused:
+        read(tmp_path, table)
+    assert f"row 2 (line 3), cup, trial 1: {mark!r} is beyond a limit of quantification" in str(refused.value)
+    assert f"missing={mark!r}" in str(refused.value)
+    trials = read(tmp_path, table, missing=mark)
+    assert trials[0].states[:, 0].tolist() == [1, 2, 3, 4]
+    assert f"read as missing in x: {mark!r} in 2 cells" in trials.notes[0]
+
+
+def test_a_number_may_mark_missing_values(tmp_path):
+    table = "time,x,y\n0,1,-999\n1,-999.0,2\n2,3,4\n3,4,5\n4,4,5\n5,5,5\n"
+    for trials in (
+        read(tmp_path, table, missing=-999),
+        Trials.from_frame(pd.read_csv(tmp_path / "cup.csv"), missing=["-999"]),
+    ):
+        assert np.argwhere(np.isnan(trials[0].states)).tolist() == [[0, 1], [1, 0]]
+        assert any("read as missing" in note for note in trials.notes)
+
+
+def test_different_units_in_cells_are_refused(tmp_path):
+    with pytest.raises(CommonlawError, match=r"'1 s' is in another unit than other cells \(ms, s\)"):
+        read(tmp_path, "time,x\n1 s,1\n1500 ms,2\n2 s,3\n")
+    with pytest.raises(CommonlawError, match="in s by its header and in min by its cells"):
+        read(tmp_path, "time [s],x\n1 min,1\n2 min,2\n")
+
+
+@pytest.mark.parametrize(
+    ("stamps", "unit", "times"),
+    [
+        (["31.03.2024 01:30:00", "31.03.2024 01:32:00", "01.04.2024 00:00:00"], "s", [0, 120, 81_000]),
+        (["3/31/2024 11:30 AM", "3/31/2024 12:30 PM", "4/1/2024 12:30 AM"], "s", [0, 3600, 46_800]),
+        (["03/31/24", "04/01/24", "04/02/24"], "day", [0, 1, 2]),
+        (["31/12/1999", "01/01/2000", "02/01/2000"], "day", [0, 1, 2]),
+        (["2024/03/31", "2024/04/01", "2024/04/02"], "day", [0, 1, 2]),
+        (["31-Mar-2024", "1-Apr-2024", "2-Apr-2024"], "day", [0, 1, 2]),
+        (["Mar 31, 2024 00:00:00.5", "Mar 31, 2024 00:00:01", "April 1, 2024 00:00:00"], "s", [0, 0.5, 86399.5]),
+        (["01.04.2024", "02.04.2024", "03.04.2024"], "day", [0, 1, 2]),
+        (["1:30:00", "1:30:30", "26:00:00"], "s", [5400, 5430, 93_600]),
+        (["0:00.5", "0:59.5", "1:00.25"], "s", [0.5, 59.5, 60.25]),
+        (["11:59:59 PM", "12:00:01 AM", "12:00:02 AM"], "s", [86_399, 86_401, 86_402]),
+        (["23:59:59", "0:00:01", "0:00:02"], "s", [86_399, 86_401, 86_402]),
+        (["0 days 00:00:01.5", "1 days 00:00:00", "1 days 00:00:01"], "s", [1.5, 86_400, 86_401]),
+        ([1711848600000, 1711848600500, 1711848601000], "s", [0, 0.5, 1]),
+        ([1711848600, 1711848601, 1711848602], "s", [0, 1, 2]),
+        ([1711843200, 1711929600, 1712016000], "day", [0, 1, 2]),
+    ],
+)  # fmt: skip
+def test_dates_and_times_are_read_as_all_rows_allow(tmp_path, stamps, unit, times):
+    trials = read(tmp_path, "timestamp;x\n" + "".join(f"{stamp};{i}\n" for i, stamp in enumerate(stamps)))
+    assert trials[0].times.tolist() == times
+    assert trials.schema.units == {"timestamp": unit}
+    assert any(note.startswith("timestamp: ") for note in trials.notes)
+
+
+def test_an_ambiguous_order_of_day_and_month_is_asked_about(tmp_path):
+    table = "date,x\n" + "".join(f"0{i}/0{i + 1}/2024,{i}\n" for i in (1, 2, 3))
+    with pytest.raises(
+        CommonlawError, match=r"'01/02/2024' may be 2024-02-01 or 2024-01-02.*dates='dmy' or dates='mdy'"
+    ):
+        read(tmp_path, table)
+    assert read(tmp_path, table, dates="dmy")[0].times.tolist() == [0, 30, 62]
+    assert read(tmp_path, table, dates="mdy")[0].times.tolist() == [0, 32, 62]
+    with pytest.raises(CommonlawError, match=r"row 3 \(line 4\): '13/13/2024' is not a date; repair the cell"):
+        read(tmp_path, table.replace("03/04", "13/13"))
+    with pytest.raises(CommonlawError, match=r"no order of day, month and year fits all rows"):
+        read(tmp_path, table.replace("01/02", "01/20").replace("03/04", "20/01"))
+
+
+def test_hours_and_minutes_are_asked_about(tmp_path):
+    table = "time,x\n0:30,1\n0:31,2\n1:00,3\n"
+    with pytest.raises(CommonlawError, match=r"'0:30' may be in hours or in minutes.*dates='h:mm' or dates='m:ss'"):
+        read(tmp_path, table)
+    assert read(tmp_path, table, dates="h:mm")[0].times.tolist() == [1800, 1860, 3600]
+    assert read(tmp_path, table, dates="m:ss")[0].times.tolist() == [30, 31, 60]
+
+
+@pytest.mark.parametrize("header", ["Date,Time,x", "Time,Clock,x"])
+def test_date_and_time_of_day_in_two_columns_are_one_time(tmp_path, header):
+    table = f"{header}\n31.03.2024,23:58,1\n31.03.2024,23:59,2\n01.04.2024,0:01,3\n"
+    trials = read(tmp_path, table)
+    assert trials[0].times.tolist() == [0, 60, 180]
+    assert trials.schema.states == ("x",)
+    assert "taken together" in "; ".join(trials.notes)
+
+
+def test_a_date_that_is_the_trial_is_no_part_of_the_time(tmp_path):
+    days = "".join(f"2024-03-{day},0:00:0{i},{i}\n" for day in (30, 31) for i in range(3))
+    trials = read(tmp_path, "Date,Time,x\n" + days, trial="Date")
+    assert [each.times.tolist() for each in trials] == [[0, 1, 2], [0, 1, 2]]
+
+
+def test_dates_that_are_columns_are_times_and_rows_objects(tmp_path):
+    table = "land,lat,01/30/20,01/31/20,02/01/20,02/02/20,02/03/20,02/04/20\nA,1.5,3,4,,6,7,8\nB,2.5,5,6,7,8,9,9\n"
+    trials = read(tmp_path, table)
+    assert trials.objects == ("A", "B")
+    assert [each.times.tolist() for each in trials] == [[0, 1, 3, 4, 5], [0, 1, 2, 3, 4, 5]]
+    assert trials[0].states[:, 0].tolist() == [3, 4, 6, 7, 8]
+    assert (trials.schema.time, trials.schema.states, trials.schema.units) == ("time", ("value",), {"time": "day"})
+    assert trials.properties == {"A": {"lat": 1.5}, "B": {"lat": 2.5}}
+    assert read(tmp_path, table, wide="cases").schema.states == ("cases",)
+
+
+def test_years_that_are_columns_are_times(tmp_path):
+    table = 'Country,Code,1990,1991,1992\n"Korea, Rep.",KOR,1,2,3\nChad,TCD,2,3,4\n'
+    trials = read(tmp_path, table)
+    assert trials.objects == ("Korea, Rep.", "Chad")
+    assert trials[1].times.tolist() == [1990, 1991, 1992]
+    assert trials.schema.units == {"time": "year"}
