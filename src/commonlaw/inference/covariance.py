@@ -1,20 +1,19 @@
 """How sure coefficients are."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.differentiation import noise_degrees_of_freedom
 from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.scale_of_unmeasured import held_like_others, like_others, scatter_of_others
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState, evidence_about
 from commonlaw.law import Law
-from commonlaw.likelihood import ErrorModel, Estimate, whitened
+from commonlaw.likelihood import ErrorModel, Regression, whitened
 
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
@@ -61,22 +60,58 @@ def _known_starts(problem: SearchProblem) -> Bools:
 def degrees_of_freedom(problem: SearchProblem, state: SearchState) -> Floats | None:
     """Return those of the estimate of each state's noise, shape (states,); None if the noise was given.
 
-    Of noise that was found with the law, the measurements less initial states and coefficients; of noise that
-    differences of neighbouring samples told, no more than these have.
+    Of states that were not measured, or with less than one, they are those of all.
     """
     if problem.noise_given:
         return None
-    counts = np.array([trial.counts.sum(axis=0) for trial in problem.trials])
-    free = np.array([(each.coefficients != 0) & np.isnan(known) for each, known in _pairs(problem, state)])
-    starts = np.array(problem.models[0].order) * (counts > 0)
-    left = (counts - starts).sum(axis=0) - free.sum(axis=(0, 2))
-    if np.array_equal(problem.noise, problem.first_noise) and problem.tells_noise:
-        left = np.minimum(left, [sum(map(noise_degrees_of_freedom, own)) for own in counts.T.astype(int).tolist()])
-    return np.asarray(np.maximum(left, 1.0))
+    found = residual_freedom(problem, state)
+    return np.where(found < 1, max(float(found.sum()), 1.0), found)
 
 
-def _pairs(problem: SearchProblem, state: SearchState) -> Iterator[tuple[Estimate, Floats]]:
-    return zip(state.estimates, problem.known, strict=True)
+def residual_freedom(problem: SearchProblem, state: SearchState) -> Floats:
+    """Return the degrees of freedom of the residuals of each state, shape (states,).
+
+    These are nu_j = n_j - tr H_j, the measurements, repeated ones too, less the trace of the hat matrix (Seber and Wild
+    1989, Nonlinear Regression, section 5.10); without a regression the coefficients count in their own equations.
+    States that were not measured have none.
+    """
+    meshes = [mesh for model in problem.models for mesh in model.meshes]
+    counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.measurements.pure_error[1]
+    if (found := regressions(problem, state)) is not None:
+        return np.asarray(counts - np.sum([each.leverage for each in found], axis=0))
+    starts = np.array(problem.models[0].order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in meshes], axis=0)
+    coefficients = np.sum([free.sum(axis=1) for free in free_coefficients(problem, state)], axis=0)
+    return np.asarray(np.where(problem.trials.schema.unmeasured, 0, counts - starts - coefficients))
+
+
+def free_coefficients(problem: SearchProblem, state: SearchState) -> list[Bools]:
+    """Return which coefficients of each object were found, each of shape (equations, terms)."""
+    pairs = zip(state.estimates, problem.known, strict=True)
+    return [(each.coefficients != 0) & np.isnan(known) for each, known in pairs]
+
+
+def regressions(problem: SearchProblem, state: SearchState) -> list[Regression] | None:
+    """Return the least squares of each object about a state; None where states follow more than their starts.
+
+    That is under a random walk or latent processes, and of laws that forget their starts.
+    """
+    if state.has_model_error or problem.models[0].latent.width:
+        return None
+    found = []
+    for own in zip(problem.models, state.estimates, free_coefficients(problem, state), strict=True):
+        if (regression := Regression.of(*own)) is None:
+            return None
+        found.append(regression)
+    return found
+
+
+def factors(problem: SearchProblem, state: SearchState) -> list[Floats]:
+    """Return the triangular factor of each object's information on its free coefficients, and of the residuals."""
+    if (found := regressions(problem, state)) is not None:
+        return [each.factor for each in found]
+    problems = evidence_about(problem, state).problems
+    inner = [np.flatnonzero(free).tolist() for free in free_coefficients(problem, state)]
+    return [rows.restrict(own).factor for rows, own in zip(problems, inner, strict=True)]
 
 
 def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:
@@ -100,7 +135,7 @@ def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind
     coefficients = np.array([each.coefficients for each in state.estimates])
     support = np.any(coefficients != 0, axis=0)
     found = np.zeros((len(state.estimates), support.sum(), support.sum()))
-    problems = evidence_about(problem, state).problems if kind == "likelihood" else ()
+    triangles = factors(problem, state) if kind == "likelihood" else ()
     for o, (model, estimate) in enumerate(zip(problem.models, state.estimates, strict=True)):
         free = (estimate.coefficients != 0) & np.isnan(problem.known[o])
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
@@ -108,11 +143,10 @@ def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind
             trials = [rows for rows, _ in whitened(model, estimate, state.fitted_model_error)]
             covariance = bootstrapped(trials, inner, seed)
         else:
-            rows = problems[o]
-            covariance = _inverse(rows.restrict(inner.tolist()).factor[:, :-1])
+            factor = triangles[o][:, :-1]
+            covariance = _inverse(factor)
             if (held := held_like_others(problem, o) & free).any():
-                factor, scatter = rows.restrict(inner.tolist()).factor[:, :-1], scatter_of_others(problem, state)
-                covariance = _with_held(factor, held[free], scatter[held])
+                covariance = _with_held(factor, held[free], scatter_of_others(problem, state)[held])
         found[o][np.ix_(indices, indices)] = covariance
     return found
 

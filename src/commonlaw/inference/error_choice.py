@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.evidence import VERY_STRONG
 from commonlaw.inference.hypotheses import Hypothesis
 from commonlaw.inference.search_state import evidence_of
 from commonlaw.inference.solutions import is_solved
@@ -36,6 +37,9 @@ def candidates(found: Sequence[Hypothesis], others: Sequence[Bools], solver: Abs
 
 
 def chosen(compared: Sequence[Hypothesis]) -> Hypothesis:
-    """Return the hypothesis of largest evidence whose solutions exist along the trials that it was learned from."""
-    listed = sorted(compared, key=lambda each: each.state.value)
+    """Return the hypothesis of largest evidence whose solutions exist along the trials that it was learned from.
+
+    Errors other than white noise, under which coefficients are those of least squares, need very strong evidence.
+    """
+    listed = sorted(compared, key=lambda each: each.state.value + (0.0 if each.kind == "white" else VERY_STRONG))
     return next((each for each in listed if is_solved(each.problem, each.state)), listed[0])

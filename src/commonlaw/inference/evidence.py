@@ -26,6 +26,9 @@ from commonlaw.hierarchy import (
 )
 from commonlaw.kernel import MeasuredStructure, address, kernel
 
+VERY_STRONG = 10.0
+"""2 log B above which evidence is very strong (Kass and Raftery 1995)."""
+
 _WORST_OF_ONE = 1e14
 """Worst condition of the information on one object's coefficients: it is not inverted, so that only rounding counts."""
 

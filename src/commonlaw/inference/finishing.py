@@ -8,6 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.averaging import other_laws, with_rivals
 from commonlaw.inference.calibration import standardized_errors, widening_of
+from commonlaw.inference.convergence import converged
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.explanation import approximated, with_approximation
@@ -69,9 +70,10 @@ def finish(
         errors = standardized_errors(found, pooled)
     else:
         found, errors = best_forecaster(found, kinds, pooled, progress)
-    template, problem, state = found.template, found.problem, found.state
+    template = found.template
     progress("judging terms and coefficients")
     compared = compared_terms(found)
+    problem, state = converged(found.problem, found.state)
     law = fitted_law(template, problem, state, covariance, seed)
     law = replace(
         law,
@@ -93,7 +95,7 @@ def finish(
             history=(*template.provenance.history, *history(template, problem, state, compared, found.chosen_by)),
         ),
     )
-    others = other_laws(problem, state, law) if found.solver is not None else ()
+    others = other_laws(found.problem, found.state, law) if found.solver is not None else ()
     others = with_rivals(others, law, [(each.state.value - state.value, each.fitted) for each in _different(found)])
     return pooled(law).with_others(tuple(PlausibleLaw(each.probability, pooled(each.law)) for each in others))
 

@@ -106,10 +106,7 @@ class LawSearch:
     @property
     def reason_for_errors(self) -> str:
         """Why errors beside white noise are to be estimated with the law, in words; nothing if they are not."""
-        if self.problem.errors and not self.beyond_errors:
-            return "noise grows with the states"
-        few = self.has_few_measurements and not self.problem.noise_is_fixed
-        return self.beyond_errors or ("few measurements may hide how noise grows" if few else "")
+        return self.beyond_errors or ("noise grows with the states" if self.problem.errors else "")
 
     @property
     def size(self) -> int:
@@ -120,7 +117,7 @@ class LawSearch:
     def has_few_measurements(self) -> bool:
         """Whether objects have fewer measurements for each coefficient and start than terms need.
 
-        A law may follow these, so that what it leaves does not show their errors.
+        A law may follow these, so that what it leaves does not show what kind of errors they have.
         """
         problem = self.problem
         numbers = self.size * len(problem.models) + problem.models[0].width * len(problem.trials)
@@ -281,9 +278,10 @@ def choose_errors(
     if reason:
         progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
         kinds = error_kinds(errors, found.problem.trials.schema)
-        if errors == "auto" and not found.beyond_errors:
-            known = kind_of(found.problem.errors) if found.problem.errors else "proportional"
-            kinds = tuple(each for each in kinds if each in ("white", known))
+        if errors == "auto" and found.has_few_measurements:
+            kinds = ("white",)
+        elif errors == "auto" and not found.beyond_errors:
+            kinds = tuple(each for each in kinds if each in ("white", kind_of(found.problem.errors)))
         other = propose(found.among_plain) if found.rivals or found.solver else None
         found = with_error_models(found, other, kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
     return found

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.convergence import MAX_MOVE, MAX_POINTS
 from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.first_noise import by_columns
 from commonlaw.inference.law_search import ChosenBy
-from commonlaw.inference.mesh_refinement import FINEST
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
@@ -216,7 +216,8 @@ def history(
     chosen_by: ChosenBy,
 ) -> tuple[Step, ...]:
     """Return every choice that was made, in order, and what terms were chosen by."""
-    mesh = "a finer mesh changes nothing" if problem.points < FINEST else "the finest there is"
+    resolved = f"a finer mesh moves the coefficients by less than {MAX_MOVE:g} standard errors"
+    mesh = resolved if problem.points < MAX_POINTS else "the finest there is"
     steps = [
         *sample_steps(problem),
         noise_step(problem),

@@ -1,15 +1,16 @@
 """From a law whose terms are known to the coefficients that its trajectories need."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.many_objects import objects_of_parts
 from commonlaw.inference.alike_objects import priors_from
+from commonlaw.inference.convergence import converged
 from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.explanation import approximated, with_approximation
@@ -24,7 +25,6 @@ from commonlaw.inference.provenance import (
     sample_steps,
     without_outcomes_of_fit,
 )
-from commonlaw.inference.search import to_scale
 from commonlaw.inference.unmeasured import visited_besides
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
@@ -81,9 +81,10 @@ def refine(
         Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
         measurements have standard deviations of their own (``noise_columns`` of the trials).
     errors
-        Those beside white noise, see `TrajectoryLikelihood`.
+        Those beside white noise, see `TrajectoryLikelihood`. ``"white"``: the coefficients are those of least squares.
+        ``"auto"``: they are unless there is very strong evidence (2 log B > 10) for other errors or for outliers.
     huber_threshold
-        Standard deviations of noise beyond which a measurement counts as an outlier, infinite for none.
+        Standard deviations of noise beyond which a measurement may count as an outlier, infinite for none.
     covariance
         How the covariance is found: ``"likelihood"``, from its curvature, or ``"bootstrap"``, from the scatter of
         coefficients when blocks of the trials are drawn anew.
@@ -124,53 +125,69 @@ def refine(
     check_choice("covariance", covariance, get_args(CovarianceKind))
     check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
     check_choice("input_between", input_between, (None, "auto", *BETWEEN))
+    progress = on_terminal() if progress is None else progress
+    how = _Fit(positive, input_between, noise, errors, errors == "white", huber_threshold, covariance, seed)
     if isinstance(trials, TrialStream):
-        own = {
-            "positive": positive, "input_between": input_between, "noise": noise, "huber_threshold": huber_threshold,
-            "errors": "white" if errors == "auto" else errors, "covariance": covariance, "seed": seed,
-        }  # fmt: skip
         with on_cluster(client):
-            refined = _by_parts(law, trials, own, progress or on_terminal())
+            refined = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
         domain = refined.provenance.domain
         provenance = replace(law.provenance, outcomes=(), history=refined.history, calls=calls, domain=domain)
         return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
     refuse_client(client)
-    setup = FitSetup.of(law, trials, noise, huber_threshold, input_between, positive)
-    progress = on_terminal() if progress is None else progress
-    progress("estimating noise, smoothing, fitting coefficients")
     with threads(n_jobs):
-        if partial_pooling and setup.law.terms.constants and not trials.schema.starts:  # There `known_starts` does so
+        refined = how.refined(law, trials, partial_pooling, progress)
+    refined = replace(refined, provenance=replace(refined.provenance, calls=calls))
+    return refined.partial_pooling(None, partial_pooling)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """How a law is fitted, see `refine`; by least squares, no measurement counts as an outlier."""
+
+    positive: Sequence[str] | None
+    input_between: str | None
+    noise: Mapping[str, float] | None
+    errors: ErrorKind | Literal["auto"]
+    least_squares: bool
+    huber_threshold: float
+    covariance: CovarianceKind
+    seed: int
+
+    def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback) -> Law:
+        """Return a law fitted to trials; objects may be alike, and say where constants inside of terms begin."""
+        setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_between, self.positive)
+        progress("estimating noise, smoothing, fitting coefficients")
+        if alike and setup.law.terms.constants and not trials.schema.starts:  # There `known_starts` does so
             setup = replace(setup, priors=priors_from(setup.problem(), setup.law.coefficients))
         found, steps = begin_search(
             lambda own, _: fit_terms(replace(setup, trials=own)),
             setup.trials,
             input_between=setup.input_between,
-            errors=errors,
+            errors=self.errors,
             progress=progress,
         )
-        found = choose_errors(found, errors=errors, propose=lambda _: None, progress=progress)
+        found = choose_errors(found, errors=self.errors, propose=lambda _: None, progress=progress)
         found = approximated(found, progress) or found
-        problem, state = to_scale(found.problem, found.state)
+        problem, state = converged(found.problem, found.state, self.least_squares)
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
         law, trials = replace(setup.law, schema=schema), setup.trials
-        refined = fitted_law(law, problem, state, covariance, seed)
-    chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(problem, state)
-    domain = Domain.of(trials, law.state_rates)
-    provenance = replace(
-        law.provenance,
-        outcomes=(
-            *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
-            *with_approximation(found, outcomes_of_fit(problem, state)),
-            *outcomes_of_unmeasured(refined, problem),
-        ),
-        history=(*law.history, *chosen),
-        calls=calls,
-        domain=replace(domain, visited={**domain.visited, **visited_besides(problem.trials, state.estimates)}),
-    )
-    return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
+        refined = fitted_law(law, problem, state, self.covariance, self.seed)
+        chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(problem, state)
+        domain = Domain.of(trials, law.state_rates)
+        provenance = replace(
+            law.provenance,
+            outcomes=(
+                *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
+                *with_approximation(found, outcomes_of_fit(problem, state)),
+                *outcomes_of_unmeasured(refined, problem),
+            ),
+            history=(*law.history, *chosen),
+            domain=replace(domain, visited={**domain.visited, **visited_besides(problem.trials, state.estimates)}),
+        )
+        return replace(refined, provenance=provenance)
 
 
-def _by_parts(law: Law, stream: TrialStream, settings: dict[str, Any], progress: ProgressCallback) -> Law:
+def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallback) -> Law:
     """Return the law of the objects of a stream, fitted part by part."""
     if law.terms.constants or law.schema.starts:
         what = "constants inside of terms" if law.terms.constants else "states that nobody measured"
@@ -180,15 +197,15 @@ def _by_parts(law: Law, stream: TrialStream, settings: dict[str, Any], progress:
     names = objects_of_parts(parts, part(progress, 0.0, _LISTED))
     laws = [light.select(own) if known.issuperset(own) else typical(law, own) for own in names]
     pieces = list(zip(laws, parts, strict=True))
-    fitted = done_in_parts(partial(_fitted, settings), pieces, "fitting objects", part(progress, _LISTED, 1.0))
+    fitted = done_in_parts(partial(_fitted, how), pieces, "fitting objects", part(progress, _LISTED, 1.0))
     found = law_of_all(fitted)
     step = Step("coefficients", counted(len(parts), "file"), "each object is fitted to its trials, file by file")
     return replace(found, provenance=replace(found.provenance, history=(*law.history, step)))
 
 
-def _fitted(settings: dict[str, Any], piece: tuple[Law, TrialStream]) -> LawOfPart:
+def _fitted(how: _Fit, piece: tuple[Law, TrialStream]) -> LawOfPart:
     """Return what a law's coefficients are for the objects of a part."""
     law, trials = piece[0], piece[1].read()
     with unannounced():
-        found = refine(law, trials, partial_pooling=False, progress=lambda _: None, **settings)
+        found = how.refined(law, trials, False, lambda _: None)
     return LawOfPart.of(found, trials)

@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.evidence import Measured
-from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor, told_by_repeats
+from commonlaw.inference.first_noise import FLOOR, by_columns, estimated_noise, noise_floor
 from commonlaw.inference.known_starts import (
     begun_at_starts,
     with_exact_starts,
@@ -87,11 +87,13 @@ class SearchProblem:
         """How many terms an equation may have.
 
         Objects share the support, so that all of them together pay for its terms. What an object has of its own, the
-        initial states of its trials and its coefficients, takes as many measured numbers.
+        initial states of its trials and its coefficients, takes as many measured numbers; and residuals tell the noise
+        where they have as many degrees of freedom as coefficients take.
         """
         pairs = zip(self.models, self.trials.objects, strict=True)
         starts = [model.width * len(self.trials.of_object(name)) for model, name in pairs]
         left = min(n - own for n, own in zip(self.measured, starts, strict=True))
+        left = left if self.noise_is_fixed else left // 2
         shared = sum(self.measured) // SAMPLES_FOR_A_TERM
         return int(np.clip(min(left, shared) // len(self.noise), 1, MOST_TERMS))
 
@@ -99,16 +101,9 @@ class SearchProblem:
     def noise_is_fixed(self) -> bool:
         """Whether what a law leaves does not change the noise.
 
-        It was given, trials are too short to tell it, or more samples tell it than those that are fitted.
+        It was given, or more samples tell it than those that are fitted.
         """
-        return self.noise_given or not self.tells_noise or bool(self.samples)
-
-    @property
-    def tells_noise(self) -> bool:
-        """Whether differences of the samples of some trial tell the noise of a state, or repeated measurements do."""
-        return bool(told_by_repeats(self.trials).any()) or any(
-            np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials
-        )
+        return self.noise_given or bool(self.samples)
 
     def starts_with(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
@@ -148,10 +143,19 @@ class SearchProblem:
         models = tuple(replace(each, unit=model.unit) for each in found.models)
         return replace(found, models=models).with_errors(self.noise, self.errors, self.noise_reason)
 
-    def noisier(self, factor: float, reason: str) -> "SearchProblem":
-        """Return the same problem with the noise of every state times a factor, and the reason for it."""
-        models = tuple(replace(each, unit=factor * each.unit) for each in self.models)
+    def noisier(self, factor: Floats | float, reason: str) -> "SearchProblem":
+        """Return the same problem with the noise times a factor, of each state or of all, and the reason for it."""
+        each = np.broadcast_to(factor, self.noise.shape)
+        units = np.concatenate([each, each[with_rates(self.models[0].order, len(each))]])
+        models = tuple(replace(model, unit=units * model.unit) for model in self.models)
         return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
+
+    def with_huber_threshold(self, threshold: float) -> "SearchProblem":
+        """Return the same problem with other standard deviations beyond which a measurement counts as an outlier."""
+        models = (
+            replace(each, observation=replace(each.observation, huber_threshold=threshold)) for each in self.models
+        )
+        return replace(self, models=tuple(models))
 
     def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
         """Return the same problem with other noise, shape (d,), and other errors, and the reason for them."""

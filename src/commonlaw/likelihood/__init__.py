@@ -10,6 +10,7 @@ from commonlaw.likelihood.linearization import Linearization, variance_of_rates,
 from commonlaw.likelihood.mesh import LONGEST_MESH, Mesh, interpolate, meshes
 from commonlaw.likelihood.normal_equations import NotPositiveError
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, ObservationModel
+from commonlaw.likelihood.sensitivities import Regression
 
 __all__ = [
     "HUBER_THRESHOLD",
@@ -24,6 +25,7 @@ __all__ = [
     "NotPositiveError",
     "ObservationModel",
     "Prior",
+    "Regression",
     "TrajectoryModel",
     "fit",
     "fit_each",
