@@ -12,6 +12,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.inference.covariance import factors, free_coefficients, residual_freedom
 from commonlaw.inference.evidence import VERY_STRONG
+from commonlaw.inference.scale_of_unmeasured import held_like_others
 from commonlaw.inference.search import LEFT_BY_LAW
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import FINAL, SearchState
@@ -37,7 +38,7 @@ def converged(
     """Return the problem under the noise of the residuals, on a resolved mesh, and the state converged there.
 
     A law with a random walk in each step needs no finer mesh, and its levels were found with it; nor does one whose
-    likelihood cannot be computed more accurately.
+    likelihood cannot be computed more accurately. Objects of which coefficients are held like those of others stay.
 
     Parameters
     ----------
@@ -46,7 +47,8 @@ def converged(
     least_squares
         Whether no measurement counts as an outlier. By default outliers do so on very strong evidence.
     """
-    if state.has_model_error:
+    shared = any(held_like_others(problem, index).any() for index in range(len(problem.models)))
+    if state.has_model_error or shared:
         return problem, state
     try:
         problem, state = _by_least_squares(*_under_residual_noise(problem, state), least_squares)
@@ -131,7 +133,7 @@ def _under_residual_noise(problem: SearchProblem, state: SearchState) -> tuple[S
     Noise that was given, or that more samples tell, stays, and levels of other errors were found at their size.
     """
     state = _fitted(problem, state)
-    if problem.noise_is_fixed or problem.errors:
+    if problem.noise_given or problem.samples or problem.errors:
         return problem, state
     for _ in range(_ROUNDS):
         scale = residual_scale(problem, state)

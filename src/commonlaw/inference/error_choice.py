@@ -9,7 +9,6 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.evidence import VERY_STRONG
 from commonlaw.inference.hypotheses import Hypothesis
 from commonlaw.inference.search_state import evidence_of
 from commonlaw.inference.solutions import is_solved
@@ -36,10 +35,10 @@ def candidates(found: Sequence[Hypothesis], others: Sequence[Bools], solver: Abs
     return compared
 
 
-def chosen(compared: Sequence[Hypothesis]) -> Hypothesis:
+def chosen(compared: Sequence[Hypothesis], needed: float = 0.0) -> Hypothesis:
     """Return the hypothesis of largest evidence whose solutions exist along the trials that it was learned from.
 
-    Errors other than white noise, under which coefficients are those of least squares, need very strong evidence.
+    Errors other than white noise, under which coefficients are those of least squares, need so much evidence (2 log B).
     """
-    listed = sorted(compared, key=lambda each: each.state.value + (0.0 if each.kind == "white" else VERY_STRONG))
+    listed = sorted(compared, key=lambda each: each.state.value + (0.0 if each.kind == "white" else needed))
     return next((each for each in listed if is_solved(each.problem, each.state)), listed[0])

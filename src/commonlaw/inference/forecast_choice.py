@@ -137,8 +137,6 @@ def _others(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCall
     plain = next((each for each in (found, *found.rivals) if each.solver is not None), None)
     if plain is None or plain.solver is None:
         return
-    if found.has_few_measurements and "white" in kinds:
-        kinds = ("white",)
     problem = plain.problem.under_white_noise
     listed = dict[bytes, Bools]()
     known = (_errors_of(found), found.state.supports.tobytes()) if found.solver is not None else None

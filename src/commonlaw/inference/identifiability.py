@@ -25,6 +25,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales, law_variables
+from commonlaw.inference.evidence import VERY_STRONG
 from commonlaw.inference.correlated_errors import correlation_factor, log_determinant
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.trials import Trial, Trials
@@ -32,9 +33,6 @@ from commonlaw.trials.logarithms import natural
 
 _DEGREES = (3, 2, 1)
 """Of the polynomials that are taken where no library is given: the first of which trials have samples for."""
-
-_VERY_STRONG = 10.0
-"""2 log B from which evidence is very strong (Kass and Raftery 1995)."""
 
 _MOST_TRIALS, _MOST_SAMPLES = 24, 300
 """Trials that are looked at, of objects with many trials first, and samples of each, the first ones."""
@@ -302,7 +300,7 @@ def _smallest(values: Mapping[Columns, float]) -> list[Columns]:
     found: list[Columns] = []
     least = min(values.values())
     for each, value in values.items():
-        if value < least + _VERY_STRONG and not any(set(smaller) <= set(each) for smaller in found):
+        if value < least + VERY_STRONG and not any(set(smaller) <= set(each) for smaller in found):
             found.append(each)
     return found
 

@@ -15,6 +15,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.covariance import fitted_law
 from commonlaw.inference.error_choice import candidates, chosen
 from commonlaw.inference.error_search import ErrorKind, kind_of, with_errors_of_kind
+from commonlaw.inference.evidence import VERY_STRONG
 from commonlaw.inference.few_samples import few_of, search_by_few
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import OF_LAWS, hypotheses, under_each_kind
@@ -106,7 +107,10 @@ class LawSearch:
     @property
     def reason_for_errors(self) -> str:
         """Why errors beside white noise are to be estimated with the law, in words; nothing if they are not."""
-        return self.beyond_errors or ("noise grows with the states" if self.problem.errors else "")
+        if self.problem.errors and not self.beyond_errors:
+            return "noise grows with the states"
+        few = self.has_few_measurements and not self.problem.noise_is_fixed
+        return self.beyond_errors or ("few measurements may hide how noise grows" if few else "")
 
     @property
     def size(self) -> int:
@@ -117,7 +121,7 @@ class LawSearch:
     def has_few_measurements(self) -> bool:
         """Whether objects have fewer measurements for each coefficient and start than terms need.
 
-        A law may follow these, so that what it leaves does not show what kind of errors they have.
+        A law may follow these, so that what it leaves does not show their errors.
         """
         problem = self.problem
         numbers = self.size * len(problem.models) + problem.models[0].width * len(problem.trials)
@@ -278,10 +282,9 @@ def choose_errors(
     if reason:
         progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
         kinds = error_kinds(errors, found.problem.trials.schema)
-        if errors == "auto" and found.has_few_measurements:
-            kinds = ("white",)
-        elif errors == "auto" and not found.beyond_errors:
-            kinds = tuple(each for each in kinds if each in ("white", kind_of(found.problem.errors)))
+        if errors == "auto" and not found.beyond_errors:
+            known = kind_of(found.problem.errors) if found.problem.errors else "proportional"
+            kinds = tuple(each for each in kinds if each in ("white", known))
         other = propose(found.among_plain) if found.rivals or found.solver else None
         found = with_error_models(found, other, kinds, part(progress, _SEARCH_OF_MANY, CHOSEN))
     return found
@@ -307,7 +310,7 @@ def with_error_models(
             compared += under_each_kind(found.problem, chosen(compared).state.supports, kinds)
     if not compared:
         return found
-    best = chosen(compared)
+    best = chosen(compared, VERY_STRONG if found.solver is None else 0.0)  # Given terms are fitted by least squares
     problem, state = best.problem, best.state
     if best.kind != "white":  # Levels about the law itself, to the last digits: units and origins do not show
         problem, state = with_errors_of_kind(problem, state, best.kind)

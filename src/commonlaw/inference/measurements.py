@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.evidence import Measured
-from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, noise_told, told_by_repeats
+from commonlaw.inference.first_noise import FLOOR, noise_told
 from commonlaw.library import Order
 from commonlaw.likelihood import ErrorModel, Mesh
 from commonlaw.trials import Trials
@@ -16,8 +16,7 @@ from commonlaw.trials.repeats import pure_error
 from commonlaw.trials.trial import with_typical
 
 _PRIOR = 2.0
-"""Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law, if
-differences of neighbouring samples tell it; a level that was assumed is worth none."""
+"""Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
 
 _EXACT = 0.1
 """Share of the noise that laws are fitted under at least down to which exact measurements tell them apart: meshes that
@@ -74,10 +73,11 @@ class Measurements:
         if self.noise_is_fixed:
             return Measured(self.count)
         inflation = self._inflation(noise, errors, std)
-        prior, least = self._prior * float(np.sum(1 / inflation)), self._floors[1] / noise
+        prior, least = _PRIOR * float(np.sum(1 / inflation)), self._floors[1] / noise
         squares, repeated = self.pure_error
-        freedom = self._freedom + float(repeated.sum()) + self._prior * len(inflation)
-        return Measured(self.count, freedom, prior + float(np.sum(squares / noise**2)), least=float(np.max(least) ** 2))
+        freedom = self._freedom + float(repeated.sum()) + _PRIOR * len(inflation)
+        prior += float(np.sum(squares / noise**2))
+        return Measured(self.count, freedom, prior, least=float(np.max(least) ** 2))
 
     def least_variance(self, noise: Floats) -> float:
         """Return what the variance of the noise that laws are fitted under is at least, in units of what it is."""
@@ -87,7 +87,7 @@ class Measurements:
         """Return what levels cost: each but those of the noise as any number (BIC), the noise by its prior."""
         price = errors.hyperparameters * float(np.log(self.count))
         if not self.noise_is_fixed:
-            price += self._prior * float(np.sum(np.log(self._inflation(noise, errors, std))))
+            price += _PRIOR * float(np.sum(np.log(self._inflation(noise, errors, std))))
         return price
 
     def _inflation(self, noise: Floats, errors: ErrorModel, std: Floats) -> Floats:
@@ -100,12 +100,6 @@ class Measurements:
         if errors.correlated is not None:
             variance = variance + errors.correlated**2 * np.tanh(self._step / (2 * errors.memory))
         return np.asarray(variance / self.first_noise**2)[~self.trials.schema.unmeasured]
-
-    @cached_property
-    def _prior(self) -> float:
-        longest = max(np.isfinite(trial.states).sum(axis=0).max() for trial in self.trials)
-        told = longest >= NOISE_WAYS[0][0] or told_by_repeats(self.trials).any()
-        return _PRIOR if told else 0.0
 
     @cached_property
     def measured(self) -> Floats:

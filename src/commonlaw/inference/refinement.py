@@ -166,7 +166,9 @@ class _Fit:
             errors=self.errors,
             progress=progress,
         )
-        found = choose_errors(found, errors=self.errors, propose=lambda _: None, progress=progress)
+        # Of few measurements the residuals do not show what kind of errors they have
+        errors = "white" if self.errors == "auto" and found.has_few_measurements else self.errors
+        found = choose_errors(found, errors=errors, propose=lambda _: None, progress=progress)
         found = approximated(found, progress) or found
         problem, state = converged(found.problem, found.state, self.least_squares)
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)

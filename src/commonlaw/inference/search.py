@@ -161,17 +161,15 @@ def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProble
 def to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem, SearchState]:
     """Return a problem with white noise of the size that a state leaves, and the state fitted to it.
 
-    Step by step, as less of what is left goes with outliers then. Noise that was given stays, and that which no
-    residuals tell; none is below that which laws are fitted under at least. Levels of other errors were found at their
-    size.
+    Step by step, as less of what is left goes with outliers then. Noise that was given stays, and none is below that
+    which laws are fitted under at least. Levels of other errors were found at their size.
 
     Raises
     ------
     NotPositiveError
         If the likelihood cannot be computed.
     """
-    coefficients = int(state.supports.sum()) * len(state.estimates)
-    if problem.noise_is_fixed or problem.errors or state.has_model_error or problem.counted.freedom <= coefficients:
+    if problem.noise_is_fixed or problem.errors or state.has_model_error:
         return problem, state
     evidence = evidence_about(problem, state)
     for _ in range(_ROUNDS):

@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.evidence import Measured
-from commonlaw.inference.first_noise import FLOOR, by_columns, estimated_noise, noise_floor
+from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor, told_by_repeats
 from commonlaw.inference.known_starts import (
     begun_at_starts,
     with_exact_starts,
@@ -87,13 +87,11 @@ class SearchProblem:
         """How many terms an equation may have.
 
         Objects share the support, so that all of them together pay for its terms. What an object has of its own, the
-        initial states of its trials and its coefficients, takes as many measured numbers; and residuals tell the noise
-        where they have as many degrees of freedom as coefficients take.
+        initial states of its trials and its coefficients, takes as many measured numbers.
         """
         pairs = zip(self.models, self.trials.objects, strict=True)
         starts = [model.width * len(self.trials.of_object(name)) for model, name in pairs]
         left = min(n - own for n, own in zip(self.measured, starts, strict=True))
-        left = left if self.noise_is_fixed else left // 2
         shared = sum(self.measured) // SAMPLES_FOR_A_TERM
         return int(np.clip(min(left, shared) // len(self.noise), 1, MOST_TERMS))
 
@@ -101,9 +99,16 @@ class SearchProblem:
     def noise_is_fixed(self) -> bool:
         """Whether what a law leaves does not change the noise.
 
-        It was given, or more samples tell it than those that are fitted.
+        It was given, trials are too short to tell it, or more samples tell it than those that are fitted.
         """
-        return self.noise_given or bool(self.samples)
+        return self.noise_given or not self.tells_noise or bool(self.samples)
+
+    @property
+    def tells_noise(self) -> bool:
+        """Whether differences of the samples of some trial tell the noise of a state, or repeated measurements do."""
+        return bool(told_by_repeats(self.trials).any()) or any(
+            np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials
+        )
 
     def starts_with(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
