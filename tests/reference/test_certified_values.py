@@ -1,4 +1,4 @@
-"""Estimates and standard errors of `cl.fit` beside certified ones (NIST StRD, BoxBOD) and those of SciPy."""
+"""Estimates and standard errors of `cl.fit` beside certified ones (NIST StRD, Rat42) and those of SciPy."""
 
 import numpy as np
 import pytest
@@ -6,18 +6,17 @@ from scipy.optimize import curve_fit
 
 import commonlaw as cl
 
-DAYS = np.array([1.0, 2.0, 3.0, 5.0, 7.0, 10.0])
-DEMAND = np.array([109.0, 149.0, 149.0, 191.0, 213.0, 224.0])
+AGE = np.array([9.0, 14.0, 21.0, 28.0, 42.0, 57.0, 63.0, 70.0, 79.0])
+YIELD = np.array([8.93, 10.8, 18.59, 22.33, 39.35, 56.11, 61.73, 64.62, 67.08])
 
 
 @pytest.mark.parametrize("errors", ["auto", "white"])
-def test_six_measurements_of_oxygen_demand_give_the_certified_estimates_and_standard_errors(errors):
-    trials = cl.Trials.from_arrays([DAYS], [DEMAND], names=["y"])
-    law = cl.fit("y' = k*(B - y)", trials, errors=errors, starts={"y": 0.0}, starts_at=0.0)
+def test_nine_measurements_of_a_pasture_give_the_certified_estimates_and_standard_errors(errors):
+    law = cl.fit("y' = r*y*(1 - y/K)", cl.Trials.from_arrays([AGE], [YIELD], names=["y"]), errors=errors)
     (found,), (deviations,) = law.letter_values()
-    estimates, standard_errors = (dict(zip(law.letters, own, strict=True)) for own in (found, deviations))
-    assert [estimates["B"], estimates["k"]] == pytest.approx([213.80940889, 0.54723748542], rel=1e-4)
-    assert [standard_errors["B"], standard_errors["k"]] == pytest.approx([12.354515176, 0.10455993237], rel=0.02)
+    order = [law.letters.index(name) for name in ("K", "r")]
+    assert found[order] == pytest.approx([72.462237576, 0.067359200066], rel=1e-4)
+    assert deviations[order] == pytest.approx([1.7340283401, 0.0034465663377], rel=0.02)
 
 
 def logistic(t, r, capacity, start):

@@ -25,8 +25,8 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales, law_variables
-from commonlaw.inference.evidence import VERY_STRONG
 from commonlaw.inference.correlated_errors import correlation_factor, log_determinant
+from commonlaw.inference.evidence import VERY_STRONG
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
