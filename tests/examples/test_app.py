@@ -409,7 +409,7 @@ def test_an_ordinary_table_is_understood_and_a_click_confirms_it(page, tmp_path,
 
 
 def roles(page):
-    found = page.find_elements("css selector", "#columns select")
+    found = page.find_elements("css selector", "#columns select[data-column]")
     return {each.get_attribute("data-column"): each.get_attribute("value") for each in found}
 
 

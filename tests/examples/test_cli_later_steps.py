@@ -27,7 +27,7 @@ def table(tmp_path):
         ("commonlaw.law.law.Law.explain", ["--explain"], "the coefficients were not explained"),
         ("commonlaw.verdict.find", [], "the law was not checked"),
         ("commonlaw.verdict.findings.judge", [], "the law was not judged"),
-        ("commonlaw.law.law.Law.predict", [], "the law was not checked by forecasts, nor drawn"),
+        ("commonlaw.law.law.Law.predict", [], "the law was not checked by forecasts"),
         ("commonlaw.plots.plot_law", ["--plot", "law.svg"], "law.svg was not made"),
     ],
 )

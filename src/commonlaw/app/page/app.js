@@ -17,7 +17,7 @@ drop.addEventListener("drop", event => event.dataTransfer.files[0] && openFile(e
 $("file").addEventListener("change", () => $("file").files[0] && openFile($("file").files[0]));
 $("sample").addEventListener("change", () => $("sample").value && openSample($("sample").value));
 $("confirm").addEventListener("click", () => takeColumns());
-$("change").addEventListener("click", () => { $("columns").open = true; $("columns").querySelector("select").focus(); });
+$("change").addEventListener("click", () => { $("columns").open = true; $("columns").querySelector("select[data-column]").focus(); });
 for (const id of ["wide", "restarts", "missing", "decimal", "dates"]) $(id).addEventListener("change", () => takeColumns());
 $("order").addEventListener("change", showLibraries);
 $("hold_out").addEventListener("change", showHeld);
