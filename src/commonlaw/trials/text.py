@@ -140,7 +140,8 @@ def _rows_and_values(sample: str, delimiter: str) -> tuple[int, int]:
         rows = list(_read("", sample, delimiter))
     except CommonlawError:
         return 0, 0
-    table = [row.cells for row in rows if len(row.cells) == usual_width(rows)]
+    width = usual_width(rows)
+    table = [row.cells for row in rows if len(row.cells) == width]
     return len(table), sum(map(is_value, chain.from_iterable(table)))
 
 
