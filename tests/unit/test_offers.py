@@ -1,5 +1,6 @@
 """Libraries that offer more where what they offered first may be said in fewer numbers."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,9 +23,9 @@ class _InTurn(AbstractLibrary):
     def bind(self, variables: Variables) -> Terms:
         return cl.PolynomialLibrary(1).bind(variables)
 
-    def offers(self, variables: Variables) -> tuple[Offer, ...]:
+    def offers(self, variables: Variables) -> Iterator[Offer]:
         first = Offer(tuple(parametric_term(each, variables) for each in self.terms))
-        return (first, *parse_library(self.later).offers(variables))
+        return iter((first, *parse_library(self.later).offers(variables)))
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ class _Later(AbstractLibrary):
     def bind(self, variables: Variables) -> Terms:
         return cl.PolynomialLibrary(2).bind(variables)
 
-    def offers(self, variables: Variables) -> tuple[Offer, ...]:
-        return tuple(Offer((parametric_term(each, variables),)) for each in ("x/(K + x)", "exp(x/U)"))
+    def offers(self, variables: Variables) -> Iterator[Offer]:
+        return (Offer((parametric_term(each, variables),)) for each in ("x/(K + x)", "exp(x/U)"))
 
 
 def _rate(_: float, s: np.ndarray, rate: float, half: float, inhibition: float) -> np.ndarray:
@@ -90,7 +91,7 @@ def test_what_is_offered_later_is_sought_in_equations_that_may_be_simpler(monkey
 def test_a_sum_offers_what_each_of_its_libraries_does(text):
     variables = Variables(("s",))
     alone, library = parse_library("auto"), parse_library(text)
-    (first, families, ratios), offers = alone.offers(variables), library.offers(variables)
+    (first, families, ratios), offers = alone.offers(variables), list(library.offers(variables))
     assert offers[:2] == (first, families)
     assert first.count == 0
     more = offers[2]

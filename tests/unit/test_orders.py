@@ -164,9 +164,9 @@ def test_streams_are_of_the_first_order_and_say_so(tmp_path):
 def test_a_law_that_explains_is_tried_with_no_other_order(monkeypatch):
     tried = list[int]()
 
-    def begun(self, trials, screened, progress):
+    def begun(self, trials, screened, *rest):
         tried.append(screened.whole.order)
-        return begin(self, trials, screened, progress)
+        return begin(self, trials, screened, *rest)
 
     begin = cl.TrajectoryLikelihood._begun
     monkeypatch.setattr(cl.TrajectoryLikelihood, "_begun", begun)

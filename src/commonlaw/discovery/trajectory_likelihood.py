@@ -30,11 +30,12 @@ from commonlaw.inference import (
     drives,
     error_kinds,
     evidence_of_order,
-    explains_simply,
+    explained_on_finer_mesh,
     explains_whole_trials,
     finish,
     known_noise,
     may_be_of_lower_order,
+    may_be_series,
     may_be_simpler,
     most_explaining,
     resolved,
@@ -48,7 +49,7 @@ from commonlaw.inference import (
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.text import order_in_words
-from commonlaw.library import Offer, Order, ParametricTerm, highest_order, order_of_each
+from commonlaw.library import Offer, Order, ParametricTerm, highest_order, one_order, order_of_each
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
 from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
@@ -241,14 +242,18 @@ class TrajectoryLikelihood(AbstractMethod):
 
         def begun(order: Order) -> _Found:
             own = replace(structure, order=order)
-            if any(len(each) > 1 for each in possible):
+            if several:
                 progress(f"seeking laws of order {order_in_words(order, trials.schema.states)}")
             refuse_what_does_not_fit(self, trials, own)
-            return self._begun(trials, Screened.of(with_logarithms(trials, self.positive), own), progress)
+            screened = Screened.of(with_logarithms(trials, self.positive), own)
+            return self._begun(trials, screened, several and order == lowest, progress)
 
-        found, refused = of_best_order(
-            begun, possible, lambda each: each.evidence, lambda each: explains_simply(each.search)
-        )
+        several = any(len(each) > 1 for each in possible)
+        lowest = one_order([each[0] for each in possible])
+        found, refused = of_best_order(begun, possible, lambda each: each.evidence, lambda each: each.is_simple)
+        best = min(found, key=lambda each: each.evidence)
+        if several and not (best.is_simple and not may_be_of_lower_order(best.search)):
+            found = [self._finer(each, progress) for each in found]
         found = self._with_richer_terms(found, progress)
         best = min(found, key=lambda each: each.evidence)
         if len(found) > 1 and self.errors == "auto" and not best.search.reason_for_errors:
@@ -262,15 +267,31 @@ class TrajectoryLikelihood(AbstractMethod):
                 raise refused[-1]
         return sorted(found, key=lambda each: each.evidence), refused
 
+    def _finer(self, found: "_Found", progress: ProgressCallback) -> "_Found":
+        """Return a law on a mesh that may explain what was measured, if it was sought on a coarse one."""
+        if not found.is_coarse:
+            return found
+        return self._found(found.screened, found.followed, found.search, False, progress)
+
     def _resolved(self, found: "_Found", progress: ProgressCallback) -> "_Found":
         """Return a law on a mesh that is fine enough; on its own if it does not explain what was measured anyway."""
         return found if found.search.beyond_errors else replace(found, search=resolved(found.search, progress))
 
-    def _begun(self, trials: Trials, screened: Screened, progress: ProgressCallback) -> "_Found":
-        """Search among terms that were kept, and what is offered first, with the interpolation of inputs chosen."""
+    def _begun(self, trials: Trials, screened: Screened, is_first: bool, progress: ProgressCallback) -> "_Found":
+        """Search among terms that were kept, and what is offered first, with the interpolation of inputs chosen.
+
+        The first of several orders is sought on a coarse mesh, of single states, where another order takes less time.
+        """
         followed = as_followed(trials, self.positive, self.input_between)
-        first = self._offers(screened)[1][0]
-        return self._found(screened, followed, None, bool(first.count or self.unmeasured), progress)
+        first = next(iter(screened.whole.library.offers(screened.terms.variables)))
+        if first.count or self.unmeasured:
+            return self._found(screened, followed, None, True, progress)
+        begun = None
+        if is_first and len(trials.schema.states) == 1:
+            begun = self._search_among(followed, screened.structure, progress)
+            if begun.state.has_model_error:
+                return _Found(screened, begun, (), followed, has_richer=False, is_coarse=True)
+        return self._found(screened, followed, begun, False, progress)
 
     def _with_richer_terms(self, found: "Sequence[_Found]", progress: ProgressCallback) -> "list[_Found]":
         """Offer richer terms, to one order after the other, where the best law so far may be wrong or be simpler.
@@ -280,10 +301,11 @@ class TrajectoryLikelihood(AbstractMethod):
         left, done = sorted(found, key=lambda each: each.evidence), list[_Found]()
         while left:
             best = min([*done, *left], key=lambda each: each.evidence)
-            lower = min(left, key=lambda each: sum(order_of_each(each.order, 1)))
-            if explains_simply(best.search) and (best is lower or not may_be_of_lower_order(best.search)):
+            lowest = min(left, key=lambda each: sum(order_of_each(each.order, 1)))
+            implied = best is not lowest and may_be_of_lower_order(best.search)
+            if best.is_simple and not implied:
                 break
-            chosen = lower if may_be_of_lower_order(best.search) else left[0]
+            chosen = lowest if implied else left[0]
             left = [each for each in left if each is not chosen]
             done.append(self._richer(chosen, progress))
         return [*done, *left]
@@ -311,7 +333,7 @@ class TrajectoryLikelihood(AbstractMethod):
         followed
             What was measured, as the law follows it.
         plain
-            The search among plain terms, if it is done.
+            The search among plain terms, if it is done, or but for those that were left out and finer meshes.
         richer
             Whether terms are sought, too, that are offered beside plain ones.
         progress
@@ -321,7 +343,7 @@ class TrajectoryLikelihood(AbstractMethod):
         def begin(trials: Trials, progress: ProgressCallback) -> LawSearch:
             done = plain if trials is followed else None
             if not richer:
-                return done or self._search(screened, trials, progress)
+                return self._search(screened, trials, progress, done)
             done = done or self._search(screened, trials, part(progress, 0.0, _PLAIN))
             return self._search_richer(screened, done, trials, part(progress, _PLAIN, 1.0))
 
@@ -391,12 +413,15 @@ class TrajectoryLikelihood(AbstractMethod):
         first, *richer = screened.whole.library.offers(variables)
         return driven, [replace(first, terms=(*first.terms, *driven)), *richer]
 
-    def _search(self, screened: Screened, trials: Trials, progress: ProgressCallback) -> LawSearch:
-        """Search for the supports of largest evidence, until no term that was left out improves them."""
-        found = self._search_among(trials, screened.structure, progress)
+    def _search(
+        self, screened: Screened, trials: Trials, progress: ProgressCallback, begun: LawSearch | None = None
+    ) -> LawSearch:
+        """Search for the supports of largest evidence, until no finer mesh or term that was left out improves them."""
+        found = explained_on_finer_mesh(begun or self._search_among(trials, screened.structure, progress), progress)
         while more := screened.with_missed(found):
             progress("searching again with terms that were left out and improve the law")
-            screened, found = more, self._search_among(trials, more.structure, progress)
+            screened = more
+            found = explained_on_finer_mesh(self._search_among(trials, more.structure, progress), progress)
         return found
 
     def _search_among(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> LawSearch:
@@ -431,7 +456,8 @@ def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
 class _Found:
     """What is chosen: the terms that were kept, the law among them, and what to say of the way there.
 
-    And the trials as the law follows them, and whether terms were sought that are offered beside plain ones.
+    And the trials as the law follows them, whether terms were sought that are offered beside plain ones, and whether
+    a finer mesh may explain what was measured.
     """
 
     screened: Screened
@@ -439,11 +465,17 @@ class _Found:
     steps: Sequence[Step]
     followed: Trials
     has_richer: bool
+    is_coarse: bool = False
 
     @property
     def order(self) -> Order:
         """Of the law."""
         return self.search.template.order
+
+    @cached_property
+    def is_simple(self) -> bool:
+        """Whether the law explains what was measured, and no richer terms could say it in fewer numbers."""
+        return not self.search.beyond_errors and (self.has_richer or not may_be_series(self.search))
 
     @cached_property
     def evidence(self) -> float:

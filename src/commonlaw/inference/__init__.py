@@ -18,13 +18,14 @@ from commonlaw.inference.law_search import (
     LawSearch,
     begin_search,
     choose_errors,
+    explained_on_finer_mesh,
     resolved,
     search_supports,
 )
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
 from commonlaw.inference.orders import evidence_of_order, may_be_of_lower_order
 from commonlaw.inference.parametric_search import (
-    explains_simply,
+    may_be_series,
     may_be_simpler,
     with_parametric_terms,
     with_parametric_terms_under_errors,
@@ -66,7 +67,7 @@ __all__ = [
     "drives",
     "error_kinds",
     "evidence_of_order",
-    "explains_simply",
+    "explained_on_finer_mesh",
     "explains_whole_trials",
     "finish",
     "fit_supports",
@@ -74,6 +75,7 @@ __all__ = [
     "law_of_all",
     "levels_in_words",
     "may_be_of_lower_order",
+    "may_be_series",
     "may_be_simpler",
     "missed_terms",
     "most_explaining",

@@ -145,7 +145,7 @@ def search_supports(
     most_samples: int,
     progress: ProgressCallback,
 ) -> LawSearch:
-    """Search for the supports of largest evidence.
+    """Search for the supports of largest evidence on the coarsest mesh, see `explained_on_finer_mesh`.
 
     Parameters
     ----------
@@ -183,18 +183,29 @@ def search_supports(
     problem, rest = prepared(most_samples=most_samples), part(progress, 0.05, 1.0)
     few = few_of(problem, prepared)
     found = search_by_few(problem, few, solver, rest) if few else search(problem, solver, rest)
-    while found[0].has_model_error and problem.points < _FINER:  # As a coarse mesh looks, too
+    return LawSearch(template, *_to_scale(problem, found[0]), solver, found)
+
+
+def explained_on_finer_mesh(found: LawSearch, progress: ProgressCallback) -> LawSearch:
+    """Return a search on a finer mesh if its law has a model error, as a coarse mesh looks, too."""
+    problem, listed = found.problem, found.found
+    while listed[0].has_model_error and problem.points < _FINER:
         # The random walk is to be the same in twice as many steps
-        finer = on_finer_mesh(problem, found[0], (found[0].model_error / np.sqrt(2),))
+        finer = on_finer_mesh(problem, listed[0], (listed[0].model_error / np.sqrt(2),))
         if finer is None:
             break
         progress("searching again on a finer mesh")
+        assert found.solver is not None
         problem, _ = finer
-        found = search(problem, solver, progress)
-    best = found[0]
-    if not best.has_model_error:
-        problem, best = to_scale(problem, best)
-    return LawSearch(template, problem, best, solver, found)
+        listed = search(problem, found.solver, progress)
+    if problem is found.problem:
+        return found
+    problem, state = _to_scale(problem, listed[0])
+    return replace(found, problem=problem, state=state, found=listed)
+
+
+def _to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem, SearchState]:
+    return (problem, state) if state.has_model_error else to_scale(problem, state)
 
 
 def fit_terms(setup: FitSetup) -> LawSearch:
@@ -207,9 +218,7 @@ def fit_terms(setup: FitSetup) -> LawSearch:
     """
     problem, law = setup.problem(), setup.law
     state = fit_supports(problem, problem.allowed, ANY_ERROR)
-    problem, state = until_resolved(problem, state, lambda _, fitted: fitted)
-    if not state.has_model_error:
-        problem, state = to_scale(problem, state)
+    problem, state = _to_scale(*until_resolved(problem, state, lambda _, fitted: fitted))
     template = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(setup.known))
     return LawSearch(template, problem, state, None, (state,))
 

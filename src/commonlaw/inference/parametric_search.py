@@ -39,9 +39,8 @@ _MOST_TOGETHER = 4
 _RESOLVED = 1.0
 """What a finer mesh may take from twice the log-evidence of a law whose curves it leaves as they are."""
 
-_FEWEST, _MORE = 2, 1
-"""Coefficients and constants that a ratio has at least; and by how many more than those of an equation that explains
-what was measured another is fitted that may explain it better."""
+_FEWEST = 2
+"""Coefficients and constants that a ratio has at least."""
 
 
 _POWERS = 3
@@ -92,25 +91,24 @@ def with_parametric_terms_under_errors(
     return best_of([found, *found.rivals, again, *again.rivals])
 
 
-def explains_simply(found: LawSearch) -> bool:
-    """Return whether a law leaves nothing but noise, in terms that are no beginning of a series.
+def may_be_series(found: LawSearch) -> bool:
+    """Return whether a law has what may be the beginning of a series, cut off where the library ends.
 
-    Powers of one variable with the same factor, `_POWERS` of them, may be the beginning of one: a function with a
-    constant inside says as much in two numbers.
+    That are `_POWERS` or more powers of one variable with the same factor, up to the highest degree that is offered: a
+    function with a constant inside says as much in two numbers.
     """
-    if found.beyond_errors:
-        return False
-    for support in found.state.supports & found.template.terms.is_factor:
-        listed = [found.template.terms.terms[k] for k in np.flatnonzero(support)]
-        powers = Counter(
-            (column, (*each.exponents[:column], *each.exponents[column + 1 :]))
-            for each in listed
-            if isinstance(each, Monomial)
-            for column in range(len(each.exponents))
-        )
-        if max(powers.values(), default=0) >= _POWERS:
-            return False
-    return True
+    terms = found.template.terms
+    highest = max((each.degree for each in terms.terms if isinstance(each, Monomial)), default=0)
+    for support in found.state.supports & terms.is_factor:
+        powers = dict[tuple[int, tuple[int, ...]], list[int]]()
+        for k in np.flatnonzero(support):
+            if isinstance(term := terms.terms[k], Monomial):
+                for column in range(len(term.exponents)):
+                    factor = (*term.exponents[:column], *term.exponents[column + 1 :])
+                    powers.setdefault((column, factor), []).append(term.degree)
+        if any(len(each) >= _POWERS and max(each) == highest for each in powers.values()):
+            return True
+    return False
 
 
 def may_be_simpler(found: LawSearch, numbers: int) -> bool:
@@ -254,15 +252,15 @@ def _joint(known: Sequence[Sequence[Sequence[TermSet]]], most: Sequence[int]) ->
 
 
 def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
-    """Return how many numbers are looked at in each equation: where noise explains the law, fewer or few more.
+    """Return how many numbers are looked at in each equation: where noise explains the law, as many or fewer.
 
-    There is nothing for more numbers to explain where a law leaves less of exact measurements than tells others apart.
+    Of exact measurements one more, where the law leaves as much as tells others apart.
     """
     if best.beyond_errors:
         return [MOST_NUMBERS] * len(rows)
     left = sum(each.deviance for each in best.state.estimates) / sum(best.problem.measured)
-    more = _MORE if left > best.problem.counted.least else 0
-    return [row.numbers + more for row in rows]
+    is_exact = best.problem.least_variance >= 1
+    return [row.numbers + int(is_exact and left > best.problem.counted.least) for row in rows]
 
 
 def _proposed(

@@ -1,8 +1,9 @@
 """Libraries: families of terms, their sums and products, and libraries without some of their terms."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 from commonlaw.errors import CommonlawError
 from commonlaw.library.parametric import ParametricTerm, parametric_term
@@ -62,9 +63,12 @@ class AbstractLibrary(ABC):
         """Return ratios of sums of terms that are offered besides."""
         return ()
 
-    def offers(self, variables: Variables) -> tuple[Offer, ...]:
-        """Return what is offered besides, the next where a law of those before may be wrong or could be simpler."""
-        return (Offer(self.parametric(variables), self.ratios(variables)),)
+    def offers(self, variables: Variables) -> Iterator[Offer]:
+        """Yield what is offered besides, the next where a law of those before may be wrong or could be simpler.
+
+        The first is tried in any equation. Offers are many terms: each is made when it is asked for.
+        """
+        yield Offer(self.parametric(variables), self.ratios(variables))
 
     @property
     def seeks_unmeasured(self) -> bool:
@@ -105,13 +109,11 @@ class SumLibrary(AbstractLibrary):
             each for own, other in self._sides() for each in _with_plain(own.ratios(variables), other.bind(variables))
         )
 
-    def offers(self, variables: Variables) -> tuple[Offer, ...]:
-        later = (
-            replace(each, ratios=_with_plain(each.ratios, other.bind(variables)))
-            for own, other in self._sides()
-            for each in own.offers(variables)[1:]
-        )
-        return (*super().offers(variables), *later)
+    def offers(self, variables: Variables) -> Iterator[Offer]:
+        yield from super().offers(variables)
+        for own, other in self._sides():
+            for each in islice(own.offers(variables), 1, None):
+                yield replace(each, ratios=_with_plain(each.ratios, other.bind(variables)))
 
     @property
     def seeks_unmeasured(self) -> bool:

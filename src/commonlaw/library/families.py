@@ -1,7 +1,7 @@
 """The families of terms that a library can be made of."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
@@ -298,11 +298,11 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
 class AutoLibrary(AbstractLibrary):
     """All that commonlaw knows to occur in laws: a library for whom none comes to mind.
 
-    Polynomials of degree 3 first. Where the best of these laws leaves more than noise, or has three or more powers of
-    one variable, which may be the beginning of a series: beside few of these, functions of all families, alone and as
-    factors of a state or an input. Where these laws leave something, or need many numbers, ratios of sums of terms up
-    to degree 2, beside linear terms; then, in laws of first order of several trials of at most ten objects, a state
-    that nobody measured. A law takes them where its evidence pays for the larger choice.
+    Polynomials of degree 3 first. Where the best of these laws leaves more than noise, or may be the beginning of a
+    series, with three or more powers of one variable up to the highest: beside few of these, functions of all families,
+    alone and as factors of a state or an input. Where these laws leave something, or need many numbers, ratios of sums
+    of terms up to degree 2, beside linear terms; then, in laws of first order of several trials of at most ten objects,
+    a state that nobody measured. A law takes them where its evidence pays for the larger choice.
 
     Examples
     --------
@@ -314,9 +314,10 @@ class AutoLibrary(AbstractLibrary):
     def bind(self, variables: Variables) -> Terms:
         return PolynomialLibrary(3).bind(variables)
 
-    def offers(self, variables: Variables) -> tuple[Offer, ...]:
-        ratios = PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))
-        return Offer(()), Offer(self._families(variables)), *ratios.offers(variables)
+    def offers(self, variables: Variables) -> Iterator[Offer]:
+        yield Offer(())
+        yield Offer(self._families(variables))
+        yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
 
     def _families(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid", "polar")]
