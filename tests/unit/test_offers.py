@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 import commonlaw as cl
-from commonlaw.inference import parametric_search
+from commonlaw.inference import law_search, parametric_search
 from commonlaw.library import AbstractLibrary, Offer, Terms, Variables, parametric_term, parse_library
 
 
@@ -92,13 +92,40 @@ def test_a_sum_offers_what_each_of_its_libraries_does(text):
     variables = Variables(("s",))
     alone, library = parse_library("auto"), parse_library(text)
     (first, families, ratios), offers = alone.offers(variables), list(library.offers(variables))
-    assert offers[:2] == (first, families)
+    assert offers[:2] == [first, families]
     assert first.count == 0
     more = offers[2]
     assert [each.text(variables.names) for each in ratios.ratios[0].beside] == ["1", "s"]
     assert [each.text(variables.names) for each in more.ratios[0].beside] == ["1", "s", "exp(s)"]
     assert library.seeks_unmeasured
     assert not parse_library("poly:3 + terms:exp(s)").seeks_unmeasured
+
+
+def swung(rates, starts, noise, times):
+    """Positions of one object from each start, of a law of second order."""
+    generator = np.random.default_rng(0)
+    solved = [solve_ivp(rates, times[[0, -1]], each, t_eval=times, rtol=1e-9).y[0] for each in starts]
+    return cl.Trials.from_arrays([times] * len(starts), [x + noise * generator.standard_normal(len(x)) for x in solved])
+
+
+def test_nothing_richer_and_no_finer_mesh_is_tried_where_polynomials_explain(monkeypatch):
+    monkeypatch.setattr(cl.AutoLibrary, "_families", lambda *_: pytest.fail("families were offered"))
+    monkeypatch.setattr(law_search, "on_finer_mesh", lambda *_: pytest.fail("the first order was sought again"))
+    starts, times = [(1.5, 0), (-0.4, 1)], np.linspace(0, 9, 90)
+    duffing = swung(lambda _, z: (z[1], z[0] - z[0] ** 3 - 0.2 * z[1]), starts, 0.01, times)
+    assert cl.discover(duffing, cache=False).structure() == ("x'' = a x + b v + c x^3",)
+
+
+def test_powers_up_to_the_highest_offered_may_be_a_series_and_a_function_is_found_for_them():
+    generator, times = np.random.default_rng(0), np.linspace(0, 12, 60)
+    sizes = [6 * np.exp(np.log(start / 6) * np.exp(-0.4 * times)) for start in (0.2, 0.8)]
+    trials = cl.Trials.from_arrays(
+        [times] * 2, [each + 0.02 * generator.standard_normal(60) for each in sizes], names=["n"]
+    )
+    plain = cl.discover(trials, order=1, library="poly:3", cache=False)
+    assert plain.structure() == ("n' = a + b n + c n^2 + d n^3",)
+    assert not [each for each in plain.outcomes if each.kind == "residuals"]  # Noise explains what it leaves
+    assert cl.discover(trials, cache=False).structure() == ("n' = a n + b n*log(n)",)  # Gompertz
 
 
 def test_a_law_with_constants_inside_is_tried_with_one_plain_term_less(inhibited, monkeypatch):
