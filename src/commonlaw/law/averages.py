@@ -206,7 +206,7 @@ class AbstractAverages(AbstractEquations):
         >>> draws = law.draws()
         >>> speeds = (draws["g"] / draws["c"]).groupby("object").quantile([0.025, 0.975]).unstack()
         >>> print(speeds.round(1).to_string(header=False, index_names=False))
-        Ball 1  89.8  102.7
+        Ball 1  89.7  102.7
         Ball 2  31.9   33.3
         Ball 3  31.5   33.1
         Ball 4  19.3   19.8

@@ -185,9 +185,9 @@ class AbstractDelegates(AbstractAverages):
         >>> drops = cl.datasets.linear_drag(noise=0.05)
         >>> law = cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:4])).explain([])
         >>> print(law.adapt(drops.select(object="Ball 5", trial=1).until(2.0)))
-        x'' = -9.856 ± 0.045 - (0.714 ± 0.011) v
+        x'' = -9.856 ± 0.046 - (0.714 ± 0.011) v
         <BLANKLINE>
-        with v = x', g [m/s²] = 9.856 ± 0.045, c [1/s] = 0.714 ± 0.011
+        with v = x', g [m/s²] = 9.856 ± 0.046, c [1/s] = 0.714 ± 0.011
         """
         return cast(Self, resolve_name("commonlaw.inference:adapt")(self, trials))
 

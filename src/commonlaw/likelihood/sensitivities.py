@@ -56,7 +56,7 @@ class Regression:
             for each in range(segments[-1] + 1):
                 seen = mesh.observed & (segments == each)[:, np.newaxis]
                 own, columns = rows[seen], np.where(mesh.still, d, np.arange(d))[seen]
-                if not np.isfinite(own).all():
+                if not np.isfinite(own).all() or np.abs(own).max(initial=0.0) > np.sqrt(np.finfo(float).max):
                     return None
                 basis = _basis(own[:, :width])
                 if basis is None:
