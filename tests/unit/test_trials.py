@@ -223,3 +223,28 @@ def test_times_that_nothing_can_be_computed_with_are_refused(scale):
     with pytest.raises(CommonlawError, match=r"object, trial 1 has .* give the times in another unit"):
         Trials.from_arrays(np.arange(5) * scale, np.arange(5.0))
     assert len(Trials.from_arrays(np.arange(5) * scale**0.5, np.arange(5.0))) == 1
+
+
+def test_masked_measurements_are_missing():
+    states = np.ma.masked_values([1.0, -999.0, 0.6, 0.5], -999.0)
+    (trial,) = Trials.from_arrays(np.arange(4.0), states)
+    assert trial.times.tolist() == [0.0, 2.0, 3.0]
+    pairs = np.ma.array([[1, 2], [3, -999], [5, 6], [7, 8], [9, 9]], mask=[[0, 0], [0, 1], [0, 0], [0, 0], [0, 0]])
+    (trial,) = Trials.from_arrays(np.arange(5.0), pairs)
+    np.testing.assert_array_equal(trial.states, [[1, 2], [3, np.nan], [5, 6], [7, 8], [9, 9]])
+
+
+def test_dates_are_times_since_the_earliest_of_all_trials():
+    dates = np.array(["2024-03-31T01:30", "2024-03-31T01:32", "2024-03-31T01:36"], dtype="datetime64[m]")
+    trials = Trials.from_arrays([dates + 4, dates], [[1, 2, 3], [4, 5, 6]])
+    assert [trial.times.tolist() for trial in trials] == [[240, 360, 600], [0, 120, 360]]
+    assert (trials.schema.units, trials.notes[0]) == (
+        {"t": "s"},
+        "t: dates taken as time in seconds since 2024-03-31 01:30:00",
+    )
+    (spans,) = Trials.from_arrays(dates - dates[0], [1, 2, 3])
+    assert spans.times.tolist() == [0, 120, 360]
+    (stamps,) = Trials.from_arrays(pd.DatetimeIndex(dates), [1, 2, 3])
+    assert stamps.times.tolist() == [0, 120, 360]
+    with pytest.raises(CommonlawError, match="expected an array of numbers: these are dates"):
+        Trial("cup", "1", dates, np.ones(3))

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError
 from commonlaw.names import shown
+from commonlaw.trials.dates import Elapsed, elapsed
 from commonlaw.trials.grouping import are_used, inputs_before, repeats_in_words
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.identifiers import label
@@ -30,7 +31,7 @@ def trials_from_arrays(
 ) -> TrialData:
     """Return the trials in arrays, see `Trials.from_arrays`."""
     single = _is_one(times)
-    runs: list[Any] = [times] if single else list(times)
+    runs, clock = _elapsed([times] if single else list(times))
     count = len(runs)
     objects = [label(each) for each in _per_trial("objects", object, count)]
     labels = _counted(objects) if trial is None else _per_trial("trial labels", trial, count)
@@ -47,16 +48,35 @@ def trials_from_arrays(
     known = given_properties(properties, "object", list(dict.fromkeys(objects)))
     used = ["t", *columns[0], *columns[1], *known.names]
     noisy = {} if noise is None else {name: f"{name} noise" for name in columns[0]}
-    schema = Schema(*columns, units=joined_units(known.units, units, used, used), noise_columns=noisy)
+    headers = {**known.units, **({"t": clock.unit} if clock else {})}
+    schema = Schema(*columns, units=joined_units(headers, units, used, used), noise_columns=noisy)
     gaps = [
         f"{each.label}: {shown([f'sample {here[0] + 1}', *(str(i + 1) for i in here[1:])])}"
         for each, here in zip(made, empty, strict=True)
         if len(here)
     ]
-    notes = (f"samples without a measured state left out: {'; '.join(gaps)}",) if gaps else ()
+    notes = [f"t: dates taken as time in {clock.since}"] if clock else []
+    notes += [f"samples without a measured state left out: {'; '.join(gaps)}"] if gaps else []
     return TrialData(
         made, schema, known.values, (*known.notes, *notes, *repeats_in_words(made)), set(objects) == {"object"}
     )
+
+
+def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
+    """Return times that are dates or durations as numbers, from the earliest of all trials on, and what they are in."""
+    import pandas as pd
+
+    kinds = {np.asarray(each).dtype.kind for each in runs}
+    if kinds <= set("iufb") or not kinds <= set("mMO"):
+        return runs, None
+    whole = pd.Series([each for run in runs for each in run]).infer_objects()
+    if whole.dtype.kind == "m":
+        found = Elapsed(whole.dt.total_seconds().to_numpy(np.float64), "s", "seconds")
+    elif whole.dtype.kind == "M":
+        found = elapsed(whole)
+    else:
+        return runs, None
+    return np.split(found.values, np.cumsum([len(each) for each in runs])[:-1]), found
 
 
 def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:

@@ -428,12 +428,16 @@ def check_noise_columns(trial: Trial, schema: Schema) -> None:
 
 
 def as_numbers(values: ArrayLike) -> Floats:
-    """Return a copy of `values`, refused if they are no real numbers."""
+    """Return a copy of `values`, NaN where they are masked, refused if they are no real numbers."""
     try:
+        if isinstance(values, np.ma.MaskedArray):
+            return np.asarray(values.astype(np.float64).filled(np.nan))
         if isinstance(values, np.ndarray) and values.dtype == np.float64:
             return values.astype(np.float64, subok=False)
         if np.iscomplexobj(values):
             raise TypeError("these are complex ones, give their real and imaginary parts")
+        if np.asarray(values).dtype.kind in "mM":
+            raise TypeError("these are dates or durations; as times of Trials.from_arrays they are read")
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise CommonlawError(f"expected an array of numbers: {error}") from None
