@@ -1,5 +1,8 @@
 """Units of what is counted."""
 
+import subprocess
+import sys
+
 import pandas as pd
 import pytest
 
@@ -23,3 +26,11 @@ def test_counts_are_converted_as_numbers():
 @pytest.mark.parametrize(("unit", "name"), [("m", "meter"), ("cd", "candela"), ("pF", "picofarad"), ("P", "poise")])
 def test_counts_take_no_unit_of_physics_away(unit, name):
     assert str(known_unit(unit)) == name
+
+
+def test_units_can_be_compared_where_several_threads_use_them_first():
+    program = (
+        "from concurrent.futures import ThreadPoolExecutor as Pool; from commonlaw.trials.units import registry;"
+        "print(len({id(each) for each in Pool(8).map(lambda _: registry(), range(8))}))"
+    )
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "1\n"

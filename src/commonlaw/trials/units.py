@@ -4,6 +4,7 @@ import re
 from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache
+from threading import Lock
 from tokenize import TokenError
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,8 @@ _BROKEN = re.compile("(?<=[⁰¹²³⁴⁵⁶⁷⁸⁹])⋅(?=[⁰¹²³⁴⁵�
 _TOWER = re.compile(r"(\*\*|\^).*(\*\*|\^)[^/* ]*(\*\*|\^)|\d{5}")
 
 
+_LOADING = Lock()
+
 _COUNTS = (
     "cell", "individual", "animal", "plant", "person = _ = people", "host", "colony = _ = colonies",
     "copy = _ = copies", "event", "spike", "photon", "colony_forming_unit = CFU = cfu",
@@ -29,9 +32,14 @@ _COUNTS = (
 """What biologists count in, each with its symbol and other names: numbers without a dimension, as pint's own count."""
 
 
-@cache
 def registry() -> "pint.UnitRegistry[float]":
-    """Return the one registry of units, loaded at the first call."""
+    """Return the one registry of units, loaded at the first call: units of two registries cannot be compared."""
+    with _LOADING:
+        return _registry()
+
+
+@cache
+def _registry() -> "pint.UnitRegistry[float]":
     import pint
 
     made: pint.UnitRegistry[float] = pint.UnitRegistry()
