@@ -308,8 +308,9 @@ def test_draws_of_a_given_law_are_of_its_own_letters():
 def test_draws_need_a_covariance_and_a_number(drag):
     with pytest.raises(CommonlawError, match="does not know how accurate"):
         without(drag, "covariance").draws()
-    with pytest.raises(CommonlawError, match="0 draws of the coefficients: ask for 1 to"):
-        drag.draws(0)
+    for count in (0, 2.5):
+        with pytest.raises(CommonlawError, match=f"count is {count}: give a whole number from 1 to"):
+            drag.draws(count)
 
 
 def test_tables_that_are_read_have_the_digits_that_mean_something():

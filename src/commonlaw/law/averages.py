@@ -18,6 +18,7 @@ from commonlaw.law.quantiles import mixture_interval
 from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.outcomes import Outcome
 from commonlaw.trials.trial import ObjectProperties
+from commonlaw.validation import check_whole_number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -214,8 +215,7 @@ class AbstractAverages(AbstractEquations):
         """
         from commonlaw.law.tables import MOST_DRAWS, draws_frame
 
-        if not 1 <= count <= MOST_DRAWS:
-            raise CommonlawError(f"{count} draws of the coefficients: ask for 1 to {MOST_DRAWS}")
+        check_whole_number("count", count, 1, MOST_DRAWS)
         laws = self.plausible if averaged else self.plausible[:1]
         chosen = np.zeros(count, dtype=np.intp)
         if len(laws) > 1:
