@@ -64,7 +64,8 @@ def in_options(text: str) -> str:
 
 
 def _method(found: re.Match[str]) -> str:
-    return f"{found[1]}-{found[2]} {found[3]}".lower().rstrip()
+    name = re.sub(r"(?<!^)(?=[A-Z])", "-", f"{found[1]}{found[2]}")
+    return f"{name} {found[3]}".lower().rstrip()
 
 
 def pairs(name: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:
