@@ -41,3 +41,14 @@ def test_a_law_in_discrete_time_refuses_uneven_steps(populations):
 
 def test_a_law_in_discrete_time_is_chosen(populations):
     assert cl.discover(populations, order=0, library="poly:3").structure() == ("x[k+1] = a x + b x^2",)
+
+
+def test_the_next_sample_of_a_chaotic_map_is_forecast_though_the_tenth_is_not():
+    states = [0.3]
+    for _ in range(299):
+        states.append(3.9 * states[-1] * (1 - states[-1]))
+    noisy = np.array(states) + 0.005 * np.random.default_rng(0).standard_normal(300)
+    trials = cl.Trials.from_arrays([np.arange(300.0)], [noisy], names=["x"])
+    verdict = cl.fit("x[k+1] = a x (1 - x)", trials).verdict(trials)
+    assert 1 <= verdict.horizon < 30
+    assert "even the nearest" not in str(verdict)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
@@ -61,7 +62,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         persistence=_rms(errors.persistence / spread),
         r_squared=_r_squared(found, spread),
         r_squared_error=_r_squared_error(judged, found, spread),
-        state_errors=_by_state(trials, once, errors, spread),
+        state_errors=_by_state(trials, once, errors, spread, OutcomeKind.APPROXIMATION in known),
         coverage=float(np.nanmean(errors.inside)) if np.isfinite(errors.inside).any() else None,
         poorly_known=_poorly_known(law),
         unjudged=tuple(dict.fromkeys(unjudged)),
@@ -82,9 +83,16 @@ def _compared(judged: Sequence[Segment], states: Bools) -> int:
     return sum(seen.values())
 
 
-def _by_state(trials: Trials, judged: Sequence[Trial], errors: SegmentErrors, spread: Floats) -> tuple[StateError, ...]:
-    """Return the errors of each state, with the range that was measured in the trials."""
-    schema, found = trials.schema, []
+def _by_state(
+    trials: Trials, judged: Sequence[Trial], errors: SegmentErrors, spread: Floats, approximate: bool
+) -> tuple[StateError, ...]:
+    """Return the errors of each state, with the range that was measured in the trials.
+
+    The noise of an approximation has its lack of fit in it: there the noise is that of neighbouring samples, if less.
+    """
+    schema, found = trials.schema, list[StateError]()
+    dense = [each for each in judged if approximate and each.complete and noise_degrees_of_freedom(len(each))]
+    differences = np.array([noise_level(each.times, each.states) for each in dense] or [spread * np.nan])
     for name in schema.measured:
         j = schema.states.index(name)
         values = np.concatenate([[np.nan], *(each.states[:, j] for each in judged)])
@@ -95,7 +103,7 @@ def _by_state(trials: Trials, judged: Sequence[Trial], errors: SegmentErrors, sp
                 _rms(errors.errors[:, j]),
                 _rms(errors.persistence[:, j]),
                 schema.units.get(name, ""),
-                _rms(errors.noise[:, j]),
+                float(np.fmin(_rms(errors.noise[:, j]), _rms(differences[:, j]))),
                 float(spread[j]),
                 float(np.min(values, initial=np.inf)),
                 float(np.max(values, initial=-np.inf)),
@@ -131,8 +139,9 @@ def _horizon(leads: Floats, scaled: Floats) -> float:
     """Return how far ahead errors, relative to the spread, shape (n, states), stay within bounds; 0 if they do not."""
     rows, columns = np.nonzero(~np.isnan(scaled))
     order = np.argsort(leads[rows], kind="stable")
+    nearest = order[leads[rows[order]] == np.min(leads[rows], initial=np.inf)]
     horizon = 0.0
-    for part in np.array_split(order, max(1, min(_PARTS, len(order) // _MEASURED_IN_PART))):
+    for part in (nearest, *np.array_split(order, max(1, min(_PARTS, len(order) // _MEASURED_IN_PART)))):
         if not len(part) or not _rms(scaled[rows[part], columns[part]]) <= NEAR:
             break
         horizon = float(leads[rows[part[-1]]])
