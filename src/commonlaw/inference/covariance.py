@@ -77,11 +77,15 @@ def residual_freedom(problem: SearchProblem, state: SearchState) -> Floats:
     """
     meshes = [mesh for model in problem.models for mesh in model.meshes]
     counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.measurements.pure_error[1]
-    if (found := regressions(problem, state)) is not None:
-        return np.asarray(counts - np.sum([each.leverage for each in found], axis=0))
-    starts = np.array(problem.models[0].order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in meshes], axis=0)
-    coefficients = np.sum([free.sum(axis=1) for free in free_coefficients(problem, state)], axis=0)
-    return np.asarray(np.where(problem.trials.schema.unmeasured, 0, counts - starts - coefficients))
+    listed = zip(problem.models, free_coefficients(problem, state), regressions(problem, state), strict=True)
+    used = [
+        np.array(model.order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in model.meshes], axis=0)
+        + free.sum(axis=1)
+        if regression is None
+        else regression.leverage
+        for model, free, regression in listed
+    ]
+    return np.where(problem.trials.schema.unmeasured, 0.0, counts - np.sum(used, axis=0))
 
 
 def free_coefficients(problem: SearchProblem, state: SearchState) -> list[Bools]:
@@ -90,28 +94,28 @@ def free_coefficients(problem: SearchProblem, state: SearchState) -> list[Bools]
     return [(each.coefficients != 0) & np.isnan(known) for each, known in pairs]
 
 
-def regressions(problem: SearchProblem, state: SearchState) -> list[Regression] | None:
+def regressions(problem: SearchProblem, state: SearchState) -> list[Regression | None]:
     """Return the least squares of each object about a state; None where states follow more than their starts.
 
     That is under a random walk or latent processes, and of laws that forget their starts.
     """
     if state.has_model_error or problem.models[0].latent.width:
-        return None
-    found = []
-    for own in zip(problem.models, state.estimates, free_coefficients(problem, state), strict=True):
-        if (regression := Regression.of(*own)) is None:
-            return None
-        found.append(regression)
-    return found
+        return [None] * len(problem.models)
+    listed = zip(problem.models, state.estimates, free_coefficients(problem, state), strict=True)
+    return [Regression.of(*each) for each in listed]
 
 
 def factors(problem: SearchProblem, state: SearchState) -> list[Floats]:
     """Return the triangular factor of each object's information on its free coefficients, and of the residuals."""
-    if (found := regressions(problem, state)) is not None:
-        return [each.factor for each in found]
-    problems = evidence_about(problem, state).problems
-    inner = [np.flatnonzero(free).tolist() for free in free_coefficients(problem, state)]
-    return [rows.restrict(own).factor for rows, own in zip(problems, inner, strict=True)]
+    found = regressions(problem, state)
+    complete = [each.factor for each in found if each is not None]
+    if len(complete) == len(found):
+        return complete
+    linearized = evidence_about(problem, state).problems
+    return [
+        rows.restrict(np.flatnonzero(free).tolist()).factor if regression is None else regression.factor
+        for regression, rows, free in zip(found, linearized, free_coefficients(problem, state), strict=True)
+    ]
 
 
 def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:
