@@ -105,11 +105,6 @@ class DotPlot:
             found.append(Coefficient(each.equation, each.name, label, label, unit, *own))
         return found
 
-    def _true(self, equation: int, term: str) -> Floats:
-        return (
-            true_values(self.law, self.truth, equation, term) if self.truth else np.full(len(self.law.objects), np.nan)
-        )
-
     @property
     def several(self) -> bool:
         """Whether there are several objects."""
