@@ -13,7 +13,7 @@ def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):
     assert (code, out.strip()) == (0, "Wrote drops.html")
     page = (tmp_path / "drops.html").read_text()
     assert "commonlaw report drops.csv --order 2" in page
-    assert "trials that were held out" in page
+    assert "held-out trials" in page
     check_page(tmp_path / "drops.html")
 
     cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}).save(tmp_path / "law.json")

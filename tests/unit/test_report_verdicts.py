@@ -46,8 +46,8 @@ def numbers_agree(top, law, trials):
     error = np.sqrt(np.mean(frame["x error"] ** 2))
     held = np.mean((frame["x measured low"] <= frame["x"]) & (frame["x"] <= frame["x measured high"]))
     assert f"{len(frame)} measurements" in top
-    assert f"accurate to {error:.3g} m in x" in top
-    assert f"Its 95 % bands held {100 * held:.0f} % of the measurements" in top
+    assert f"RMS forecast error: {error:.3g} m in x" in top
+    assert f"{100 * held:.0f} % of the measurements lie within the 95 % bands (about 95 % expected)" in top
     return error
 
 
@@ -55,7 +55,7 @@ def test_a_law_that_the_library_holds_is_said_to_be_good_and_nothing_against_it(
     law = cl.discover(drops, order=2, library="poly:1")
     report = law_report(find(law, drops))
     top = top_of(report)
-    assert top.startswith("**By samples that it was learned from, this law can be used for forecasts up to 2.6 s ahead")
+    assert top.startswith("**Forecasts its training data well up to 2.6 s ahead (longest horizon tested). Not tested")
     assert numbers_agree(top, law, drops) < 0.06
     assert not re.search("exact|Do not|get further|stays zero", top)
     assert table_of(report, "fit-by-state")["RMS residual"].item() == pytest.approx(0.02, rel=0.2)
@@ -66,12 +66,10 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
     law = cl.discover(drops, order=2, library="terms:x")
     report = law_report(find(law, drops))
     top = top_of(report)
-    assert "; it is a summary, though, and not exact.**" in top
+    assert "; it is an approximation. Not tested on new data.**" in top
     assert "does not explain the measurements to within their errors, as no other law of the terms" in top
     error = numbers_agree(top, law, drops)
-    noise, unexplained = map(
-        float, re.search(r"themselves scatter by (\S+) m; (\S+) m stays unexplained", top).groups()
-    )
+    noise, unexplained = map(float, re.search(r"Measurement noise of x: (\S+) m; unexplained: (\S+) m", top).groups())
     assert noise == pytest.approx(0.02, rel=0.2)
     assert unexplained == pytest.approx(np.sqrt(error**2 - noise**2), rel=1e-2)
     assert error > 10 * noise
@@ -131,4 +129,4 @@ def test_of_several_states_those_that_are_forecast_no_better_are_named():
     assert verdict.usable
     assert "no better" not in str(verdict)
     worse = replace(verdict, state_errors=(x, y._replace(persistence=y.law)))
-    assert "For y it is no better than persistence." in worse.sentences
+    assert "For y the law is no better than a constant forecast." in worse.sentences

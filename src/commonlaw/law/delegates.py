@@ -337,7 +337,7 @@ class AbstractDelegates(AbstractAverages):
         >>> drops = cl.datasets.linear_drag(noise=0.05)
         >>> law = cl.fit("x'' = -g - c v", drops.select(trial=1))
         >>> print(law.verdict(drops, drops.select(trial=1)).sentences[0])
-        This law can be used for forecasts up to 2.6 s ahead, the farthest that was judged.
+        This law can be used for forecasts up to 2.6 s ahead (longest horizon tested).
         """
         return cast("LawVerdict", resolve_name("commonlaw.verdict:judge")(self, trials, learned))
 

@@ -161,18 +161,18 @@ class LawVerdict(ShownInNotebooks):
             few = f"too few, {counted(self.measurements, 'measurement')}, to compare with"
             return few if self.measurements else "nothing was measured in what it forecasts"
         still = self.persistence <= NEAR and self.horizon == self.longest and self._is_no_better
-        return "the states hardly move in what was judged, and persistence forecasts them as well" if still else ""
+        return "the states hardly move, and a constant forecast is as good" if still else ""
 
     @property
     def against(self) -> tuple[str, ...]:
         """What speaks against using the law for forecasts."""
         found = []
         if self.diverged:
-            found.append(f"its forecasts run away in {self.diverged} of {counted(self.segments, 'forecast')}")
+            found.append(f"its forecasts diverge in {self.diverged} of {counted(self.segments, 'forecast')}")
         if not self.horizon and not self.diverged:
             found.append(f"even the nearest are off by more than half of the states' spread{self._spreads}")
         if self._is_no_better and not self.diverged:
-            found.append("they are no better than persistence")
+            found.append("they are no better than a constant forecast")
         if self.horizon and not self.diverged and self._is_no_better_than_mean:
             error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
             whole = f"over all that was judged, R^2 is {self.r_squared:.3g}{error}"
@@ -180,7 +180,7 @@ class LawVerdict(ShownInNotebooks):
                 f"beyond {self._time(self.horizon)} ahead they are no better than a mean of the states: {whole}"
             )
         if self.coverage is not None and self.coverage < _FAILED and self.measurements >= _MANY:
-            found.append(f"its 95 % bands held only {_percent(self.coverage)} of the measurements")
+            found.append(f"only {_percent(self.coverage)} of the measurements lie within the 95 % bands")
         return tuple(found)
 
     @property
@@ -205,10 +205,11 @@ class LawVerdict(ShownInNotebooks):
             yield f"Whether this law can be used for forecasts could not be judged: {self.lacking}."
         elif self.usable:
             beyond = f", beyond which it is off by more than half of the states' spread{self._spreads}"
-            end = ", the farthest that was judged" if self.horizon == self.longest else beyond
-            seen = "By samples that it was learned from, this" if self.in_sample else "This"
-            only = "" if self.exact else "; it is a summary, though, and not exact"
-            yield f"{seen} law can be used for forecasts up to {self._time(self.horizon)} ahead{end}{only}."
+            end = " (longest horizon tested)" if self.horizon == self.longest else beyond
+            can = "Forecasts its training data well" if self.in_sample else "This law can be used for forecasts"
+            only = "" if self.exact else "; it is an approximation"
+            new = " Not tested on new data." if self.in_sample else ""
+            yield f"{can} up to {self._time(self.horizon)} ahead{end}{only}.{new}"
         else:
             yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
         yield from self._found()
@@ -241,9 +242,8 @@ class LawVerdict(ShownInNotebooks):
             yield "measure more samples or more trials"
 
     def _errors(self) -> Iterator[str]:
-        seen = "; nothing was held out, and new ones will be forecast no better" if self.in_sample else ""
         compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
-        yield f"Judged on {self.judged_on}: {compared}, from the first samples of trials on{seen}."
+        yield f"Tested on {self.judged_on}: {compared}, from the first samples of each trial."
         if self.unknown_objects:
             yield f"Of {listed(self.unknown_objects)} it knows the other objects' mean coefficients only."
         if not self.diverged:
@@ -252,32 +252,26 @@ class LawVerdict(ShownInNotebooks):
     def _accuracy(self) -> Iterator[str]:
         known = [each for each in self.state_errors if each.high > each.low]
         own = " and ".join(each.share(each.law) for each in known)
-        yield f"Over all of it, forecasts are accurate to {own}, by the root mean square."
         last = " and ".join(each.share(each.persistence, ends=False) for each in known)
-        several = " in all, relative to the spreads" if len(known) > 1 else ""
-        better = (
-            f"better by a factor of {_number(self.persistence / self.error)}{several}"
-            if self.error
-            else "without error"
-        )
-        still = "Persistence (the states stay as they were last measured) is accurate to"
-        yield f"{still} {last}; the law is {'no better' if self._is_no_better else better}."
+        yield f"RMS forecast error: {own}. That of a constant forecast: {last}."
         worse = [each.state for each in known if each.law > NO_BETTER * each.persistence]
         if worse and not self._is_no_better:
-            yield f"For {' and '.join(worse)} it is no better than persistence."
+            yield f"For {' and '.join(worse)} the law is no better than a constant forecast."
         if not self.exact and all(each.noise > 0 for each in known):
             names = " and ".join(each.state for each in known)
             noise = " and ".join(_number(each.noise, each.unit) for each in known)
             rest = " and ".join(_number(each.unexplained, each.unit) for each in known)
-            yield f"The measurements of {names} themselves scatter by {noise}; {rest} stays unexplained."
+            yield f"Measurement noise of {names}: {noise}; unexplained: {rest}."
 
     def _bands(self) -> Iterator[str]:
         if self.coverage is None:
-            yield "It has no bands, as it does not know how accurate it is."
-        elif self.coverage < _NARROW and self.measurements >= _MANY:
-            yield f"Its 95 % bands are too narrow: they held {_percent(self.coverage)} of the measurements."
+            yield "There are no bands, as the law has no standard errors."
+            return
+        inside = f"{_percent(self.coverage)} of the measurements lie within the 95 % bands (about 95 % expected)"
+        if self.coverage < _NARROW and self.measurements >= _MANY:
+            yield f"{inside}: the bands are too narrow."
         elif self.measurements >= _FEW:
-            yield f"Its 95 % bands held {_percent(self.coverage)} of the measurements."
+            yield f"{inside}."
 
     @property
     def _spreads(self) -> str:

@@ -29,8 +29,8 @@ _TOLERANCE = 1e-6
 class Kind(StrEnum):
     """Where a segment comes from."""
 
-    TRIAL = "trials that were held out"
-    LATER = "later samples that were held out"
+    TRIAL = "held-out trials"
+    LATER = "held-out later samples"
     SEEN = "whole trials"
 
 
