@@ -71,7 +71,7 @@ def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
         return runs, None
     whole = pd.Series([each for run in runs for each in run]).infer_objects()
     if whole.dtype.kind == "m":
-        found = Elapsed(whole.dt.total_seconds().to_numpy(np.float64), "s", "seconds")
+        found = Elapsed(np.asarray(whole.dt.total_seconds(), dtype=np.float64), "s", "seconds")
     elif whole.dtype.kind == "M":
         found = elapsed(whole)
     else:

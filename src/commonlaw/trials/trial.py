@@ -431,7 +431,7 @@ def as_numbers(values: ArrayLike) -> Floats:
     """Return a copy of `values`, NaN where they are masked, refused if they are no real numbers."""
     try:
         if isinstance(values, np.ma.MaskedArray):
-            return np.asarray(values.astype(np.float64).filled(np.nan))
+            return np.array(np.ma.filled(values.astype(np.float64), np.nan), dtype=np.float64)
         if isinstance(values, np.ndarray) and values.dtype == np.float64:
             return values.astype(np.float64, subok=False)
         if np.iscomplexobj(values):
