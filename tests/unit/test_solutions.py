@@ -7,10 +7,12 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.formulation import law_variables
+from commonlaw.inference.provenance import outcomes_of_fit
 from commonlaw.inference.search_problem import prepare
 from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.solutions import follows_solutions, is_solved, runs_away
 from commonlaw.library import parse_library
+from commonlaw.outcomes import OutcomeKind
 
 TIMES = np.linspace(0, 8, 200)
 
@@ -35,6 +37,16 @@ def test_steps_from_one_resting_point_to_the_next_follow_no_solution():
     problem, state = stated("terms:sin(x)", [-500.0], resting.astype(float), model_error=0.5)
     assert not follows_solutions(problem, state)
     assert not is_solved(problem, state)
+
+
+def test_a_fit_that_is_no_solution_of_its_law_did_not_converge():
+    resting = np.pi * np.random.default_rng(1).integers(20, 24, len(TIMES))
+    (found, *_) = outcomes_of_fit(*stated("terms:sin(x)", [-500.0], resting.astype(float)), True)
+    assert found.kind is OutcomeKind.NOT_CONVERGED
+    solved = stated("terms:x", [-0.5], 3 * np.exp(-0.5 * TIMES))
+    assert outcomes_of_fit(*solved, True) == ()
+    (found,) = outcomes_of_fit(*solved, False)
+    assert found.kind is OutcomeKind.NOT_CONVERGED
 
 
 def test_a_fast_law_at_rest_is_followed():

@@ -17,6 +17,7 @@ from commonlaw.inference.scale_of_unmeasured import held_like_others
 from commonlaw.inference.search import LEFT_BY_LAW
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import FINAL, SearchState
+from commonlaw.inference.solutions import follows_solutions
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
 
 MAX_MOVE = 0.01
@@ -35,11 +36,13 @@ _ROUNDS = 20
 
 def converged(
     problem: SearchProblem, state: SearchState, least_squares: bool = False
-) -> tuple[SearchProblem, SearchState]:
-    """Return the problem under the noise of the residuals, on a resolved mesh, and the state converged there.
+) -> tuple[SearchProblem, SearchState, bool]:
+    """Return the problem under the noise of the residuals, on a resolved mesh, the state there, and if it converged.
 
-    A law with a random walk in each step needs no finer mesh, and its levels were found with it; nor does one whose
-    likelihood cannot be computed more accurately. Objects of which coefficients are held like those of others stay.
+    A law with a random walk in each step needs no finer mesh, and its levels were found with it. Objects of which
+    coefficients are held like those of others stay. The residuals of solutions that no mesh resolves are no noise: of
+    exact measurements the estimate of the search is returned, under its smallest noise, and so is one that did not
+    converge.
 
     Parameters
     ----------
@@ -50,12 +53,12 @@ def converged(
     """
     shared = any(held_like_others(problem, index).any() for index in range(len(problem.models)))
     if state.has_model_error or shared:
-        return problem, state
+        return problem, state, True
     before, moved = (problem, state), np.inf
     try:
         problem, state = _by_least_squares(*_under_residual_noise(problem, state), least_squares)
     except NotPositiveError:
-        return problem, state
+        return *before, False
     while problem.points < MAX_POINTS:
         finer = problem.finer()
         estimates = tuple(
@@ -70,7 +73,7 @@ def converged(
         problem, state = finer, fine
         if moved < MAX_MOVE:
             break
-    return (problem, state) if moved < MAX_MOVE else before  # The residuals of unresolved solutions are no noise
+    return (problem, state, True) if moved < MAX_MOVE else (*before, follows_solutions(*before))
 
 
 def _by_least_squares(problem: SearchProblem, state: SearchState, always: bool) -> tuple[SearchProblem, SearchState]:

@@ -73,10 +73,10 @@ def finish(
     template = found.template
     progress("judging terms and coefficients")
     compared = compared_terms(found)
-    problem, state = found.problem, found.state
+    problem, state, is_converged = found.problem, found.state, True
     # Residuals of few samples, by which the terms were chosen, do not show their noise; latent states have a prior
     if problem.tells_noise and not problem.trials.schema.unmeasured.any():
-        problem, state = converged(problem, state)
+        problem, state, is_converged = converged(problem, state)
     law = fitted_law(template, problem, state, covariance, seed)
     law = replace(
         law,
@@ -91,7 +91,7 @@ def finish(
             template.provenance,
             outcomes=(
                 *template.provenance.outcomes,
-                *with_approximation(found, outcomes(template, problem, state)),
+                *with_approximation(found, outcomes(template, problem, state, is_converged)),
                 *differing_trials(problem, state),
             ),
             alternatives=alternatives(template, compared, found.chosen_by),

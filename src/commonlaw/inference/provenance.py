@@ -13,6 +13,7 @@ from commonlaw.inference.law_search import ChosenBy
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
+from commonlaw.inference.solutions import follows_solutions
 from commonlaw.inference.support_search import MOST_TERMS
 from commonlaw.inference.unmeasured import unmeasured_in_words
 from commonlaw.law import Alternative, Law, Step
@@ -91,9 +92,9 @@ def probabilities(listed: Sequence[ComparedTerms]) -> Floats:
 _LEVELS = "levels of largest evidence for errors of this kind"
 
 
-def outcomes(law: Law, problem: SearchProblem, state: SearchState) -> tuple[Outcome, ...]:
+def outcomes(law: Law, problem: SearchProblem, state: SearchState, is_converged: bool) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that was chosen by these trials."""
-    found = [*outcomes_of_fit(problem, state, _CHOSEN)]
+    found = [*outcomes_of_fit(problem, state, is_converged, _CHOSEN)]
     found += [
         Outcome(OutcomeKind.EMPTY_SUPPORT, side, "no candidate term explains it better than noise", "offer other terms")
         for j, side in enumerate(law.left_hand_sides)
@@ -120,12 +121,18 @@ _GIVEN = "from this law by more than errors of measurement"
 _CHOSEN = "from this law, the best of its library, by more than errors of measurement"
 
 
-def outcomes_of_fit(problem: SearchProblem, state: SearchState, departs: str = _GIVEN) -> tuple[Outcome, ...]:
+def outcomes_of_fit(
+    problem: SearchProblem, state: SearchState, is_converged: bool, departs: str = _GIVEN
+) -> tuple[Outcome, ...]:
     """Return what to know of a law by its fit: errors that it has itself, or that are not explained, and samples.
 
     The words say from what the measurements depart where errors of the measurements do not explain them.
     """
-    found = []
+    found = list[Outcome]()
+    if not (state.has_model_error or (is_converged and follows_solutions(problem, state))):
+        text = "the fit did not converge: coefficients and standard errors are not those of least squares"
+        remedy = "give first guesses or bounds of coefficients, or measure more often where the states change fast"
+        found.append(Outcome(OutcomeKind.NOT_CONVERGED, "", text, remedy))
     if state.has_model_error or problem.errors.of_law:
         error = f"; it has a model error, {model_error_step(problem, state).choice}"
         remedy = (
@@ -179,7 +186,7 @@ def _not_told(law: Law) -> tuple[Outcome, ...]:
 
 def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes of a law without those that a fit to other measurements decides anew."""
-    kinds = {*LACKS_OF_FIT, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
+    kinds = {*LACKS_OF_FIT, OutcomeKind.NOT_CONVERGED, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
     return tuple(each for each in outcomes if each.kind not in kinds)
 
 

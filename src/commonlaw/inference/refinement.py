@@ -170,7 +170,7 @@ class _Fit:
         errors = "white" if self.errors == "auto" and found.has_few_measurements else self.errors
         found = choose_errors(found, errors=errors, propose=lambda _: None, progress=progress)
         found = approximated(found, progress) or found
-        problem, state = converged(found.problem, found.state, self.least_squares)
+        problem, state, is_converged = converged(found.problem, found.state, self.least_squares)
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
         law, trials = replace(setup.law, schema=schema), setup.trials
         refined = fitted_law(law, problem, state, self.covariance, self.seed)
@@ -180,7 +180,7 @@ class _Fit:
             law.provenance,
             outcomes=(
                 *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
-                *with_approximation(found, outcomes_of_fit(problem, state)),
+                *with_approximation(found, outcomes_of_fit(problem, state, is_converged)),
                 *outcomes_of_unmeasured(refined, problem),
             ),
             history=(*law.history, *chosen),
