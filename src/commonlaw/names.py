@@ -2,14 +2,10 @@
 
 import json
 import os
-from collections.abc import Sequence
 from unicodedata import category
 
 _LETS_BE = frozenset("\n\t\u200c\u200d")
 """Ends of lines, tabs, and the joiners that some scripts need."""
-
-_SHOWN = 3
-"""Locations that a note lists."""
 
 _LATEX = {"\\": r"\backslash ", "~": r"\sim ", "^": r"\hat{}", " ": r"\ "} | {each: f"\\{each}" for each in "#$%&_{}"}
 
@@ -62,11 +58,6 @@ def escaped(text: str) -> str:
     \u03bcm\u0007
     """
     return json.dumps(text)[1:-1]
-
-
-def shown(locations: Sequence[str]) -> str:
-    """Return how many locations there are, and the first of them, for a note."""
-    return f"{len(locations)} ({', '.join(locations[:_SHOWN])}{', ...' if len(locations) > _SHOWN else ''})"
 
 
 def _is_plain(character: str) -> bool:

@@ -1,5 +1,10 @@
 """How things are counted in words."""
 
+from collections.abc import Sequence
+
+_SHOWN = 3
+"""Names that a note lists."""
+
 
 def counted(count: int, noun: str, ending: str = "s") -> str:
     """Return a number of things.
@@ -8,6 +13,12 @@ def counted(count: int, noun: str, ending: str = "s") -> str:
     ('1 trial', '3 boxes')
     """
     return f"{count} {noun}{'' if count == 1 else ending}"
+
+
+def shown(names: Sequence[str], noun: str = "") -> str:
+    """Return how many there are of a noun, if one is given, and the first names, for a note."""
+    count = counted(len(names), noun) if noun else f"{len(names)}"
+    return f"{count} ({', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''})"
 
 
 def r_squared_text(value: float) -> str:

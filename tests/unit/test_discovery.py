@@ -258,11 +258,11 @@ def test_the_docstring_of_discover_describes_every_parameter_as_the_estimator_do
 
 def test_a_state_that_never_changes_is_refused():
     times = np.arange(50.0)
-    still = cl.Trial("rock", "1", times, np.full(50, 3.0))
-    moving = cl.Trial("ball", "1", times, times**2)
-    with pytest.raises(cl.CommonlawError, match="the state 'x' of rock never changes"):
+    rolling = cl.Trial("rock", "1", times, np.column_stack([times, np.full(50, 3.0)]))
+    flying = cl.Trial("ball", "1", times, np.column_stack([times, times**2]))
+    with pytest.raises(cl.CommonlawError, match="the state 'y' of rock never changes"):
         cl.discover(
-            cl.Trials((moving, still), cl.Schema(("x",))),
+            cl.Trials((flying, rolling), cl.Schema(("x", "y"))),
             method=cl.DerivativeRegression(differentiation="finite"),
             order=1,
             library="poly:3",

@@ -18,9 +18,9 @@ from commonlaw.cli.question import Question
 from commonlaw.cli.source import Source, guesses
 from commonlaw.cli.workers import in_processes, in_words
 from commonlaw.cluster import counting, current_cluster
-from commonlaw.names import as_text, shown
+from commonlaw.names import as_text
 from commonlaw.progress import ProgressCallback, Stage
-from commonlaw.wording import counted
+from commonlaw.wording import counted, shown
 
 Piece = tuple[Source, Question]
 

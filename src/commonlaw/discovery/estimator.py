@@ -26,11 +26,12 @@ from commonlaw.law.meeting import matched
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import AbstractLibrary, one_order, order_of_each, parse_library
-from commonlaw.names import shown
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trial, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
+from commonlaw.trials.rest import objects_at_rest, outcome_of_rest, without_objects
+from commonlaw.wording import shown
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -167,17 +168,20 @@ class LawDiscovery:
             possible, without = _without_evidence(method, possible, isinstance(trials, TrialStream))
             instead = (*instead, *without)
         structure = ModelStructure(one_order([each[0] for each in possible]), library, known, self.universal)
-        copies: tuple[Outcome, ...] = ()
+        copies, resting = tuple[Outcome, ...](), tuple[str, ...]()
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
             trials, copies = _once(trials)
+            resting = () if self.universal else objects_at_rest(trials)
+            trials = without_objects(trials, resting)
         with one_blas_thread():
             law = _law_of_some_order(method, trials, structure, possible, progress)
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
-        domain, outcomes = law.provenance.domain, (*law.outcomes, *rates, *copies, *instead)
+        domain, outcomes = law.provenance.domain, (*law.outcomes, *rates, *copies, *outcome_of_rest(resting), *instead)
         if isinstance(trials, Trials):
-            domain, outcomes = Domain.of(trials, law.state_rates), with_outcomes_of_zero(outcomes, law, trials)
+            domain = replace(Domain.of(trials, law.state_rates), at_rest=resting)
+            outcomes = with_outcomes_of_zero(outcomes, law, trials)
             outcomes = (*outcomes, *outcomes_of_stand_ins(trials, law.order, library))
         history = (*told, *law.history)
         provenance = replace(law.provenance, calls=made, domain=domain, outcomes=outcomes, history=history)

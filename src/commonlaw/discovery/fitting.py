@@ -19,6 +19,7 @@ from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import LawOfPart, law_of_all, outcomes_of_constants, refine, with_constants_found
 from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law.domain import Domain
 from commonlaw.law.from_text import GivenEquations, read_equations
 from commonlaw.law.numbers import with_error
 from commonlaw.law.script import call
@@ -31,6 +32,7 @@ from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.doses import with_doses
+from commonlaw.trials.rest import objects_at_rest, outcome_of_rest, without_objects
 from commonlaw.trials.starts import with_starts
 from commonlaw.trials.trial import Start, property_names
 
@@ -150,6 +152,8 @@ def fit(
     starts = {name: None if start == "free" else start for name, start in (starts or {}).items()}
     doses = (doses,) if isinstance(doses, str) else tuple(doses)
     universal = (universal,) if isinstance(universal, str) else tuple(universal)
+    resting = () if universal or starts else objects_at_rest(trials)
+    trials = without_objects(trials, resting)
     trials = _with_unmeasured(with_doses(trials, doses), asked, starts, starts_at)
     if doses:
         settings = {"input_between": "linear"} | settings
@@ -186,10 +190,12 @@ def fit(
         # Of what a search says, only this concerns terms that were given
         ill_conditioned = (each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
         outcomes = with_outcomes_of_zero(ill_conditioned, law, trials)
-        made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls)
+        outcomes, domain = (*outcomes, *outcome_of_rest(resting)), Domain(at_rest=resting)
+        made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls, domain=domain)
         return _within_bounds(replace(law, provenance=made), given.bounds)
     differentiation = suitable_differentiation(trials, given.order)
-    provenance = Provenance(differentiation, rates, history=history, equations=given.texts)
+    known, domain = (*rates, *outcome_of_rest(resting)), Domain(at_rest=resting)
+    provenance = Provenance(differentiation, known, history=history, equations=given.texts, domain=domain)
     settings = {"input_between": "auto"} | settings
     unfitted = _unfitted(given, trials, provenance)
     for name, value in (guesses or {}).items():

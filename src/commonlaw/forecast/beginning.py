@@ -13,8 +13,8 @@ from commonlaw.forecast.initial_state import MIN_SAMPLES, Start, can_fit_initial
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
 from commonlaw.library import with_rates
-from commonlaw.names import shown
 from commonlaw.trials import Trial, Trials
+from commonlaw.wording import shown
 
 _DRAWS = 200
 """Vectors of noise that show what a differentiator makes of noise."""

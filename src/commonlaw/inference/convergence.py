@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
-from commonlaw.hierarchy import informative
+from commonlaw.array_types import Floats
 from commonlaw.inference.covariance import factors, free_coefficients, residual_freedom
 from commonlaw.inference.evidence import VERY_STRONG
 from commonlaw.inference.scale_of_unmeasured import held_like_others
@@ -106,22 +105,12 @@ def _relative_residuals(problem: SearchProblem, state: SearchState) -> Floats:
 
 
 def _moved(problem: SearchProblem, state: SearchState, before: Sequence[Estimate]) -> float:
-    """Return by how many standard errors coefficients differ from others, the most of any object (Mahalanobis).
-
-    Objects that carry no information about any coefficient, such as blanks, do not count.
-    """
-    triangles, support = factors(problem, state), state.supports
-    listed = zip(triangles, free_coefficients(problem, state), before, state.estimates, strict=True)
-    moved = [
-        float(np.linalg.norm(factor[:, :-1] @ (other.coefficients - one.coefficients)[free]))
-        for factor, free, one, other in listed
-    ]
-    counted: Bools = np.ones(len(moved), dtype=np.bool_)
-    if len(moved) > 1 and support.any() and np.isnan(problem.known[:, support]).all():
-        variances = [np.diagonal(np.linalg.pinv(each[:, :-1].T @ each[:, :-1])) for each in triangles]
-        estimates = np.array([each.coefficients[support] for each in state.estimates])
-        counted = np.asarray(informative(estimates, np.array(variances)).any(axis=1))
-    return max((each for each, counts in zip(moved, counted, strict=True) if counts), default=0.0)
+    """Return by how many standard errors coefficients differ from others, the most of any object (Mahalanobis)."""
+    triangles, free = factors(problem, state), free_coefficients(problem, state)
+    return max(
+        float(np.linalg.norm(factor[:, :-1] @ (other.coefficients - one.coefficients)[own]))
+        for factor, own, one, other in zip(triangles, free, before, state.estimates, strict=True)
+    )
 
 
 def _fitted(problem: SearchProblem, state: SearchState) -> SearchState:

@@ -175,7 +175,7 @@ class _Fit:
         law, trials = replace(setup.law, schema=schema), setup.trials
         refined = fitted_law(law, problem, state, self.covariance, self.seed)
         chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(problem, state)
-        domain = Domain.of(trials, law.state_rates)
+        domain = replace(Domain.of(trials, law.state_rates), at_rest=law.provenance.domain.at_rest)
         provenance = replace(
             law.provenance,
             outcomes=(

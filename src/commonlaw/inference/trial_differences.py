@@ -11,9 +11,9 @@ from commonlaw.formulation import column_scales
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
-from commonlaw.names import shown
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.spacing import evenly_spaced
+from commonlaw.wording import shown
 
 _OBJECTS = 30
 """Objects whose trials are compared at most, evenly spread."""

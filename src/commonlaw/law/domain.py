@@ -1,7 +1,7 @@
 """Where a law may be used: what it was learned from, and how far ahead its forecasts are good."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -32,11 +32,14 @@ class Domain:
         How far ahead the error of its forecasts stays within half of the states' spread; None if that was not judged.
     judged
         How far ahead was judged.
+    at_rest
+        Objects that were left out, as nothing changed in their trials, see `objects_at_rest`.
     """
 
     visited: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     horizon: float | None = None
     judged: float | None = None
+    at_rest: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, trials: Trials, rates: Sequence[tuple[str, str]]) -> "Domain":
@@ -60,7 +63,7 @@ class Domain:
 
     def with_horizon(self, horizon: float, judged: float) -> "Domain":
         """Return the same with how far ahead forecasts are good, and how far ahead that was judged."""
-        return Domain(self.visited, horizon, judged)
+        return replace(self, horizon=horizon, judged=judged)
 
     def horizon_sentence(self, unit: str) -> str:
         """Return how far ahead forecasts are good, in words, given the unit of time."""

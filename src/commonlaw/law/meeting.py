@@ -12,6 +12,7 @@ from commonlaw.trials.conversion import Conversion, in_units
 from commonlaw.trials.doses import with_doses
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.measured_rates import without_rates
+from commonlaw.trials.rest import objects_at_rest, without_objects
 from commonlaw.trials.starts import with_starts
 from commonlaw.trials.trial import as_numbers
 
@@ -24,9 +25,9 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
     law
         The law.
     trials
-        What was measured. What has no unit there or in the law is taken as it is. Columns that the law
-        left out, as they are rates of its states, are left out here. States that nobody measured come with
-        their starts, and doses as they are added.
+        What was measured. What has no unit there or in the law is taken as it is. Columns that the law left out, as
+        they are rates of its states, are left out here, and so are objects that are still at rest. Latent states come
+        with their starts, and doses as they are added.
     inputs
         Whether the trials may have other inputs than the law.
 
@@ -36,6 +37,8 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
         If the variables are not those of the law, or a unit cannot be converted into that of the law.
     """
     trials = without_rates(trials, law.schema.rates)
+    if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
+        trials = without_objects(trials, tuple(name for name in objects_at_rest(trials) if name in resting))
     starts = {name: start for name, start in law.schema.starts.items() if name not in trials.schema.states}
     measured = tuple(name for name in law.schema.states if name not in starts)
     kinds = [("states", measured, trials.schema.states)]

@@ -11,13 +11,10 @@ from commonlaw.hierarchy import informative, shrink
 from commonlaw.law.provenance import Step
 from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
 from commonlaw.outcomes import Outcome, OutcomeKind
-from commonlaw.wording import counted
+from commonlaw.wording import shown
 
 _ALIKE, _OWN = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""
-
-_SHOWN = 5
-"""Objects that a note names."""
 
 
 def partially_pooled(
@@ -72,6 +69,5 @@ def not_pooled(objects: Sequence[str], told: Bools) -> tuple[Outcome, ...]:
     left = [name for name, own in zip(objects, told, strict=True) if not own]
     if not left:
         return ()
-    which = f"{counted(len(left), 'object')} ({', '.join(left[:_SHOWN])}{', ...' if len(left) > _SHOWN else ''})"
-    text = f"the trials of {which} carry no information about the coefficients, which are not pooled with the others"
-    return (Outcome(OutcomeKind.NOT_IDENTIFIABLE, "", text, "leave them out if nothing happens there, as in blanks"),)
+    text = f"{shown(left, 'object')} not pooled with the others: these trials carry no information about coefficients"
+    return (Outcome(OutcomeKind.NOT_IDENTIFIABLE, "", text, "leave them out, or measure them longer"),)

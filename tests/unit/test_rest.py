@@ -1,0 +1,71 @@
+"""Objects at rest, such as blanks, are named and left out of a law in which each object has its own coefficients."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.outcomes import OutcomeKind
+from commonlaw.trials.rest import objects_at_rest
+
+TIMES = np.linspace(0, 12, 40)
+RATES = {"A1": 0.9, "A2": 1.1, "A3": 1.3}
+
+
+def plate(blanks, inputs=None, noise=0.002):
+    """Logistic growth x' = r x (1 - x) of three wells, on constant wells beside them."""
+    generator = np.random.default_rng(4)
+    curves = {name: 1 / (1 + 49 * np.exp(-r * TIMES)) for name, r in RATES.items()} | blanks
+    states = [curve[:, np.newaxis] + noise * generator.standard_normal((len(TIMES), 1)) for curve in curves.values()]
+    objects = list(curves)
+    return cl.Trials.from_arrays([TIMES] * len(states), states, object=objects, inputs=inputs)
+
+
+BLANKS = {"B1": np.full(40, 0.05), "B2": np.full(40, 0.1)}
+
+
+def test_wells_are_fitted_as_without_the_blanks_which_are_named():
+    with_blanks, without = plate(BLANKS), plate({})
+    law, alone = (cl.fit("x' = a x + b x^2", each) for each in (with_blanks, without))
+    assert law.objects == tuple(RATES)
+    np.testing.assert_allclose(law.coefficients, alone.coefficients, rtol=1e-9)
+    (found,) = (each for each in law.outcomes if each.kind is OutcomeKind.NOT_IDENTIFIABLE)
+    assert "B1, B2" in found.text
+    assert law.coefficients[:, 0, 0] == pytest.approx([*RATES.values()], abs=0.01)
+
+
+def test_a_law_is_found_as_without_the_blanks_and_used_with_them():
+    trials = plate(BLANKS)
+    law = cl.discover(trials)
+    assert law.structure() == cl.discover(plate({})).structure()
+    assert law.objects == tuple(RATES)
+    assert str(law.verdict(trials)) == str(law.verdict(plate({})))
+    again = cl.Law.from_json(law.to_json())
+    assert again.provenance.domain.at_rest == ("B1", "B2")
+    assert cl.refine(again, trials).objects == tuple(RATES)
+
+
+def test_coefficients_that_all_objects_share_are_fitted_to_blanks_too():
+    assert cl.fit("x' = a x + b x^2", plate(BLANKS), universal=["a", "b"]).objects == (*RATES, "B1", "B2")
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [0.05 * np.exp(-TIMES / 12), 0.05 * TIMES / 12, 0.05 + 0.02 * np.sin(TIMES)],
+    ids=["decay", "drift", "oscillation"],
+)
+def test_small_motions_count(curve):
+    assert objects_at_rest(plate({"B1": curve})) == ()
+
+
+def test_an_object_that_does_not_answer_to_an_input_says_so():
+    force = [np.sin(TIMES)[:, np.newaxis]] * 4
+    assert objects_at_rest(plate({"B1": np.full(40, 0.05)}, inputs=force)) == ()
+
+
+def test_where_all_objects_rest_none_is_left_out():
+    states = [np.random.default_rng(k).standard_normal((40, 1)) for k in range(3)]
+    assert objects_at_rest(cl.Trials.from_arrays([TIMES] * 3, states, object=["A", "B", "C"])) == ()
+
+
+def test_exact_constants_rest():
+    assert objects_at_rest(plate(BLANKS, noise=0.0)) == ("B1", "B2")
