@@ -203,8 +203,7 @@ def data(name: str) -> tuple[Floats, Floats]:
 def covariance(certified: Certified, times: Floats) -> Floats:
     """Return that of the errors of the parameters, s^2 (J' J)^-1."""
     slopes = jacobian(lambda b: certified.model(times, b), np.array(certified.parameters))
-    inverse: Floats = np.linalg.inv(slopes.T @ slopes)
-    return certified.residual_deviation**2 * inverse
+    return np.asarray(certified.residual_deviation**2 * np.linalg.inv(slopes.T @ slopes), dtype=np.float64)
 
 
 def expected(name: str) -> dict[str, tuple[float, float]]:
