@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 import commonlaw as cl
 
@@ -61,3 +62,21 @@ def test_laws_without_coefficients_are_compared(decays):
     assert str(laws["x' = 0"]).splitlines()[0] == "x' = 0"
     assert cl.Law.from_json(laws["x' = 0"].to_json()).structure() == ("x' = 0",)
     assert np.array_equal(cl.Law.from_text("x' = 0").simulate([0.0, 1.0], [2.0])["object"].states[:, 0], [2.0, 2.0])
+
+
+def test_the_residuals_of_all_objects_tell_the_noise_of_few_samples_each():
+    times, generator = np.array([0.0, 1.0, 2.0, 4.0, 7.0, 10.0]), np.random.default_rng(5)
+    states = [a / (1 + 0.5 * a * times) + 0.03 * generator.standard_normal(6) for a in np.linspace(1.5, 4, 8)]
+    vials = cl.Trials.from_arrays([times] * 8, states, object=list("abcdefgh"))
+    laws = {"first": cl.fit("x' = -k x", vials), "second": cl.fit("x' = -k x^2", vials)}
+    table = cl.compare(laws, vials).set_index("law")["2 log B"]
+
+    def left(curve):
+        """The sum of squares that a curve of two parameters leaves of all vials, by least squares."""
+        fits = (least_squares(lambda p, own=own: curve(*p) - own, [own[0], 0.3]) for own in states)
+        return 2 * sum(each.cost for each in fits)
+
+    ratio = left(lambda a, k: a * np.exp(-k * times)) / left(lambda a, k: a / (1 + a * k * times))
+    # With the noise integrated out, of 48 measurements and 16 parameters
+    assert (48 - 16) * np.log(ratio) < table["first"] < 48 * np.log(ratio)
+    assert table["second"] == 0

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import curve_fit
 
 import commonlaw as cl
 from commonlaw import datasets
+from commonlaw.inference.first_noise import estimated_noise
 
 TIMES = np.linspace(0, 4, 5)
 
@@ -61,4 +63,16 @@ def test_noise_of_short_trials_is_the_scatter_about_parabolas_of_all_of_them_tog
     states = [i + times - 0.1 * times**2 + 0.3 * random.standard_normal(5) for i in range(6)]
     trials = cl.Trials.from_arrays([times] * 6, states, object=list("abcdef"))
     rests = [np.polyfit(times, each, 2, full=True)[1][0] for each in states]
-    assert cl.discover(trials, order=1, library="poly:3").noise == pytest.approx([np.sqrt(sum(rests) / 12)], rel=1e-9)
+    assert estimated_noise(trials)[0] == pytest.approx([np.sqrt(sum(rests) / 12)], rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_law_of_short_trials_has_the_noise_of_the_residuals_of_all_objects(seed):
+    times, generator = np.array([0.0, 1.0, 2.0, 4.0, 7.0, 10.0]), np.random.default_rng(seed)
+    states = [a / (1 + 0.5 * a * times) + 0.03 * generator.standard_normal(6) for a in np.linspace(1.5, 4, 8)]
+    vials = cl.Trials.from_arrays([times] * 8, states, object=list("abcdefgh"))
+    law = cl.discover(vials, order=1, library="poly:3")
+    assert law.structure() == ("x' = a x^2",)
+    fits = [curve_fit(lambda t, a, k: a / (1 + a * k * t), times, own, [own[0], 0.5])[0] for own in states]
+    left = sum(np.sum((a / (1 + a * k * times) - own) ** 2) for (a, k), own in zip(fits, states, strict=True))
+    assert law.noise == pytest.approx([np.sqrt(left / (48 - 16))], rel=0.1)  # Pooled rates have more freedom

@@ -74,8 +74,9 @@ def finish(
     progress("judging terms and coefficients")
     compared = compared_terms(found)
     problem, state, is_converged = found.problem, found.state, True
-    # Residuals of few samples, by which the terms were chosen, do not show their noise; latent states have a prior
-    if problem.tells_noise and not problem.trials.schema.unmeasured.any():
+    coefficients = int(state.supports.sum()) * len(problem.models)
+    is_told = problem.tells_noise or problem.is_determined(coefficients)
+    if is_told and not problem.trials.schema.unmeasured.any():  # Latent states have a prior
         problem, state, is_converged = converged(problem, state)
     law = fitted_law(template, problem, state, covariance, seed)
     law = replace(

@@ -17,8 +17,8 @@ FLOOR = 1e-4
 """Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
 exactly than the steps of a law are integrated here."""
 
-_LEAST_FREEDOM = 4
-"""Degrees of freedom of repeated measurements whose scatter tells the noise: its estimate is then off by a third."""
+LEAST_FREEDOM = 4
+"""Degrees of freedom of repeated measurements or residuals that tell the noise: its estimate is then off by a third."""
 
 _DECIMALS = 12
 """More decimals than instruments have: numbers with as many are computed."""
@@ -129,7 +129,7 @@ NOISE_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], float], str], ...] 
 def told_by_repeats(trials: Trials) -> Bools:
     """Return of which states repeated measurements estimate the noise, shape (states,)."""
     freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))[1]
-    return np.asarray(freedom >= _LEAST_FREEDOM)
+    return np.asarray(freedom >= LEAST_FREEDOM)
 
 
 def estimated_noise(trials: Trials) -> tuple[Floats, str]:

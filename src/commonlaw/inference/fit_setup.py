@@ -4,7 +4,7 @@ Finding a law begins with `as_followed`; refining, comparing, adapting and its d
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -109,6 +109,7 @@ class FitSetup:
         noise, huber, law = self.noise, self.huber_threshold, self.law
         begin = law.coefficients
         problem = prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, guess=begin)
+        problem = replace(problem, residuals_tell_noise=problem.is_determined(int(np.isnan(self.known).sum())))
         return problem.with_priors(self.priors) if self.priors else problem
 
 

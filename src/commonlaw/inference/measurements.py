@@ -15,9 +15,6 @@ from commonlaw.trials import Trials
 from commonlaw.trials.repeats import pure_error
 from commonlaw.trials.trial import with_typical
 
-_PRIOR = 2.0
-"""Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
-
 _EXACT = 0.1
 """Share of the noise that laws are fitted under at least down to which exact measurements tell them apart: meshes that
 resolve less would have to be much finer."""
@@ -52,6 +49,7 @@ class Measurements:
     order: Order
     count: int
     noise_is_fixed: bool
+    prior: float
 
     def white_std(self, noise: Floats, errors: ErrorModel) -> Floats:
         """Return the white noise of all measurements, shape (points, d), if that of the states has shape (d,).
@@ -73,9 +71,9 @@ class Measurements:
         if self.noise_is_fixed:
             return Measured(self.count)
         inflation = self._inflation(noise, errors, std)
-        prior, least = _PRIOR * float(np.sum(1 / inflation)), self._floors[1] / noise
+        prior, least = self.prior * float(np.sum(1 / inflation)), self._floors[1] / noise
         squares, repeated = self.pure_error
-        freedom = self._freedom + float(repeated.sum()) + _PRIOR * len(inflation)
+        freedom = self._freedom + float(repeated.sum()) + self.prior * len(inflation)
         prior += float(np.sum(squares / noise**2))
         return Measured(self.count, freedom, prior, least=float(np.max(least) ** 2))
 
@@ -87,7 +85,7 @@ class Measurements:
         """Return what levels cost: each but those of the noise as any number (BIC), the noise by its prior."""
         price = errors.hyperparameters * float(np.log(self.count))
         if not self.noise_is_fixed:
-            price += _PRIOR * float(np.sum(np.log(self._inflation(noise, errors, std))))
+            price += self.prior * float(np.sum(np.log(self._inflation(noise, errors, std))))
         return price
 
     def _inflation(self, noise: Floats, errors: ErrorModel, std: Floats) -> Floats:

@@ -9,7 +9,15 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference.evidence import Measured
-from commonlaw.inference.first_noise import FLOOR, NOISE_WAYS, by_columns, estimated_noise, noise_floor, told_by_repeats
+from commonlaw.inference.first_noise import (
+    FLOOR,
+    LEAST_FREEDOM,
+    NOISE_WAYS,
+    by_columns,
+    estimated_noise,
+    noise_floor,
+    told_by_repeats,
+)
 from commonlaw.inference.known_starts import (
     begun_at_starts,
     with_exact_starts,
@@ -37,6 +45,9 @@ from commonlaw.likelihood import (
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
+_PRIOR = 2.0
+"""Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
+
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem:
@@ -50,7 +61,8 @@ class SearchProblem:
     equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step. The
     `samples` say which of all are fitted, nothing if all are. Of states that nobody measured, coefficients that would
     fit the first object about `as_good` as those that it begins with may be known, each of shape (equations, terms).
-    So many terms were to choose from `besides`, which the price of supports counts.
+    So many terms were to choose from `besides`, which the price of supports counts. Where terms are given, their
+    residuals may tell the noise that differences of few samples do not.
     """
 
     trials: Trials
@@ -68,6 +80,7 @@ class SearchProblem:
     samples: str = ""
     as_good: tuple[Floats, ...] = ()
     besides: int = 0
+    residuals_tell_noise: bool = False
 
     @property
     def allowed(self) -> Bools:
@@ -101,7 +114,7 @@ class SearchProblem:
 
         It was given, trials are too short to tell it, or more samples tell it than those that are fitted.
         """
-        return self.noise_given or not self.tells_noise or bool(self.samples)
+        return self.noise_given or bool(self.samples) or not (self.tells_noise or self.residuals_tell_noise)
 
     @property
     def tells_noise(self) -> bool:
@@ -109,6 +122,11 @@ class SearchProblem:
         return bool(told_by_repeats(self.trials).any()) or any(
             np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials
         )
+
+    def is_determined(self, coefficients: int) -> bool:
+        """Return whether the residuals of all objects, with so many coefficients, have enough degrees of freedom."""
+        starts = sum(model.width * len(model.meshes) for model in self.models)
+        return sum(self.measured) - starts - coefficients >= LEAST_FREEDOM
 
     def starts_with(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
@@ -193,7 +211,14 @@ class SearchProblem:
         meshes = tuple(mesh for model in self.models for mesh in model.meshes)
         states = tuple(own for start in self.starts for own in start.states)
         return Measurements(
-            self.trials, meshes, states, self.first_noise, self.models[0].order, sum(self.measured), self.noise_is_fixed
+            self.trials,
+            meshes,
+            states,
+            self.first_noise,
+            self.models[0].order,
+            sum(self.measured),
+            self.noise_is_fixed,
+            _PRIOR if self.tells_noise else 0.0,
         )
 
     @cached_property

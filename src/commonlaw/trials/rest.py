@@ -32,7 +32,7 @@ def objects_at_rest(trials: Trials) -> tuple[str, ...]:
     counted = np.where(count >= _DIFFERENCES, variance, np.nan)
     if np.isnan(counted).all(axis=0).any():
         return ()
-    is_small = variance <= _SHARE * np.nanmean(counted, axis=0)
+    is_small = variance < _SHARE * np.nanmean(counted, axis=0)
     at_rest = ((count >= _DIFFERENCES) & is_noise & is_small).all(axis=1)
     return tuple(
         name for name, rests in zip(names, at_rest, strict=True) if rests and not _is_driven(trials.of_object(name))
