@@ -23,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-choice bench-told bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-trajectory bench-unmeasured release-check kernel clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-fits bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-choice bench-told bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-trajectory bench-unmeasured release-check kernel clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -85,6 +85,9 @@ bench-bound: $(STAMP) ## Errors of coefficients over the Cramer-Rao bound: hours
 
 bench-coverage: $(STAMP) ## How often stated intervals hold the truth: an hour; less with ARGS="--draws 20"
 	$(BIN)/python -m benchmarks.coverage $(ARGS)
+
+bench-fits: $(STAMP) ## How often intervals of fits of 3 to 12 samples hold the truth: half an hour; less with ARGS="--draws 20"
+	$(BIN)/python -m benchmarks.coverage_of_fits $(ARGS)
 
 bench-errors: $(STAMP) ## Laws under other errors than white noise: half an hour; less with ARGS="--draws 5"
 	$(BIN)/python -m benchmarks.error_models $(ARGS)

@@ -1,0 +1,30 @@
+"""How often the stated 95 % intervals of fits of few samples hold the true coefficients, in 60 draws of the noise."""
+
+import numpy as np
+import pytest
+
+from benchmarks.coverage_of_fits import experiment, holds, least_squares, main, stated
+
+DRAWS = 60
+
+
+@pytest.mark.parametrize(("samples", "objects"), [(3, 1), (6, 8)])
+def test_intervals_of_few_samples_hold_the_truth_as_often_as_they_state(samples, objects):
+    draws = [experiment("decay", samples, objects, seed) for seed in range(DRAWS)]
+    share = np.mean([holds(*stated(each.fit("unknown"), each.family), each.truth) for each in draws])
+    # Three standard errors of a share of that many draws, the coefficients of one counted once
+    assert abs(share - 0.95) < 3 * np.sqrt(0.95 * 0.05 / DRAWS)
+
+
+@pytest.mark.parametrize("kind", ["unknown", "given", "columns"])
+def test_intervals_of_one_object_are_those_of_least_squares(kind):
+    for seed in range(5):
+        drawn = experiment("growth", 6, 1, seed)
+        found, (middle, half) = stated(drawn.fit(kind), drawn.family), least_squares(drawn, kind)
+        np.testing.assert_allclose(found[0], middle, rtol=1e-3)
+        np.testing.assert_allclose(found[1], half, rtol=0.02)
+
+
+def test_a_small_run_prints_a_cell(capsys):
+    main(["--draws", "1", "--families", "decay", "--samples", "6", "--objects", "1", "--noise", "given"])
+    assert "| decay | 6 | 1 | given |" in capsys.readouterr().out
