@@ -70,7 +70,9 @@ class Experiment:
             noise=[np.full_like(each, NOISE) for each in states] if kind == "columns" else None,
             names=["x"],
         )
-        return cl.fit(self.family.equation, trials, **({"noise": {"x": NOISE}} if kind == "given" else {}), **settings)
+        if kind == "given":
+            settings["noise"] = {"x": NOISE}
+        return cl.fit(self.family.equation, trials, **settings)
 
 
 def experiment(name: str, samples: int, objects: int, seed: int, scatter: float = SCATTER) -> Experiment:
