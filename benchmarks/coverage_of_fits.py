@@ -60,6 +60,11 @@ class Experiment:
     times: Floats
     states: Floats
 
+    @property
+    def freedom(self) -> int:
+        """The degrees of freedom of the residuals of all objects, whose starts are unknown."""
+        return self.states.size - (len(self.family.letters) + 1) * len(self.states)
+
     def fit(self, kind: str, **settings: Any) -> cl.Law:
         """Return the law, with the noise `unknown`, `given` as a setting, or in `columns` of the table."""
         states = [*self.states[:, :, np.newaxis]]
@@ -93,7 +98,7 @@ def stated(law: cl.Law, family: Family) -> tuple[Floats, Floats]:
 
 def least_squares(drawn: Experiment, kind: str) -> tuple[Floats, Floats]:
     """Return the same of each object by SciPy, the noise estimated from the residuals of all objects."""
-    family, count = drawn.family, len(drawn.family.letters) + 1
+    family = drawn.family
     found, covariances, squares = [], [], 0.0
     for letters, states in zip(drawn.truth, drawn.states, strict=True):
         with warnings.catch_warnings():
@@ -104,7 +109,7 @@ def least_squares(drawn: Experiment, kind: str) -> tuple[Floats, Floats]:
         squares += ((states - family.solution(drawn.times, *best)) ** 2).sum()
         found.append(best[:-1])
         covariances.append(np.diag(covariance)[:-1])
-    freedom = drawn.states.size - count * len(drawn.states)
+    freedom = drawn.freedom
     if kind != "unknown":
         reach = NOISE * norm.ppf((1 + LEVEL) / 2)
     else:
@@ -113,7 +118,7 @@ def least_squares(drawn: Experiment, kind: str) -> tuple[Floats, Floats]:
 
 
 def holds(middle: Floats, half: Floats, truth: Floats) -> float:
-    """Return the share of the intervals that hold the truth, NaN where one has no ends."""
+    """Return the share of the intervals that hold the truth, NaN where they have no ends."""
     return float(np.mean(abs(middle - truth) <= half)) if np.isfinite(half).all() else np.nan
 
 
@@ -130,18 +135,18 @@ def line(name: str, samples: int, objects: int, kind: str, draws: int, scatter: 
     held, references, widths, other_errors = [], [], [], 0
     for seed in range(draws):
         drawn = experiment(name, samples, objects, seed, scatter)
+        reference = least_squares(drawn, kind)
+        references.append(holds(*reference, drawn.truth))
+        if drawn.freedom < 1 and kind == "unknown":  # Refused
+            continue
         law = drawn.fit(kind)
         middle, half = stated(law, drawn.family)
-        reference = least_squares(drawn, kind)
         held.append(holds(middle, half, drawn.truth))
-        references.append(holds(*reference, drawn.truth))
         widths.append(np.median(half / reference[1]))
         other_errors += any(each.kind.name == "ERRORS" for each in law.outcomes)
-    width = f"{np.nanmedian(widths):.2f}" if np.isfinite(widths).any() else ""
-    without = int(np.isnan(held).sum())
+    width = f"{np.median(widths):.2f}" if widths else ""
     return (
-        f"| {name} | {samples} | {objects} | {kind} | {share(held)} | {share(references)} | {width} | {without} "
-        f"| {other_errors} |"
+        f"| {name} | {samples} | {objects} | {kind} | {share(held)} | {share(references)} | {width} | {other_errors} |"
     )
 
 
@@ -156,8 +161,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--noise", nargs="+", choices=KINDS, default=KINDS, metavar="KIND", help=", ".join(KINDS))
     chosen = parser.parse_args(arguments)
     print(f"{machine()}\n\nShare of the 95 % intervals that hold the truth; goal: 0.93 to 0.97.\n")
-    print("| family | samples | objects | noise | share | least squares | width | no interval | other errors |")
-    print("|" + "---|" * 9)
+    print("| family | samples | objects | noise | share | least squares | width | other errors |")
+    print("|" + "---|" * 8)
     for cell in itertools.product(chosen.families, chosen.samples, chosen.objects, chosen.noise):
         print(line(*cell, chosen.draws, chosen.scatter), flush=True)
 

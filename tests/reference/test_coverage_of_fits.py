@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import commonlaw as cl
 from benchmarks.coverage_of_fits import experiment, holds, least_squares, main, stated
 
 DRAWS = 60
@@ -16,13 +17,30 @@ def test_intervals_of_few_samples_hold_the_truth_as_often_as_they_state(samples,
     assert abs(share - 0.95) < 3 * np.sqrt(0.95 * 0.05 / DRAWS)
 
 
-@pytest.mark.parametrize("kind", ["unknown", "given", "columns"])
-def test_intervals_of_one_object_are_those_of_least_squares(kind):
-    for seed in range(5):
-        drawn = experiment("growth", 6, 1, seed)
+@pytest.mark.parametrize(
+    ("family", "samples", "kind", "seeds"),
+    [
+        ("growth", 6, "unknown", range(5)),
+        ("growth", 6, "given", range(5)),
+        ("growth", 6, "columns", range(5)),
+        ("decay", 3, "unknown", range(15, 25)),  # One degree of freedom, to rounding
+    ],
+)
+def test_intervals_of_one_object_are_those_of_least_squares(family, samples, kind, seeds):
+    for seed in seeds:
+        drawn = experiment(family, samples, 1, seed)
         found, (middle, half) = stated(drawn.fit(kind), drawn.family), least_squares(drawn, kind)
         np.testing.assert_allclose(found[0], middle, rtol=1e-3)
         np.testing.assert_allclose(found[1], half, rtol=0.02)
+
+
+@pytest.mark.parametrize("objects", [1, 8])
+def test_residuals_without_degrees_of_freedom_give_no_intervals(objects):
+    drawn = experiment("growth", 3, objects, 0)
+    with pytest.raises(cl.CommonlawError, match=r"as many coefficients and starts.*give it, noise=\{'x'"):
+        drawn.fit("unknown")
+    found, expected = stated(drawn.fit("given", partial_pooling=False), drawn.family), least_squares(drawn, "given")
+    np.testing.assert_allclose(found[1], expected[1], rtol=0.02)
 
 
 def test_a_small_run_prints_a_cell(capsys):

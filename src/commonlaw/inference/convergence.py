@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.inference.covariance import factors, free_coefficients, residual_freedom
+from commonlaw.inference.covariance import factors, free_coefficients, residual_freedom, total_freedom
 from commonlaw.inference.evidence import VERY_STRONG
 from commonlaw.inference.scale_of_unmeasured import held_like_others
 from commonlaw.inference.search import LEFT_BY_LAW
@@ -163,7 +163,7 @@ def residual_scale(problem: SearchProblem, state: SearchState) -> Floats:
     far, measured = sizes > huber, ~problem.trials.schema.unmeasured
     squares = np.nansum(np.where(far, 0.0, sizes) ** 2, axis=0) + problem.measurements.pure_error[0] / problem.noise**2
     freedom = residual_freedom(problem, state) - far.sum(axis=0)
-    total = float(np.sum(freedom[measured]))
+    total = total_freedom(freedom[measured])
     if total < 1:
         return np.ones(len(measured))
     common = np.sum(squares[measured]) / total

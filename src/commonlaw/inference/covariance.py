@@ -65,7 +65,7 @@ def degrees_of_freedom(problem: SearchProblem, state: SearchState) -> Floats | N
     if problem.noise_given:
         return None
     found = residual_freedom(problem, state)
-    return np.where(found < 1, max(float(found.sum()), 1.0), found)
+    return np.where(found < 1, max(total_freedom(found), 1.0), found)
 
 
 def residual_freedom(problem: SearchProblem, state: SearchState) -> Floats:
@@ -86,6 +86,11 @@ def residual_freedom(problem: SearchProblem, state: SearchState) -> Floats:
         for model, free, regression in listed
     ]
     return np.where(problem.trials.schema.unmeasured, 0.0, counts - np.sum(used, axis=0))
+
+
+def total_freedom(freedom: Floats) -> float:
+    """Return the degrees of freedom of all states, a whole number in least squares, without errors of rounding."""
+    return round(float(np.sum(freedom)), 6)
 
 
 def free_coefficients(problem: SearchProblem, state: SearchState) -> list[Bools]:

@@ -11,7 +11,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.many_objects import objects_of_parts
 from commonlaw.inference.alike_objects import priors_from
 from commonlaw.inference.convergence import converged
-from commonlaw.inference.covariance import CovarianceKind, fitted_law
+from commonlaw.inference.covariance import CovarianceKind, fitted_law, residual_freedom, total_freedom
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.explanation import approximated, with_approximation
 from commonlaw.inference.fit_setup import FitSetup
@@ -171,6 +171,12 @@ class _Fit:
         found = choose_errors(found, errors=errors, propose=lambda _: None, progress=progress)
         found = approximated(found, progress) or found
         problem, state, is_converged = converged(found.problem, found.state, self.least_squares)
+        if not (problem.noise_given or problem.tells_noise) and total_freedom(residual_freedom(problem, state)) < 1:
+            count, name = sum(problem.measured), trials.schema.states[0]
+            raise CommonlawError(
+                f"{counted(count, 'measurement')} determine as many coefficients and starts, and leave none to "
+                f"estimate the noise: give it, noise={{{name!r}: ...}} (--noise {name}=...), or add samples"
+            )
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
         law, trials = replace(setup.law, schema=schema), setup.trials
         refined = fitted_law(law, problem, state, self.covariance, self.seed)
