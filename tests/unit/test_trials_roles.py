@@ -214,7 +214,7 @@ def test_the_line_names_the_options_and_stays_away_where_nothing_is_guessed(tmp_
     done = CliRunner().invoke(commonlaw, ["data", "check", str(tmp_path / "drops.csv")])
     assert done.stderr.splitlines()[0] == (
         "Note: columns taken as time: t; object: Ball; trial: Drop; state: height; if not, say --time ..., "
-        "--object ..., --trial ..., --state ..., --input ..., --property ..., --noise-column ... or --wide ..."
+        "--object ..., --trial ..., --state ..., --input ..."
     )
     frame.columns = ["object", "trial", "time", "x"]
     assert Trials.from_frame(frame).notes == ()

@@ -33,9 +33,16 @@ from commonlaw.trials.wide import columns_of_one_quantity, shown_columns, wide_h
 _LABELS: tuple[Literal["object", "trial", "time"], ...] = ("object", "trial", "time")
 GUESSED = "columns taken as "
 """What the line on guessed roles begins with."""
-_REMEDY = (
-    "if not, say time=..., object=..., trial=..., states=..., inputs=..., properties=..., noise_columns=... or wide=..."
-)
+_OPTIONS = {
+    "time": "time",
+    "object": "object",
+    "trial": "trial",
+    "state": "states",
+    "input": "inputs",
+    "property": "properties",
+    "standard deviations": "noise_columns",
+}
+"""The option that names the columns of each role."""
 
 
 class Roles(TypedDict, total=False):
@@ -187,8 +194,8 @@ class ColumnRoles:
     notes: tuple[str, ...]
 
     @property
-    def sentence(self) -> str:
-        """Which column was taken for what, and why."""
+    def _by_role(self) -> dict[str, str]:
+        """The columns of each role, and why they have it."""
         states = [f"{shown_columns(self.states)} of an object each"] if self.wide else self.states
         roles: dict[str, Sequence[str | None]] = {
             "time": [self.time],
@@ -200,13 +207,24 @@ class ColumnRoles:
             "standard deviations": [*self.noise_columns.values()],
         }
         why = {name: f" ({reason})" for name, reason in self.reasons.items() if reason}
-        said = {role: [f"{name}{why.get(name, '')}" for name in names if name] for role, names in roles.items()}
-        return "; ".join(f"{role}: {', '.join(names)}" for role, names in said.items() if names)
+        shown = {role: ", ".join(f"{name}{why.get(name, '')}" for name in names if name) for role, names in roles.items()}
+        return {role: names for role, names in shown.items() if names}
+
+    @property
+    def sentence(self) -> str:
+        """Which column was taken for what, and why."""
+        return "; ".join(f"{role}: {names}" for role, names in self._by_role.items())
+
+    @property
+    def _remedy(self) -> str:
+        """The options that change these roles."""
+        options = [f"{_OPTIONS[role]}=..." for role in _OPTIONS if role in self._by_role or role == "input"]
+        return f"if not, say {', '.join(options)}{', wide=...' if self.wide else ''}"
 
     @property
     def lines(self) -> tuple[str, ...]:
         """The notes, and if something was guessed, what it was and how to change it."""
-        return (f"{GUESSED}{self.sentence}; {_REMEDY}", *self.notes) if self.guessed else self.notes
+        return (f"{GUESSED}{self.sentence}; {self._remedy}", *self.notes) if self.guessed else self.notes
 
 
 def time_of(table: Table, roles: Roles) -> str:
@@ -265,7 +283,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     given = roles.get("properties")
     if given is None:
         held = constant_columns(table, free, owners, others_are_states=not states)
-        properties: tuple[str, ...] | None = take(held, "constant for each object" if owner else "constant")
+        properties: tuple[str, ...] | None = take(held, "" if owner else "constant")
     else:
         properties = _found(table, given) if _names_columns(table, given) else None
     wide, numbers = roles.get("wide"), [name for name in free if table.is_numeric(name)]
