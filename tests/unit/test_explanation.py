@@ -14,7 +14,7 @@ GAIN, TIME, DELAY = 0.6, 150.0, 20.0
 
 def delayed_steps(delay: float) -> cl.Trials:
     """Return responses of first order to steps of an input, after a dead time."""
-    times, generator = np.arange(0, 1200.1, 5.0), np.random.default_rng(0)
+    times, generator = np.arange(0, 1200.1, 10.0), np.random.default_rng(0)
     inputs, states = list[np.ndarray](), list[np.ndarray]()
     for size in (30.0, 50.0):
         first, second = np.maximum(times - 50 - delay, 0), np.maximum(times - 700 - delay, 0)
