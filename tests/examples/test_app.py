@@ -359,8 +359,7 @@ def test_an_ordinary_table_is_understood_and_a_click_confirms_it(page, tmp_path,
         assert text(page, "counts").startswith(f"table.csv: {ordinary.counted}")
         assert roles(page) == chosen
         page.find_element("id", "start").click()
-        wait(page, "!$('result').hidden")
-        wait(page, "$('going').hidden")
+        wait(page, "!$('result').hidden && $('files').querySelector('a')")  # The law, before its rivals
         found = page.find_elements("css selector", "#files a")
         (link,) = (each.get_attribute("href") for each in found if each.text == "law.json")
         law = app.say("GET", link.partition(app.host)[2], patience=120)[1].decode()
