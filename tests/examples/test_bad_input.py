@@ -43,9 +43,9 @@ CASES = {
         "golf, trial 1: .*40 samples.*45",
     ),
     "a constant state": (
-        re.sub(r"(tennis,1,[^,]*),.*", r"\1,3", rows()),
+        re.sub(r"(,1,[^,]*),.*", r"\1,3", rows()),  # Of all objects: one at rest among others is left out
         [],
-        "the state 'height' of tennis never changes",
+        "the state 'height' of golf never changes",
     ),
     "an unknown unit": (rows(), ["--unit", "height=metrez"], "height.*metrez|metrez.*height"),
     "a unit for no column": (rows(), ["--unit", "speed=m/s"], "speed"),

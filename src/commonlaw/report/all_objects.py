@@ -36,8 +36,9 @@ def _intro(found: ManyFindings) -> str:
     )
     diverged = f" {found.diverged} of the forecasts run away." if found.diverged else ""
     return (
-        f"{found.forecast_of} were forecast, each from initial conditions fitted to its first samples: $R^2 = {r_squared_text(found.score)}$."
-        f"{bands}{diverged} The verdict and the other parts of this page are about {shown} that stand for all, evenly "
+        f"{found.forecast_of} were forecast, each from initial conditions fitted to its first samples: "
+        f"$R^2 = {r_squared_text(found.score)}$.{bands}{diverged} "
+        f"The verdict and the other parts of this page are about {shown} that stand for all, evenly "
         "by rank of how well they are forecast, the best and the worst among them."
     )
 

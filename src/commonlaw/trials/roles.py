@@ -207,7 +207,9 @@ class ColumnRoles:
             "standard deviations": [*self.noise_columns.values()],
         }
         why = {name: f" ({reason})" for name, reason in self.reasons.items() if reason}
-        shown = {role: ", ".join(f"{name}{why.get(name, '')}" for name in names if name) for role, names in roles.items()}
+        shown = {
+            role: ", ".join(f"{name}{why.get(name, '')}" for name in names if name) for role, names in roles.items()
+        }
         return {role: names for role, names in shown.items() if names}
 
     @property
