@@ -8,7 +8,7 @@ import click
 
 from commonlaw.cli.command import command
 from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.output import print_frame, print_history, print_json, say
+from commonlaw.cli.output import parameter_columns, print_frame, print_history, print_json, print_table, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.working import working
 
@@ -71,7 +71,8 @@ def explain(
             found = given_properties(table, law.schema.object, law.objects)
             schema = replace(law.schema, units={**law.schema.units, **found.units})
             law = replace(law, properties=found.values, schema=schema)
-        law = law.explain(_listed(names))
+        has_properties = any(law.properties.values())
+        law = law.explain(_listed(names) if names or has_properties else [])
         later = LaterSteps()
         later.write_law(save, law)
         later.draw(plot, lambda plots: plots.plot_relations(law))
@@ -83,9 +84,14 @@ def explain(
     else:
         say(f"{law}\n")
         print_frame(law.relations().dropna(axis=1, how="all"))
+        if law.provenance.equations and law.letters:
+            columns = parameter_columns(law)
+            say(f"\nParameters of {'; '.join(law.provenance.equations)}:\n")
+            print_table(list(columns), zip(*columns.values(), strict=True))
         if history:
             print_history(law)
-    later.end(law.outcomes, silent=as_json or latex)
+    notes = () if has_properties else ("no property of the objects is known: give a table of them, --properties FILE",)
+    later.end((*notes, *law.outcomes), silent=as_json or latex)
 
 
 def _listed(texts: Sequence[str]) -> list[str] | None:

@@ -1,7 +1,6 @@
 """What commands say of a law that they learned: on the terminal, in files, as JSON."""
 
 import json
-from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -14,7 +13,15 @@ from commonlaw.cli.comparing import print_compared
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.many_objects import print_spread
 from commonlaw.cli.options import as_one, option
-from commonlaw.cli.output import print_columns, print_frame, print_history, print_json, print_table, say
+from commonlaw.cli.output import (
+    parameter_columns,
+    print_columns,
+    print_frame,
+    print_history,
+    print_json,
+    print_table,
+    say,
+)
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
 from commonlaw.names import in_line
@@ -245,26 +252,11 @@ class Learned:
 
     def _show_parameters(self) -> None:
         """Print a line for each letter of given equations, then the RMS residuals of several objects."""
-        from commonlaw.law.numbers import Written, rounded
-
-        law, columns = self.law, defaultdict[str, list[object]](list)
-        (values, errors), ends = law.letter_values(), law.letter_interval_ends()
-        for i, name in enumerate(law.objects):
-            for j, (each, unit) in enumerate(zip(law.named_coefficients, law.letter_units(), strict=True)):
-                error = float(errors[i, j])
-                columns[law.schema.object].append(name)
-                columns["parameter"].append(each.name)
-                columns["estimate"].append(Written(rounded(values[i, j], error)))
-                columns["standard error"].append(Written(rounded(error, error)))
-                for title, end in zip(("95 % low", "95 % high"), ends, strict=True):
-                    columns[title].append(Written(rounded(end[i, j], error)))
-                columns["unit"].append(unit or "")
-                if self.truth is not None:
-                    columns["true"].append(float(self._true_values(each)[i]))
-        if len(law.objects) == 1:
-            del columns[law.schema.object]
-        if not any(columns["unit"]):
-            del columns["unit"]
+        law = self.law
+        columns = parameter_columns(law)
+        if self.truth is not None:
+            true = np.array([self._true_values(each) for each in law.named_coefficients])
+            columns["true"] = [float(each) for each in true.T.flat]
         print_table(list(columns), zip(*columns.values(), strict=True))
         if self.findings.shown is not None and len(law.objects) > 1:
             say("")

@@ -3,6 +3,7 @@
 import json
 import sys
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import accumulate
@@ -62,6 +63,29 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     _console().print(table)
     if left_out:
         say(f" ... and {len(left_out)} more rows")
+
+
+def parameter_columns(law: "Law") -> dict[str, list[object]]:
+    """Return the columns of a table with a row for each letter of given equations and each object."""
+    from commonlaw.law.numbers import Written, rounded
+
+    columns = defaultdict[str, list[object]](list)
+    (values, errors), ends = law.letter_values(), law.letter_interval_ends()
+    for i, name in enumerate(law.objects):
+        for j, (letter, unit) in enumerate(zip(law.letters, law.letter_units(), strict=True)):
+            error = float(errors[i, j])
+            columns[law.schema.object].append(name)
+            columns["parameter"].append(letter)
+            columns["estimate"].append(Written(rounded(values[i, j], error)))
+            columns["standard error"].append(Written(rounded(error, error)))
+            for title, end in zip(("95 % low", "95 % high"), ends, strict=True):
+                columns[title].append(Written(rounded(end[i, j], error)))
+            columns["unit"].append(unit or "")
+    if len(law.objects) == 1:
+        del columns[law.schema.object]
+    if not any(columns["unit"]):
+        del columns["unit"]
+    return columns
 
 
 def print_columns(columns: Mapping[str, Sequence[object]]) -> None:

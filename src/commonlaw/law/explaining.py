@@ -67,7 +67,7 @@ def explained(
     # What is known has no variance
     free = np.all(np.diagonal(own.covariance, axis1=1, axis2=2) > 0, axis=0)
     if len(coefficients) < 2 or not free.any():
-        raise CommonlawError("what objects have in common, several objects tell: explain a law of two or more")
+        raise CommonlawError("only coefficients of several objects can be compared: explain a law of two or more")
     known_units = {name: property_units[name] for name in table.names if name in property_units}
     dimensions = dimensions_of([unit for unit, own in zip(units, free, strict=True) if own], known_units)
     table = replace(table, dimensions=dimensions)

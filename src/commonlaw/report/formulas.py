@@ -48,7 +48,7 @@ def _latex(law: Law) -> str:
 def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
     """Yield what each coefficient is called, with its unit: its letter, or where relations took letters its term."""
     names = law.letters
-    if law.explanation is not None:
+    if law.explanation is not None and not law.provenance.equations:
         terms = [(law.left_hand_sides[each.equation], law.terms.names[each.term]) for each in law.named_coefficients]
         names = tuple(f"{term} in {left}" if len(law.states) > 1 else f"of {term}" for left, term in terms)
     return zip(names, law.letter_units(), strict=True)
