@@ -57,29 +57,29 @@ def _side(found: StandIns, trials: Trials, order: Order) -> str:
 
 
 def _remedy(found: StandIns) -> str:
-    return f"add trials with other initial values, such as of {next(iter(found.starts))}"
+    return f"vary the initial {next(iter(found.starts))}"
 
 
 def _sentence(found: StandIns, trials: Trials) -> str:
     """Return what variables stand in for each other, and why."""
     unit = f" {trials.schema.units.get(found.state, '')}".rstrip()
     concerned = _and(list(found.starts))
-    varying = ", with coefficients that differ from trial to trial," if found.by_trial else ""
-    left = _and([f"{each:.3g}" for each in found.left[:_LISTED]])
+    varying = ", with coefficients by trial," if found.by_trial else ""
+    left = ", ".join(f"{each:.3g}" for each in found.left[:_LISTED])
     alike = ""
     if all(high - low <= _ALIKE * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
         alike = f", as all trials start alike{_ranges(found, trials.schema)}"
     return (
-        f"{concerned} are confounded{alike}: laws in {_alternatives(found)}{varying} fit as well (RMS residual "
-        f"{left}{unit}; in all variables {found.left_by_all:.3g}{unit})"
+        f"{concerned} are confounded{alike}: {_alternatives(found)}{varying} fits (RMS residual {left}; "
+        f"all: {found.left_by_all:.3g}{unit})"
     )
 
 
 def _alternatives(found: StandIns) -> str:
-    """Return sets of variables in words: ``x alone or in v alone``."""
+    """Return sets of variables in words: ``x alone or v alone``."""
     *first, last = (f"{each[0]} alone" if len(each) == 1 else _and(each) for each in found.sets[:_LISTED])
-    more = f", or in others ({len(found.sets) - _LISTED} more)" if len(found.sets) > _LISTED else ""
-    return f"{', in '.join(first)}{',' if more else ' or'} in {last}{more}"
+    more = f", or {len(found.sets) - _LISTED} other sets" if len(found.sets) > _LISTED else ""
+    return f"{', '.join(first)}{',' if more else ' or'} {last}{more}"
 
 
 def _ranges(found: StandIns, schema: Schema) -> str:
