@@ -37,8 +37,8 @@ study: $(STAMP) ## Redo the founding paper in report/: minutes; less with ARGS="
 	$(BIN)/python -m studies.falling_balls $(ARGS)
 
 test: $(STAMP) ## Run every check
-	$(MAKE) --no-print-directory -j 3 lint types contracts
-	$(MAKE) --no-print-directory unit
+	$(MAKE) --no-print-directory -j 2 lint contracts
+	$(MAKE) --no-print-directory -j 2 types unit
 
 lint: $(STAMP) ## Style and format
 	$(BIN)/ruff check
