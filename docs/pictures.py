@@ -14,9 +14,9 @@ PICTURE = Path(__file__).parent / "first-page.png"
 
 @styled()
 def picture() -> Figure:
-    """Return forecasts of simulated drops that were not learned from, and the coefficients beside the true ones."""
+    """Return forecasts of simulated held-out drops, and the coefficients beside the true ones."""
     drops = cl.datasets.linear_drag(noise=0.05, seed=1)
-    law = cl.discover(drops.select(trial=1), order=2)
+    law = cl.discover(drops.select(trial=1))
     figure = Figure(figsize=(7.6, 3.5), layout="constrained")
     grid = figure.add_gridspec(2, 3, width_ratios=[1.7, 1, 1], height_ratios=[2.2, 1])
     heights, errors = (figure.add_subplot(grid[row, 0]) for row in (0, 1))
@@ -39,7 +39,7 @@ def _draw_forecasts(heights: Axes, errors: Axes, law: cl.Law, forecast: cl.Forec
         band = 1.96 * np.hypot(std[:, 0], law.noise[0])
         errors.fill_between(trial.times, -band, band, color=GREY, alpha=0.08, lw=0)
     heights.tick_params(labelbottom=False)
-    heights.set(ylabel="height (m)", title="drops that were not learned from")
+    heights.set(ylabel="height (m)", title="held-out drops")
     errors.set(xlabel="time (s)", ylabel="error (m)", ylim=(-0.25, 0.25))
 
 
