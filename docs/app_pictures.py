@@ -75,7 +75,7 @@ def main() -> None:
         with served(table) as address, browser(f"{folder}/browser") as page:
             page.get(address)
             wait(page, "$('counts')?.textContent.includes('10 trials')")
-            for name, value in {"order": "2", "library": "poly:2", "hold_out": "trial", "held": "2"}.items():
+            for name, value in {"hold_out": "trial", "held": "2"}.items():
                 choose(page, name, value)
             take(page, "question", "counts", SCREEN)
             page.find_element("id", "start").click()

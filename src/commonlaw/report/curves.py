@@ -65,7 +65,7 @@ def _score(forecast: Forecast) -> str:
 def _legend(forecast: Forecast) -> str:
     bands = " About 95 % of the measurements are expected in the bands." if forecast.std is not None else ""
     several = len(forecast.trials) > len(forecast.trials.objects)
-    return f"{bands}{' Colours tell the trials of an object apart.' if several else ''}"
+    return f"{bands}{' Colours distinguish the trials of an object.' if several else ''}"
 
 
 @dataclass(frozen=True, eq=False)
