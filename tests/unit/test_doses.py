@@ -244,3 +244,15 @@ def test_tables_that_are_written_keep_doses_before_the_first_measurement(tmp_pat
     )
     np.testing.assert_array_equal(again[0].earlier, [[0.0, 100.0]])
     np.testing.assert_array_equal(again[0].states, trials[0].states)
+
+
+def test_trials_that_are_zero_until_their_dose_are_forecast_from_there():
+    random, times = np.random.default_rng(3), np.array([0.0, 1.0, 6.0])
+    states, inputs = [], [np.array([100.0, 0.0, 0.0])] * 8
+    for _ in inputs:
+        k, volume = random.uniform(0.2, 0.4), random.uniform(9, 12)
+        states.append(np.array([0.0, *(100 / volume * np.exp(-k * times[1:]) + 0.05 * random.standard_normal(2))]))
+    subjects = cl.Trials.from_arrays([times] * 8, states, inputs=inputs, object=list("abcdefgh"), names=["conc", "amt"])
+    verdict = cl.fit("conc' = -k conc + amt/V", subjects, doses="amt").verdict(subjects)
+    assert (verdict.segments, verdict.diverged) == (8, 0)
+    assert verdict.r_squared > 0.95

@@ -122,7 +122,9 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     )
     if not np.isfinite(found.objective):
         raise CommonlawError(_not_finite(trial))
-    return FittedInitialState(found.states[0][0], trial, observation_model)
+    start = found.states[0][0]
+    start = np.where(np.abs(start) < np.finfo(float).eps * model.unit, 0.0, start)  # At rest, with no scale of its own
+    return FittedInitialState(start, trial, observation_model)
 
 
 def _with_exact_zeros(trial: Trial, noise: Floats) -> Trial:
