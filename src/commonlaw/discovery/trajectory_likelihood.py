@@ -66,7 +66,7 @@ _PLAIN = 0.2
 """Share of the time that plain terms are searched in where others are, too. It is only shown, while it works."""
 
 _MANY = 5
-"""Coefficients and constants of an equation more than which may stand for a state that nobody measured."""
+"""Coefficients and constants of an equation more than which may stand for a latent state, or for richer terms."""
 
 _FEW_OBJECTS = 10
 """Objects up to which a library asks for such a state by itself: with more it takes minutes."""
@@ -246,7 +246,9 @@ class TrajectoryLikelihood(AbstractMethod):
                 progress(f"seeking laws of order {order_in_words(order, trials.schema.states)}")
             refuse_what_does_not_fit(self, trials, own)
             screened = Screened.of(with_logarithms(trials, self.positive), own)
-            return self._begun(trials, screened, several and order == lowest, progress)
+            found = self._begun(trials, screened, several and order == lowest, progress)
+            may_end = several and order == lowest and not found.search.beyond_errors
+            return self._richer(found, progress) if may_end and not found.is_simple else found
 
         several = any(len(each) > 1 for each in possible)
         lowest = one_order([each[0] for each in possible])
@@ -296,16 +298,18 @@ class TrajectoryLikelihood(AbstractMethod):
     def _with_richer_terms(self, found: "Sequence[_Found]", progress: ProgressCallback) -> "list[_Found]":
         """Offer richer terms, to one order after the other, where the best law so far may be wrong or be simpler.
 
-        The best law first, or where that is what a law of lower order implies this one.
+        The best law first; but that of the lowest order where there are several states, as the rates of one may stand
+        for a function of the others, or where the best law is what one of lower order implies.
         """
         left, done = sorted(found, key=lambda each: each.evidence), list[_Found]()
         while left:
             best = min([*done, *left], key=lambda each: each.evidence)
-            lowest = min(left, key=lambda each: sum(order_of_each(each.order, 1)))
-            implied = best is not lowest and may_be_of_lower_order(best.search)
+            lowest = min(left, key=lambda each: each.total_order)
+            implied = lowest.total_order < best.total_order and may_be_of_lower_order(best.search)
             if best.is_simple and not implied:
                 break
-            chosen = lowest if implied else left[0]
+            several = len(best.search.template.states) > 1
+            chosen = lowest if implied or (several and lowest.total_order < best.total_order) else left[0]
             left = [each for each in left if each is not chosen]
             done.append(self._richer(chosen, progress))
         return [*done, *left]
@@ -472,10 +476,17 @@ class _Found:
         """Of the law."""
         return self.search.template.order
 
+    @property
+    def total_order(self) -> int:
+        """Sum of the orders of all states."""
+        return sum(order_of_each(self.order, len(self.search.template.states)))
+
     @cached_property
     def is_simple(self) -> bool:
         """Whether the law explains what was measured, and no richer terms could say it in fewer numbers."""
-        return not self.search.beyond_errors and (self.has_richer or not may_be_series(self.search))
+        if self.search.beyond_errors:
+            return False
+        return self.has_richer or not (may_be_series(self.search) or may_be_simpler(self.search, _MANY))
 
     @cached_property
     def evidence(self) -> float:
