@@ -244,7 +244,7 @@ def test_stated_probabilities_stand_beside_the_share_that_is_right():
 
 def test_orders_are_counted_where_they_are_the_true_ones(capsys):
     orders.main(["--only", "relaxation", "--noise", "0.01", "--seeds", "1"])
-    told = r"it leaves nothing for laws of higher order to explain"
+    told = r"a law of this order fits within the noise"
     assert re.search(rf"\| relaxation \| 1 \| 1 % \| 1 of 1 \| {told}", capsys.readouterr().out)
 
 

@@ -70,7 +70,7 @@ def test_the_order_of_the_law_that_made_the_data_is_found(name, noise):
     step = law.history[0]
     assert (step.stage, step.choice) == ("order", str(order))
     if order == 1:
-        assert step.reason == "it leaves nothing for laws of higher order to explain"
+        assert step.reason == "a law of this order fits within the noise"
     else:
         assert "against the best law of order 1" in step.reason
         assert all(float(each.split()[4]) > 10 for each in step.reason.split("; "))

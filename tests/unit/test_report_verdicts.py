@@ -73,7 +73,7 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
     assert noise == pytest.approx(0.02, rel=0.2)
     assert unexplained == pytest.approx(np.sqrt(error**2 - noise**2), rel=1e-2)
     assert error > 10 * noise
-    assert "To get further: offer terms for what is missing" in top
+    assert "To get further: add terms" in top
     whole = law.predict(drops, start=10).to_frame()["x error"]
     assert table_of(report, "forecast-by-state")["RMS error"].item() == pytest.approx(np.sqrt(np.mean(whole**2)))
     assert np.sqrt(np.mean(whole**2)) > 10 * noise

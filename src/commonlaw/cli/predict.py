@@ -47,10 +47,9 @@ class _FirstSamples(click.types.IntParamType):
     "--start",
     type=_FirstSamples(),
     metavar="N|all",
-    help="How many of a trial's first samples tell where its forecast starts: 1 for the first as measured; to more the"
-    " law is fitted, and with all to the whole trial: the fitted curve.  [default: 1, or for laws of second "
-    "order that know their noise, what first rates would be estimated from; all that were measured where rows follow "
-    "that were not]",
+    help="How many first samples of a trial its initial conditions are fitted to: 1 for the first as measured; "
+    "all for the fitted curve.  [default: 1; for laws of second order with known noise, as many as an estimate of the "
+    "first rate takes; all measured ones where unmeasured rows follow]",
 )
 @click.option(
     "--from",

@@ -39,8 +39,8 @@ _OPTIONS = (
         metavar="ORDER",
         default="auto",
         help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...; where equations differ by state, "
-        "theta=2,i=1; auto for 1 where that leaves nothing but noise, else 1 or 2 for each state, whichever the "
-        "measurements make more probable; 1 for streams and regressions.",
+        "theta=2,i=1; auto for 1 where such a law fits within the noise, otherwise 1 or 2 for each state, by evidence; "
+        "1 for streams and regressions.",
     ),
     _law(
         "--library",
@@ -48,8 +48,7 @@ _OPTIONS = (
         default="auto",
         help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), families with constants inside such as "
         "saturating, sums such as 'poly:2 + saturating', ratios of sums as in 'ratio(poly:2, poly:2)', or auto for "
-        "poly:3, and for all that occurs in laws where that leaves more than noise; for streams and regressions poly:3 "
-        "alone.",
+        "poly:3, and for all of these where it shows lack of fit; poly:3 only for streams and regressions.",
     ),
     _law(
         "--known",

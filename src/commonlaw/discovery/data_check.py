@@ -44,7 +44,7 @@ def variables_not_told_apart(
 
 
 def outcomes_of_stand_ins(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
-    """Return what to know of a law whose variables the trials that it was learned from cannot tell apart."""
+    """Return what to know of a law whose variables the training trials confound."""
     return tuple(
         Outcome(OutcomeKind.NOT_IDENTIFIABLE, _side(each, trials, order), _sentence(each, trials), _remedy(each))
         for each in (stand_ins(trials, order, library) if order else ())

@@ -50,13 +50,13 @@ class LawDiscovery:
     order
         Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time,
         ``x[k+1] = f(x[k])``. By state where equations differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 where such a law
-        leaves nothing but noise, else 1 or 2 for each state, whichever has the law of larger evidence; `Law.history`
-        says by how much. States that were measured beside their rates are of order 2, and known physics is of its own
+        fits within the noise, otherwise 1 or 2 for each state, whichever has the law of larger evidence; `Law.history`
+        says by how much. States measured together with their rates are of order 2, and known physics is of its own
         order. Where no evidence compares laws, in streams and by the regressions, ``"auto"`` is 1, and the law says so.
     library
         Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, see
-        `parse_library`. ``"auto"``: polynomials of degree 3, and richer terms where these leave more than noise, see
-        `AutoLibrary`; in streams and by the regressions polynomials alone.
+        `parse_library`. ``"auto"``: polynomials of degree 3, and richer terms where these show lack of fit, see
+        `AutoLibrary`; in streams and regressions only polynomials.
     method
         The way from trials to a law: `TrajectoryLikelihood`, `DerivativeRegression`, `WeakRegression`, or
         `DiscreteTimeRegression`. Default: see `default_method`.

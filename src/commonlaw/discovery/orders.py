@@ -117,7 +117,7 @@ def of_best_order(
     value
         Of what is found: less is better.
     enough
-        Whether what is found of the lowest orders leaves nothing for others to explain.
+        Whether the law of the lowest orders fits within the noise.
 
     Raises
     ------
@@ -183,7 +183,7 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     ]
     choice = order_in_words(law.order, states)
     reasons = [*against, *(f"of another none was found: {each}" for each in refused)]
-    step = Step("order", choice, "; ".join(reasons) or "it leaves nothing for laws of higher order to explain")
+    step = Step("order", choice, "; ".join(reasons) or "a law of this order fits within the noise")
     close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < _STRONG]
     said = tuple(
         Outcome(

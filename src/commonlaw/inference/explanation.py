@@ -60,7 +60,7 @@ def approximated(
     rivals = [each for each in _without_process_noise(found) if each.size]
     if not rivals:
         return None
-    progress("comparing laws by what their solutions leave of whole trials")
+    progress("comparing residuals of whole trials")
     least = _left_by(found), _constants(found.problem.trials)
 
     def explaining(listed: Iterable[LawSearch]) -> list[LawSearch]:
@@ -151,7 +151,7 @@ def with_approximation(found: LawSearch, outcomes: Sequence[Outcome]) -> tuple[O
         OutcomeKind.APPROXIMATION,
         "",
         f"lack of fit: {of} leaves a residual RMS of {', '.join(parts)}",
-        "offer terms for what is missing, or take the law for a summary",
+        "add terms, or use the law as an approximation",
     )
     return (lack, *(each for each in outcomes if each.kind not in LACKS_OF_FIT))
 

@@ -50,7 +50,7 @@ class ChosenBy(StrEnum):
 
     EVIDENCE = "largest evidence"
     FORECASTS = "best forecasts of what was left out"
-    SOLUTIONS = "largest evidence without process noise, as solutions with it explain less of whole trials"
+    SOLUTIONS = "largest evidence without process noise: solutions of the law with it explain whole trials less well"
 
 
 PATH = BestSubset(largest=8, nodes=1)

@@ -135,12 +135,10 @@ def outcomes_of_fit(
         found.append(Outcome(OutcomeKind.NOT_CONVERGED, "", text, remedy))
     if state.has_model_error or problem.errors.of_law:
         error = f"; it has a model error, {model_error_step(problem, state).choice}"
-        remedy = (
-            "offer terms for what is missing, give the noise if it is known to be larger, or take the law for a summary"
-        )
+        remedy = "add terms, give the noise if it is known to be larger, or use the law as an approximation"
         found.append(Outcome(OutcomeKind.MODEL_ERROR, "", f"the measurements depart {departs}{error}", remedy))
     elif left := _left(problem, state):
-        remedy = "standard errors and bands may be too narrow: offer terms for what is missing, or errors='auto'"
+        remedy = "standard errors and bands may be too narrow: add terms, or use errors='auto'"
         found.append(
             Outcome(OutcomeKind.RESIDUALS, "", f"white noise does not explain what the law leaves: {left}", remedy)
         )
@@ -283,7 +281,7 @@ def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
         Step(
             "coefficients",
             f"maximum likelihood of {len(problem.trials)} trajectories",
-            f"deviance {deviance / count:.3f} for each of {count} measurements, where noise alone leaves about 1",
+            f"deviance {deviance / count:.3f} for each of {count} measurements, about 1 expected",
         ),
     )
 
@@ -298,7 +296,7 @@ def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
     if state.has_model_error:
         return Step("model error", f"a random walk, in each step {state.model_error:.3g} times the noise", why)
     left = _left(problem, state)
-    fine = "errors of measurement explain what solutions of the law leave"
+    fine = "residuals of the law's solutions are within the measurement errors"
     return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
 
 
