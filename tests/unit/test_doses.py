@@ -253,6 +253,6 @@ def test_trials_that_are_zero_until_their_dose_are_forecast_from_there():
         k, volume = random.uniform(0.2, 0.4), random.uniform(9, 12)
         states.append(np.array([0.0, *(100 / volume * np.exp(-k * times[1:]) + 0.05 * random.standard_normal(2))]))
     subjects = cl.Trials.from_arrays([times] * 8, states, inputs=inputs, object=list("abcdefgh"), names=["conc", "amt"])
-    verdict = cl.fit("conc' = -k conc + amt/V", subjects, doses="amt").verdict(subjects)
+    verdict = cl.fit("conc' = -k conc + amt/V", subjects, doses="amt", noise={"conc": 0.05}).verdict(subjects)
     assert (verdict.segments, verdict.diverged) == (8, 0)
     assert verdict.r_squared > 0.95

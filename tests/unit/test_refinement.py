@@ -70,7 +70,10 @@ def test_refined_coefficients_are_those_of_shooting(prey, by_rates):
 
 
 def test_refined_coefficients_are_those_of_discovery_of_the_same_terms(prey, by_rates):
-    found, refined = cl.discover(prey, library="terms:x,y,x*y", order=1), cl.refine(by_rates, prey)
+    found, refined = (
+        cl.discover(prey, library="terms:x,y,x*y", order=1),
+        cl.refine(by_rates, prey, partial_pooling=True),
+    )
     np.testing.assert_array_equal(found.support, refined.support)
     gaps = (found.coefficients - refined.coefficients)[:, found.support]
     assert np.all(np.abs(gaps) < 0.02 * found.standard_errors[:, found.support])
@@ -162,4 +165,5 @@ def test_more_terms_fit_no_worse_also_where_they_are_much_alike():
         frame = cl.fit(equation, drops, noise={"x": 0.1}, errors="white").residuals(drops).to_frame()
         return float(np.sum((frame["x"] - frame["x fitted"]) ** 2)) / 0.1**2
 
-    assert misfit("x'' = a + b v + c x + d v^2 + k x v") == pytest.approx(misfit("x'' = a + b v"), rel=0.02)
+    fewer = misfit("x'' = a + b v")
+    assert 0.95 * fewer < misfit("x'' = a + b v + c x + d v^2 + k x v") < fewer

@@ -111,7 +111,7 @@ def fit(
         its first measurement begins there, and the state counts as measured there: zero.
     universal
         Coefficients by their letters that all objects have in common, ``universal="k2"``; the others are each
-        object's own, as alike as the objects are. Their common value is the mean that is weighted by the information
+        object's own. Their common value is the mean that is weighted by the information
         of each object's trials (generalised least squares), which a fit of all objects together gives to first order.
     guesses
         Where the fit begins with constants inside of terms, by their letters, ``guesses={"w": 0.3}``, in place of the
@@ -207,7 +207,7 @@ def fit(
         raise CommonlawError("guesses do not go with states that nobody measured: leave them out")
     begun = with_constants_found(unfitted, trials, given.bounds, guesses, **settings)
     shared = _coefficients_of(universal, begun)
-    others = bool(settings.get("partial_pooling", True))
+    others = bool(settings.get("partial_pooling", False))
     apart = settings | {"partial_pooling": False}
     law = refine(begun, trials, **apart if universal else settings)
     if _outside(law, given.bounds):
@@ -264,7 +264,7 @@ def _of_stream(
     equations: str | Sequence[str],
     stream: TrialStream,
     *,
-    partial_pooling: bool = True,
+    partial_pooling: bool = False,
     progress: ProgressCallback | None = None,
     client: "Client | None" = None,
     **settings: Any,

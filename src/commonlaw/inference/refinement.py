@@ -54,7 +54,7 @@ def refine(
     errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = HUBER_THRESHOLD,
     covariance: CovarianceKind = "likelihood",
-    partial_pooling: bool = True,
+    partial_pooling: bool = False,
     seed: int = 0,
     n_jobs: int = -1,
     progress: ProgressCallback | None = None,
@@ -89,7 +89,8 @@ def refine(
         How the covariance is found: ``"likelihood"``, from its curvature, or ``"bootstrap"``, from the scatter of
         coefficients when blocks of the trials are drawn anew.
     partial_pooling
-        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
+        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`. By
+        default each object has the estimates of its own trials.
     seed
         Of the bootstrap.
     n_jobs
@@ -175,7 +176,7 @@ class _Fit:
             count, name = sum(problem.measured), trials.schema.states[0]
             raise CommonlawError(
                 f"{counted(count, 'measurement')} determine as many coefficients and starts, and leave none to "
-                f"estimate the noise: give it, noise={{{name!r}: ...}} (--noise {name}=...), or add samples"
+                f"estimate the noise: give it, noise={{{name!r}: ...}}, or add samples"
             )
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
         law, trials = replace(setup.law, schema=schema), setup.trials
