@@ -156,6 +156,7 @@ def test_of_two_times_the_user_is_asked_and_another_clock_is_no_state():
         (lambda t, i: 2.5 * (i % 2) + 0 * t, "constant in each trial"),
         (lambda t, i: np.random.default_rng(i % 2).normal(0, 1, len(t)), "the same in several trials"),
         (lambda t, i: np.round(np.sin(t + i), 3), "smooth to its last digit"),
+        (lambda t, i: np.round(np.sin(0.4 * np.arange(len(t)) + i), 6), "smooth to its last digit"),
     ],
 )
 def test_what_was_set_is_an_input(force, reason):

@@ -61,6 +61,8 @@ _EVEN = 1.5
 """By how much estimates of white noise from these differ at most."""
 _DIGITS = 300
 """Last digits in the range of a smooth waveform: fewer are the steps of a coarse sensor."""
+_EXACT = 1e-5
+"""Noise, as a share of the range, below that of instruments: the differences of a computed waveform are as small."""
 _ROUNDING = 1e-3
 """Of a last digit, what binary numbers may be off."""
 
@@ -358,8 +360,10 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
             runs, [times[rows] for rows in trials]
         ):
             found[name] = "the same in several trials"
-        elif noise[name].min() < digits[name] < 1 / _DIGITS and any(
-            _scatters(noise[each], digits[each], noise[name]) for each in names if each != name
+        elif (
+            0 < digits[name] < 1 / _DIGITS
+            and noise[name].min() < max(digits[name], _EXACT)
+            and any(_scatters(noise[each], digits[each], noise[name]) for each in names if each != name)
         ):
             found[name] = "smooth to its last digit"
     return found if len(found) < len(names) else {}
