@@ -64,7 +64,7 @@ def test_curves_and_coefficients_are_those_of_the_law(law, drops):
             np.testing.assert_allclose(line[there], trajectory.states[:, 0], rtol=1e-4)
             assert ((low < line) & (line < high)).all()
     assert [row[0] for row in candidate["table"]["rows"]] == list(drops.objects)
-    assert candidate["table"]["head"] == ["object", "of 1 (m/s²)", "of v (1/s)"]
+    assert candidate["table"]["head"] == ["object", "g (m/s²)", "c (1/s)"]
     assert shown["follows"] == ["mass"]
 
 

@@ -185,7 +185,7 @@ def test_a_law_that_was_explained_shows_its_relations():
     report = law_report(find(explained, drops))
     assert table_of(report, "relations")["kind"].tolist() == ["universal", "own"]
     assert "\\ddot{x}" in report.summary
-    assert table_of(report, "values").columns[1] == "of 1 (m/s²)"
+    assert table_of(report, "values").columns[1] == "g (m/s²)"
     intervals = next(each for each in report.named_blocks() if each.name == "intervals")
     assert [panel.get_xlabel() for panel in intervals.draw().axes] == ["(m/s²)", "(1/s)"]
 
