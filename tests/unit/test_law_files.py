@@ -1,6 +1,7 @@
 """Law files of strangers: what contradicts itself is refused, and what is a law comes back."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -57,14 +58,15 @@ def test_a_law_without_any_term_in_its_support_comes_back():
 
 def test_a_law_of_enormous_errors_comes_back_and_is_shown():
     size = int(LAW.support.sum())
-    enormous = np.tile(1e308 * np.eye(size), (len(LAW.objects), 1, 1))
+    enormous = np.tile(1e154 * np.eye(size), (len(LAW.objects), 1, 1))
     found = Uncertainty(covariance=enormous, noise=np.ones(1))
     law = Law.from_json(Law(LAW.terms, LAW.schema, 2, LAW.objects, LAW.coefficients, found).to_json())
     np.testing.assert_array_equal(law.covariance, enormous)
-    assert "10^{154}" in law.to_latex("Ball 1")
+    assert "10^{77}" in law.to_latex("Ball 1")
 
 
-def explained():
+@pytest.fixture(scope="module")
+def explained_law():
     """A law with everything that a file keeps by object: pooling, relations, properties, what else it could be."""
     drops = cl.datasets.linear_drag(noise=0.05)
     law = cl.discover(drops, order=2, library="poly:1")
@@ -72,8 +74,63 @@ def explained():
     return law.explain({**masses})
 
 
-def test_a_law_in_parquet_is_the_law(tmp_path):
-    law = explained()
+def edited(document, place, value):
+    """The document with one number changed, and its place as messages write it."""
+    *outer, last = place
+    part = document
+    for key in outer:
+        part = part[key]
+    part[last] = value
+    return json.dumps(document), "$" + "".join(f"[{key!r}]" for key in place)
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, 1e160, 10**200])
+@pytest.mark.parametrize(
+    "place",
+    [
+        ("coefficients", "Ball 2", 0, 0),
+        ("uncertainty", "covariance", "Ball 1", 1),
+        ("uncertainty", "shared_factor", "Ball 1", 0, 0),
+        ("uncertainty", "noise", 0),
+        ("uncertainty", "unpooled", "covariance", "Ball 3", 2),
+        ("uncertainty", "widening", "factors", 0),
+        ("properties", "Ball 1", "mass"),
+        ("explanation", "relations", 0, "factors", 0),
+        ("provenance", "domain", "visited", "x", 1),
+        ("provenance", "alternatives", 0, "measures", "2 log B"),
+        ("other_laws", 0, "uncertainty", "covariance", "Ball 1", 0),
+        ("with_discrepancy", "coefficients", "Ball 1", 0, 0),
+    ],
+)
+def test_a_number_that_cannot_be_computed_with_is_refused_by_its_place(explained_law, place, value):
+    document = json.loads(explained_law.to_json())
+    document["with_discrepancy"] = json.loads(explained_law.to_json()) | {"other_laws": []}
+    content, where = edited(document, place, value)
+    with pytest.raises(
+        cl.CommonlawError, match=rf"{re.escape(where)} is {re.escape(f'{float(value):g}')}, .* 1.3e\+154"
+    ):
+        Law.from_json(content)
+
+
+def test_estimates_too_unlike_to_be_compared_are_refused(explained_law):
+    for value in (1e60, 1e150):
+        content, _ = edited(
+            json.loads(explained_law.to_json()), ("uncertainty", "unpooled", "covariance", "Ball 1", 2), value
+        )
+        with pytest.raises(cl.CommonlawError, match=rf"own coefficients are \S+ to {re.escape(f'{value**0.5:.1e}')};"):
+            Law.from_json(content).explain()
+
+
+@pytest.mark.parametrize("exponent", ["1e999999999", "0.5", "1/0", "x", ""])
+def test_exponents_that_are_no_fractions_are_refused(explained_law, exponent):
+    document = json.loads(explained_law.to_json())
+    document["explanation"]["relations"][0]["exponents"] = [exponent]
+    with pytest.raises(cl.CommonlawError, match="are no fractions"):
+        Law.from_json(json.dumps(document))
+
+
+def test_a_law_in_parquet_is_the_law(tmp_path, explained_law):
+    law = explained_law
     law.save(tmp_path / "law.parquet")
     assert Law.load(tmp_path / "law.parquet").to_json() == law.to_json()
     table = pd.read_parquet(tmp_path / "law.parquet").set_index("object")

@@ -71,7 +71,14 @@ def explained(
     known_units = {name: property_units[name] for name in table.names if name in property_units}
     dimensions = dimensions_of([unit for unit, own in zip(units, free, strict=True) if own], known_units)
     table = replace(table, dimensions=dimensions)
-    found = explain(own.coefficients[:, free], own.covariance[:, free][:, :, free], table)
+    try:
+        found = explain(own.coefficients[:, free], own.covariance[:, free][:, :, free], table)
+    except np.linalg.LinAlgError as error:
+        deviations = np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2)[:, free])
+        raise CommonlawError(
+            f"relations cannot be compared ({str(error).lower()}): standard errors of the objects' own coefficients "
+            f"are {deviations.min():.1e} to {deviations.max():.1e}; discover or fit the law again"
+        ) from None
     values, covariance = own.coefficients.copy(), np.zeros_like(own.covariance)
     factor = np.zeros((*values.shape, found.shared_factors.shape[2]))
     values[:, free], factor[:, free] = found.estimates, found.shared_factors

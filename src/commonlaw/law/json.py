@@ -1,5 +1,6 @@
 """The saved form of a law: JSON of a versioned schema."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from fractions import Fraction
@@ -35,9 +36,15 @@ from commonlaw.law.widening import Widening
 from commonlaw.library import Order, Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Schema
-from commonlaw.trials.trial import ObjectProperties
+from commonlaw.trials.trial import ObjectProperties, nearest
 
 VERSION = 4
+
+_LARGEST = float(np.sqrt(np.finfo(np.float64).max))
+"""Of a number in a file: deviances, covariances and lengths of vectors take squares, and that of a larger one, 1.3e154,
+is infinite. No law of measurements comes near it."""
+_FRACTION = re.compile(r"-?\d+(/\d+)?", re.ASCII)
+"""As fractions are written; what else Python reads as one, 1e999999999, may take all memory."""
 
 Fields = tuple[Terms, Schema, Order, tuple[str, ...], Floats, Uncertainty, Provenance, ObjectProperties]
 """What a law is made of: its fields, in order."""
@@ -157,6 +164,8 @@ def _read_explanation(saved: ExplanationDocument) -> Explanation:
 
 def _read_relation(saved: RelationDocument) -> Relation:
     try:
+        if not all(map(_FRACTION.fullmatch, saved.exponents)):
+            raise ValueError("not a fraction")
         exponents = tuple(map(Fraction, saved.exponents))
     except (ValueError, ZeroDivisionError):
         raise CommonlawError(f"the law is damaged: exponents {', '.join(saved.exponents)} are no fractions") from None
@@ -204,6 +213,13 @@ def decode_document(raw: dict[str, Any]) -> Decoded:
         version = msgspec.convert(raw, HeaderDocument).version
         if 1 <= version <= VERSION:
             document = msgspec.convert(as_now(raw, version), type=LawDocument)
+            if path := _beyond_computing(raw):
+                *keys, number = path
+                place = "".join(f"[{key!r}]" for key in keys)
+                raise CommonlawError(
+                    f"${place} is {nearest(number):g}, and numbers beyond {_LARGEST:.1e} cannot be computed with "
+                    "(their squares are infinite)"
+                )
     except (CommonlawError, msgspec.ValidationError) as error:
         raise not_a_law(error) from None
     if not 1 <= version <= VERSION:
@@ -219,6 +235,17 @@ def decode_document(raw: dict[str, Any]) -> Decoded:
     own = _fields(document)
     others = tuple((each.probability, _other_fields(each, own)) for each in document.other_laws)
     return Decoded(own, None if wider is None else _fields(wider), others)
+
+
+def _beyond_computing(value: Any) -> list[Any]:
+    """Return the path in a document to the first number beyond the largest, and that number; empty without one."""
+    if isinstance(value, dict | list):
+        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+            if path := _beyond_computing(part):
+                return [key, *path]
+    elif isinstance(value, int | float) and abs(value) > _LARGEST:
+        return [value]
+    return []
 
 
 def _other_fields(saved: OtherDocument, own: Fields) -> Fields:
