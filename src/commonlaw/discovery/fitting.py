@@ -131,9 +131,9 @@ def fit(
     >>> import commonlaw as cl
     >>> drops = cl.datasets.linear_drag(noise=0.0)
     >>> print(cl.fit("x'' = -g - c v", drops).average())
-    x'' = -9.80000 ± 0.00097 - (0.380000 ± 0.000086) v
+    x'' = -9.8000 ± 0.0010 - (0.380000 ± 0.000093) v
     <BLANKLINE>
-    with v = x', g [m/s²] = 9.80000 ± 0.00097, c [1/s] = 0.380000 ± 0.000086
+    with v = x', g [m/s²] = 9.8000 ± 0.0010, c [1/s] = 0.380000 ± 0.000093
     """
     if isinstance(equations, Trials | TrialStream):
         raise CommonlawError("the equations come first, then the trials: cl.fit(equations, trials)")

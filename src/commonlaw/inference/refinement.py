@@ -118,7 +118,7 @@ def refine(
     >>> method = cl.DerivativeRegression(differentiation="savgol:25:3", solver="group-stlsq:1.5")
     >>> law = cl.discover(drops, order=2, library="poly:1", method=method)
     >>> print(cl.refine(law, drops).average())
-    x'' = -9.836 ± 0.045 - (0.3834 ± 0.0040) v
+    x'' = -9.835 ± 0.046 - (0.3830 ± 0.0042) v
     <BLANKLINE>
     with v = x'
     """

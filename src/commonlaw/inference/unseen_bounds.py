@@ -68,7 +68,7 @@ class Bounds(ShownInNotebooks):
     >>> import commonlaw as cl
     >>> drops = cl.datasets.linear_drag(noise=0.05)
     >>> print(cl.fit("x'' = -g - c v", drops).bounds(drops, ["v^2"]))
-    v^2 in x'': its coefficient is at most 0.0045 1/m, of Ball 3, at 95%, and adds 3.2 at most.
+    v^2 in x'': its coefficient is at most 0.021 1/m, of Ball 5, at 95%, and adds 15 at most.
     """
 
     bounds: tuple[Bound, ...]

@@ -207,11 +207,11 @@ class AbstractAverages(AbstractEquations):
         >>> draws = law.draws()
         >>> speeds = (draws["g"] / draws["c"]).groupby("object").quantile([0.025, 0.975]).unstack()
         >>> print(speeds.round(1).to_string(header=False, index_names=False))
-        Ball 1  89.7  102.7
-        Ball 2  31.9   33.3
-        Ball 3  31.5   33.1
-        Ball 4  19.3   19.8
-        Ball 5  13.8   14.1
+        Ball 1  90.1  108.3
+        Ball 2  31.7   33.7
+        Ball 3  30.9   32.7
+        Ball 4  19.2   19.9
+        Ball 5  13.8   14.2
         """
         from commonlaw.law.tables import MOST_DRAWS, draws_frame
 
