@@ -1,6 +1,8 @@
 """Work on a dask cluster: pieces are done by workers, where their data are, and only what they come to travels."""
 
+import asyncio
 import logging
+import os
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -28,8 +30,13 @@ _SAME = ("commonlaw", "numpy", "scipy", "pandas", "pyarrow", "dask", "distribute
 _MERGED = 8
 """Results that are merged at a time: the tree is the same whatever the number of workers, and so is its rounding."""
 
+_ANSWER = 10.0
+"""Seconds to wait for the scheduler, which runs already where its address is known."""
 _PATIENCE = 30.0
-"""Seconds to wait for the scheduler, and for the first worker."""
+"""Seconds to wait for the first worker, which a queue may start, and for all to end."""
+_PER_CORE = 4
+"""Processes that are started here for each core: of more than one, others compute while some wait for files, and each
+takes memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,18 +271,24 @@ def connected(address: str) -> Iterator["Client"]:
     Raises
     ------
     CommonlawError
-        If there is no such scheduler, or dask is not installed.
+        If no scheduler answers there, more processes are asked for than this machine has use for, or dask is not
+        installed.
     """
     distributed, own = optional_import("distributed", "work on a cluster", "cluster"), None
     with _silent():
         try:
             if address.startswith("local:"):
                 own = _started(distributed, address.removeprefix("local:"))
-            client = distributed.Client(own or address, timeout=_PATIENCE, set_as_default=False)
+            else:
+                asyncio.run(asyncio.wait_for(_greeted(distributed, address), _ANSWER))
+            client = distributed.Client(own or address, timeout=_PATIENCE if own else _ANSWER, set_as_default=False)
+        except CommonlawError:
+            raise
         except (OSError, ValueError, RuntimeError, TypeError) as error:
             raise CommonlawError(
-                f"no cluster at {address!r} ({error}): give the address that the scheduler shows, such as "
-                "tcp://host:8786, or local:4 for four processes of this machine"
+                f"no cluster at {address!r} ({str(error) or f'no scheduler answers in {_ANSWER:g} s'}): give the "
+                "address that the scheduler shows, such as tcp://host:8786, or local:4 for four processes of this "
+                "machine"
             ) from None
         try:
             yield client
@@ -299,10 +312,26 @@ def _silent() -> Iterator[None]:
         logger.setLevel(before)
 
 
+async def _greeted(distributed: Any, address: str) -> None:
+    """Shake hands with a scheduler: a client waits for that without end."""
+    settings = distributed.Security().get_connection_args("client")
+    try:
+        comm = await distributed.comm.connect(address, timeout=_ANSWER, **settings)
+    except (MemoryError, EOFError, LookupError, AttributeError) as error:  # Of bytes that are read as a greeting
+        raise OSError("what answers there is no scheduler") from error
+    await comm.close()
+
+
 def _started(distributed: Any, count: str) -> Any:
     """Return workers on this machine."""
     if not count.isdecimal() or not int(count):
         raise ValueError(f"{count!r} is no number of workers")
+    cores = os.cpu_count() or 1
+    if int(count) > _PER_CORE * cores:
+        raise CommonlawError(
+            f"local:{count} asks for {count} processes, and at most {_PER_CORE * cores} are started on this machine of "
+            f"{counted(cores, 'core')} ({_PER_CORE} a core): give local:{cores}"
+        )
     import dask.config
 
     # Of an hour of work the profiler keeps call trees of 200 MB in each worker

@@ -3,12 +3,13 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
-from threading import Timer
+from threading import Thread, Timer
 
 import numpy as np
 import pytest
@@ -133,8 +134,48 @@ def test_a_stream_is_what_a_cluster_takes(client):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "local:0", "nowhere:at:all"])
 def test_a_cluster_that_is_not_there_is_an_error_in_words(address, monkeypatch):
-    monkeypatch.setattr("commonlaw.cluster._PATIENCE", 1.0)
+    monkeypatch.setattr("commonlaw.cluster._ANSWER", 1.0)
     with pytest.raises(cl.CommonlawError, match="local:4"), connected(address):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("greeting", "reason"),
+    [(b"", "no scheduler answers in 0.5 s"), (b"HTTP/1.1 400 Bad Request\r\n", "what answers there is no scheduler")],
+)
+def test_a_server_that_is_no_scheduler_is_refused_as_soon_as_it_fails_to_answer(greeting, reason, monkeypatch):
+    monkeypatch.setattr("commonlaw.cluster._ANSWER", 0.5)
+    accepted = []
+
+    def accept(server):
+        with suppress(OSError):  # The server is closed
+            while True:
+                accepted.append(server.accept()[0])
+                accepted[-1].sendall(greeting)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        Thread(target=accept, args=(server,), daemon=True).start()
+        began = time.monotonic()
+        with (
+            pytest.raises(cl.CommonlawError, match=reason),
+            connected("tcp://127.0.0.1:{1}".format(*server.getsockname())),
+        ):
+            pass
+        assert time.monotonic() - began < 10 * 0.5
+        server.shutdown(socket.SHUT_RDWR)
+    assert accepted
+    for each in accepted:
+        each.close()
+
+
+@pytest.mark.parametrize("count", ["9", "99999999999999999999"])
+def test_more_workers_than_this_machine_has_use_for_are_refused_before_any_starts(count, monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr("distributed.LocalCluster", None)
+    with (
+        pytest.raises(cl.CommonlawError, match=rf"^local:{count} asks for {count} .* at most 8 .* 2 cores .* local:2$"),
+        connected(f"local:{count}"),
+    ):
         pass
 
 
