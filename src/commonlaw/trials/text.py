@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -13,14 +14,16 @@ from commonlaw.array_types import Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import check_size, decoded
 from commonlaw.trials.columns import Table, filled_table
+from commonlaw.trials.headers import split_header
 from commonlaw.trials.layout import Layout, Row, is_value, layout_of, usual_width
-from commonlaw.wording import shown
+from commonlaw.wording import counted, shown
 
 _SAMPLE = 200_000
 """Characters at the beginning of a file by which its layout is found."""
 _FOOTER = 100
 """Lines at the end of a file among which a footer is looked for."""
-_MISSING = ["", "NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
+_MISSING = ["NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
+"""Words that are no text, unless they are in quotes."""
 _QUOTED_MISSING = re.compile(r'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
 _COMMENT = re.compile(r'"[^"]*"|^[ \t]*(?:#|%|//)[^\n]*', re.MULTILINE)
 """A comment line, or a cell in quotes, in which such a line would be text."""
@@ -75,21 +78,29 @@ def text_table(source: str, content: bytes) -> Table:
             index_col=False,
             dtype=object,
             keep_default_na=False,
-            na_values=_MISSING,
+            na_values=[""],
             skip_blank_lines=False,
             engine="c",
         )
     except pd.errors.ParserError as error:
         raise CommonlawError(f"{source}: {error}; check the quotation marks") from None
     kept = np.flatnonzero(lines)
+    words, counts = frame.where(frame.isin(_MISSING)), Counter[tuple[int, str]]()
+    for i in range(len(header)):
+        counts.update((i, word) for word in words[i].dropna())
+    cells = frame.mask(words.notna())
     table = filled_table(
         source,
         header,
-        [frame[i].to_numpy()[kept] for i in range(len(header))],
+        [cells[i].to_numpy()[kept] for i in range(len(header))],
         loose=range(len(header)),
         locate=lambda row: f"row {row + 1} (line {lines[kept[row]]})",
         number=lambda row: int(lines[kept[row]]),
     )
+    facts += [
+        f"read as missing in {split_header(header[i])[0]}: {word!r} in {counted(count, 'cell')}"
+        for (i, word), count in counts.items()
+    ]
     return replace(table, facts=tuple(facts))
 
 
