@@ -31,6 +31,8 @@ BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 T = TypeVar("T")
 
 _LISTED = 10_000
+_PART = 2**20
+"""Bytes that are unpacked at a time."""
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 """Characters that no text of an instrument has."""
 _STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
@@ -111,11 +113,17 @@ def unpacked(source: str, content: bytes) -> bytes:
         return content
     try:
         with opened(io.BytesIO(content)) as stream:
-            unpacked: bytes = stream.read(LARGEST_FILE + 1)
+            size = 0
+            while part := stream.read(_PART):  # Counted first, as a small file may unpack to more than the memory holds
+                size += len(part)
+                if size > LARGEST_FILE:
+                    raise CommonlawError(
+                        f"{source} unpacks to more than {LARGEST_FILE} bytes, and no more are read: split it"
+                    )
+            stream.seek(0)
+            unpacked: bytes = stream.read(size)
     except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
         raise CommonlawError(f"{source} cannot be unpacked ({error}): it is damaged; pack it again") from None
-    if len(unpacked) > LARGEST_FILE:
-        raise CommonlawError(f"{source} unpacks to more than {LARGEST_FILE} bytes, and no more are read: split it")
     return unpacked
 
 

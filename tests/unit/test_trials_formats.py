@@ -3,6 +3,7 @@
 import bz2
 import gzip
 import lzma
+import tracemalloc
 
 import numpy as np
 import pandas as pd
@@ -181,6 +182,20 @@ def test_a_compressed_file_is_unpacked_up_to_a_limit_and_refused_if_damaged(tmp_
     monkeypatch.setattr(foreign, "LARGEST_FILE", 1000)
     with pytest.raises(CommonlawError, match="unpacks to more than 1000 bytes"):
         read(tmp_path, packed)
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress])
+def test_a_file_that_unpacks_to_more_than_is_read_is_refused_without_holding_it(tmp_path, monkeypatch, pack):
+    size = 2**26
+    monkeypatch.setattr(foreign, "LARGEST_FILE", size // 2)
+    (tmp_path / "cup.csv").write_bytes(pack(bytes(size)))
+    tracemalloc.start()
+    try:
+        with pytest.raises(CommonlawError, match=f"unpacks to more than {size // 2} bytes"):
+            Trials.read(tmp_path / "cup.csv")
+        assert tracemalloc.get_traced_memory()[1] < size / 4  # The dictionary of xz is 8 MiB
+    finally:
+        tracemalloc.stop()
 
 
 AMBIGUOUS = "time;x\n0;998\n1;999\n2;1,000\n"
