@@ -39,6 +39,13 @@ def test_the_drag_that_a_law_lacks_is_found_and_gravity_keeps_its_meaning(withou
     assert sum(without_drag.shares.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
+def test_values_that_are_not_finite_are_refused(without_drag: Discrepancy[Law], value: float) -> None:
+    for function in (without_drag, without_drag.std):
+        with pytest.raises(CommonlawError, match=f"a value of {without_drag.basis.coordinate} is {value:g}: "):
+            function([1.0, value])
+
+
 def test_a_line_describes_the_drag_that_a_law_lacks(without_drag: Discrepancy[Law]) -> None:
     described = {each.terms: each for each in without_drag.descriptions}
     line = described[("v",)]

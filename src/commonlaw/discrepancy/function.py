@@ -9,9 +9,11 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
+from commonlaw.errors import CommonlawError
 from commonlaw.law.numbers import with_error
 from commonlaw.law.quantiles import two_sided
 from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.trials.trial import as_numbers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -96,16 +98,32 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
         return self.evidence > CLAIMED
 
     def __call__(self, coordinate: ArrayLike) -> Floats:
-        """Return the function at values of the coordinate, in their shape."""
-        values = np.asarray(coordinate, dtype=np.float64)
+        """Return the function at values of the coordinate, in their shape.
+
+        Raises
+        ------
+        CommonlawError
+            If a value is infinite or missing.
+        """
+        values = self._finite(coordinate)
         return np.asarray((self.basis.values(values.ravel()) @ self.weights).reshape(values.shape))
 
     def std(self, coordinate: ArrayLike) -> Floats:
         """Return the standard deviation of the function at values of the coordinate, in their shape."""
-        values = np.asarray(coordinate, dtype=np.float64)
+        values = self._finite(coordinate)
         functions = self.basis.values(values.ravel())
         variances = np.sum((functions @ self.covariance) * functions, axis=1)
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)).reshape(values.shape))
+
+    def _finite(self, coordinate: ArrayLike) -> Floats:
+        values = as_numbers(coordinate)
+        if not np.isfinite(values).all():
+            wrong = values[~np.isfinite(values)].flat[0]
+            raise CommonlawError(
+                f"a value of {self.basis.coordinate} is {wrong:g}: the discrepancy is a function of finite values; "
+                f"{self.basis.low:g} to {self.basis.high:g} were visited"
+            )
+        return values
 
     def to_frame(self, points: int = 41, level: float = 0.95) -> "pd.DataFrame":
         """Return a table over the visited range: coordinate, function, both ends of its band, share of the samples."""
