@@ -14,7 +14,7 @@ PICTURE = Path(__file__).parent / "first-page.png"
 
 @styled()
 def picture() -> Figure:
-    """Return forecasts of simulated held-out drops, and the coefficients beside the true ones."""
+    """Return forecasts of simulated held-out drops, and the estimated and true coefficients."""
     drops = cl.datasets.linear_drag(noise=0.05, seed=1)
     law = cl.discover(drops.select(trial=1))
     figure = Figure(figsize=(7.6, 3.5), layout="constrained")

@@ -1,4 +1,4 @@
-"""Ordinary tables, which nobody made for the reader, and the laws that they hold."""
+"""Ordinary tables, as users bring them, and the laws behind them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

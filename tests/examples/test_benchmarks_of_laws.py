@@ -244,8 +244,8 @@ def test_stated_probabilities_stand_beside_the_share_that_is_right():
 
 def test_orders_are_counted_where_they_are_the_true_ones(capsys):
     orders.main(["--only", "relaxation", "--noise", "0.01", "--seeds", "1"])
-    told = r"a law of this order fits within the noise"
-    assert re.search(rf"\| relaxation \| 1 \| 1 % \| 1 of 1 \| {told}", capsys.readouterr().out)
+    reason = r"a law of this order fits within the noise"
+    assert re.search(rf"\| relaxation \| 1 \| 1 % \| 1 of 1 \| {reason}", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("name", MIXED)

@@ -12,7 +12,7 @@ RATES = {"A1": 0.9, "A2": 1.1, "A3": 1.3}
 
 
 def plate(blanks, inputs=None, noise=0.002):
-    """Logistic growth x' = r x (1 - x) of three wells, on constant wells beside them."""
+    """Logistic growth x' = r x (1 - x) of three wells, and constant wells."""
     generator = np.random.default_rng(4)
     curves = {name: 1 / (1 + 49 * np.exp(-r * TIMES)) for name, r in RATES.items()} | blanks
     states = [curve[:, np.newaxis] + noise * generator.standard_normal((len(TIMES), 1)) for curve in curves.values()]

@@ -1,4 +1,4 @@
-"""Objects at rest, such as the blanks of a plate: they say nothing about coefficients of their own."""
+"""Objects at rest, such as the blanks of a plate: they carry no information about coefficients of their own."""
 
 import numpy as np
 
