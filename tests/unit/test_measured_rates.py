@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.signal import savgol_filter
 
 import commonlaw as cl
-from commonlaw.discovery.measured_rates import measured_rates
+from commonlaw.discovery.measured_rates import is_computed, measured_rates
 from commonlaw.law.meeting import matched
 
 TRUTH = {"a": (9.0, 0.2), "b": (6.0, 0.1)}
@@ -96,6 +97,24 @@ def test_samples_that_have_the_rate_alone_are_left_out(found):
 )
 def test_a_column_is_no_rate_that_departs_from_it_by_more_than_noise(of, units):
     assert measured_rates(pendulum(of=of, units=units)) == {}
+
+
+@pytest.mark.parametrize(
+    "of",
+    [
+        lambda theta: np.gradient(theta, TIMES),
+        lambda theta: np.gradient(theta, TIMES).round(2),
+        lambda theta: savgol_filter(theta, 11, 3, deriv=1, delta=TIMES[1]),
+    ],
+    ids=["central differences", "rounded", "Savitzky-Golay filter"],
+)
+def test_a_computed_rate_is_told_from_a_measured_one(of):
+    measured = pendulum()
+    states = [np.column_stack([each.states[:, 0], of(each.states[:, 0])]) for each in measured]
+    computed = cl.Trials.from_arrays([TIMES] * 2, states, object=[*TRUTH], names=NAMES)
+    assert is_computed(computed, *NAMES)
+    assert not is_computed(measured, *NAMES)
+    assert not is_computed(pendulum(noise=0.0), *NAMES)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-3, 0.02])

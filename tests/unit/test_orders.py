@@ -84,24 +84,53 @@ def test_falling_balls_accelerate(noise):
     assert cl.Law.from_json(law.to_json()).history[0] == law.history[0]
 
 
-def test_a_state_beside_its_rate_needs_no_second_search(monkeypatch):
+def test_a_state_and_its_measured_rate_are_of_first_order(monkeypatch):
     monkeypatch.setattr(trajectory_likelihood, "with_order_said", lambda *_: pytest.fail("orders were compared"))
     law = discover(swings(0.01, columns=2), library="poly:1 + fourier:1")
+    assert law.structure() == ("x' = a y", "y' = b y + c sin(x)")
+    assert (law.history[0].choice, law.history[0].reason) == ("1", "y is the rate of x")
+
+
+def test_a_measured_rate_makes_the_law_more_certain():
+    both = discover(swings(0.05, columns=2), library="poly:1 + fourier:1")
+    alone = discover(swings(0.05), order=2, library="poly:1 + fourier:1")
+    damping, of_y = (law.terms.names.index(name) for law, name in ((alone, "v"), (both, "y")))
+    assert both.standard_errors[0, 1, of_y] < 0.8 * alone.standard_errors[0, 0, damping]
+    assert both.coefficients[0, 1, of_y] == pytest.approx(-0.1, abs=4 * both.standard_errors[0, 1, of_y])
+
+
+def test_a_rate_that_was_computed_from_its_state_is_left_out():
+    angles = swings(0.01)
+    states = [np.column_stack([each.states, np.gradient(each.states[:, 0], each.times)]) for each in angles]
+    trials = cl.Trials.from_arrays([each.times for each in angles], states, names=["x", "y"])
+    law = discover(trials, library="poly:1 + fourier:1")
     assert law.structure() == ("x'' = a y + b sin(x)",)
     assert (law.history[0].choice, law.history[0].reason) == ("2", "y is the rate of x")
 
 
-def test_states_beside_their_rates_are_of_second_order_and_the_evidence_says_what_others_are():
+def test_of_states_without_measured_rates_the_evidence_says_the_order():
     both = swings(0.001, columns=2)
     other = [np.exp(-each.times)[:, np.newaxis] for each in both]
     states = [np.column_stack([each.states, own]) for each, own in zip(both, other, strict=True)]
     trials = cl.Trials.from_arrays([each.times for each in both], states, names=["x", "y", "z"])
     found = orders.possible_orders(trials, "auto")
-    assert found.trials.schema.states == ("x", "z")
-    assert found.of_each == ((2,), (1, 2))
-    assert found.steps[0].reason == "y is the rate of x; of z no rate was measured"
+    assert found.trials.schema.states == ("x", "y", "z")
+    assert found.of_each == ((1,), (1,), (1, 2))
+    assert (found.steps[0].choice, found.steps[0].reason) == (
+        "x 1, y 1", "y is the rate of x; of z no rate was measured"
+    )  # fmt: skip
     law = discover(trials, library="poly:1 + terms:sin(x)")
-    assert law.structure() == ("x'' = a y + b sin(x)", "z' = c z")
+    assert law.structure() == ("x' = a y", "y' = b y + c sin(x)", "z' = d z")
+
+
+def test_the_rate_of_a_rate_is_no_state():
+    times = np.linspace(0, 6, 120)
+    random = np.random.default_rng(0)
+    path = np.column_stack([np.sin(3 * times), 3 * np.cos(3 * times), -9 * np.sin(3 * times)])
+    states = path + 0.01 * random.standard_normal(path.shape) * [1, 3, 9]
+    found = orders.possible_orders(cl.Trials.from_arrays(times, states, names=["x", "v", "a"]), "auto")
+    assert found.trials.schema.states == ("x", "v")
+    assert found.of_each == ((1,), (1,))
 
 
 @pytest.mark.parametrize(("settings", "order"), [({"library": "terms:1,v"}, 2), ({"positive": ["x"]}, 1)])

@@ -4,6 +4,7 @@ from collections.abc import Collection, Container, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
@@ -30,6 +31,15 @@ _ACCURACY = 0.1
 
 _CHANCE, _NOISE = 1e-3, 2.0
 """How often a rate may be taken for none, and by which factor the variance of noise may be more than estimated."""
+
+_LAGS = (10, 5)
+"""Samples to each side that a filter for rates reaches at most; fewer where trials are short."""
+
+_MOTION = 1 / 3
+"""Share of neighbouring fourth differences with the same sign above which they are no noise: of noise it is 0.2."""
+
+_COMPUTED = 0.9
+"""Share of a rate's noise that the state's explains from which the rate was computed."""
 
 
 def without_measured_rates(
@@ -67,6 +77,30 @@ def measured_rates(trials: Trials) -> dict[str, str]:
                 found[state] = rate
                 break
     return found
+
+
+def is_computed(trials: Trials, state: str, rate: str) -> bool:
+    """Return whether a rate was computed from the measurements of the state, by differences or a smoothing filter.
+
+    Its noise is then a linear function of the state's in neighbouring samples. Fourth differences, which hold noise
+    rather than motion, of the rate are regressed on those of the state at up to ten samples to both sides: they explain
+    all of it if it was computed, and hardly more than chance if it was measured. Where fourth differences of the state
+    are no noise (their sign hardly changes), nothing tells, and the rate counts as measured.
+    """
+    j, k = trials.schema.states.index(state), trials.schema.states.index(rate)
+    both = [trial.states[np.isfinite(trial.states[:, [j, k]]).all(axis=1)][:, [j, k]] for trial in trials]
+    fourth = [np.diff(each, 4, axis=0).T for each in both if len(each) > _LAGS[-1]]
+    noisy = [each for each in fourth if (each[0, 1:] * each[0, :-1] > 0).mean() < _MOTION]
+    for lags in _LAGS:
+        width = 2 * lags + 1
+        long = [each for each in noisy if each.shape[1] >= width]
+        if sum(each.shape[1] - width + 1 for each in long) < 2 * width:
+            continue
+        windows = np.concatenate([sliding_window_view(each[0], width) for each in long])
+        target = np.concatenate([each[1, lags : each.shape[1] - lags] for each in long])
+        rest = target - windows @ np.linalg.lstsq(windows, target)[0]
+        return bool(rest @ rest / (1 - width / len(target)) < (1 - _COMPUTED) * (target @ target))
+    return False
 
 
 def _measured_everywhere(trials: Trials) -> list[str]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from numbers import Integral
 from typing import Literal, NamedTuple, TypeVar
 
-from commonlaw.discovery.measured_rates import measured_rates, without_measured_rates
+from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
@@ -86,15 +86,27 @@ def _is_among(order: object, known: Container[object]) -> bool:
 
 
 def _told_by_rates(trials: Trials) -> Orders:
-    """Return the orders among which the evidence chooses: a state beside its rate is one of second order."""
+    """Return the orders among which the evidence chooses: a state and its measured rate are of first order.
+
+    Both are measurements of the motion. A column that was computed from the state is none, nor is a rate of a rate:
+    these are left out, and their states are of second order.
+    """
     rates = measured_rates(trials)
     if not rates:
         return Orders(trials, ((1, 2),) * len(trials.schema.states))
-    trials = without_rates(trials, rates)
-    of_each = tuple((2,) if name in rates else (1, 2) for name in trials.schema.states)
-    lacking = [name for name in trials.schema.states if name not in rates]
+    left_out = {
+        state: rate for state, rate in rates.items() if state in rates.values() or is_computed(trials, state, rate)
+    }
+    second = {state: rate for state, rate in left_out.items() if state not in rates.values()}
+    first = {name for pair in rates.items() if pair[0] not in left_out for name in pair}
+    trials = without_rates(trials, left_out)
+    of_each = tuple((2,) if name in second else (1,) if name in first else (1, 2) for name in trials.schema.states)
+    orders = [each[0] for each in of_each]
+    lacking = [name for name, own in zip(trials.schema.states, of_each, strict=True) if len(own) > 1]
     why = rates_in_words(rates) + (f"; of {', '.join(lacking)} no rate was measured" if lacking else "")
-    return Orders(trials, of_each, (Step("order", ", ".join(f"{name} 2" for name in rates) if lacking else "2", why),))
+    told = [f"{name} {own[0]}" for name, own in zip(trials.schema.states, of_each, strict=True) if len(own) == 1]
+    alike = not lacking and len(set(orders)) == 1
+    return Orders(trials, of_each, (Step("order", str(orders[0]) if alike else ", ".join(told), why),))
 
 
 def of_best_order(
