@@ -112,6 +112,15 @@ def test_a_number_that_cannot_be_computed_with_is_refused_by_its_place(explained
         Law.from_json(content)
 
 
+@pytest.mark.parametrize("name", ["law.json", "law.parquet"])
+def test_a_law_that_would_be_refused_is_not_written(tmp_path, name):
+    law = Law(LAW.terms, LAW.schema, 2, LAW.objects, 1e308 * np.sign(LAW.coefficients))
+    (tmp_path / name).write_text("before")
+    with pytest.raises(cl.CommonlawError, match=r"\$\['coefficients'\]\['Ball 1'\]\[0\]\[\d\] is .* 1.3e\+154"):
+        law.save(tmp_path / name)
+    assert (tmp_path / name).read_text() == "before"
+
+
 def test_estimates_too_unlike_to_be_compared_are_refused(explained_law):
     for value in (1e60, 1e150):
         content, _ = edited(

@@ -13,7 +13,7 @@ import numpy as np
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
 from commonlaw.law.averages import AbstractAverages
-from commonlaw.law.json import Decoded, decode, decode_document, document_of, encode, not_a_law
+from commonlaw.law.json import Decoded, check_numbers, decode, decode_document, document_of, encode, not_a_law
 from commonlaw.trials.parquet import parquet_bytes, parquet_columns
 
 _METADATA = b"commonlaw law"
@@ -50,14 +50,19 @@ def law_file(law: AbstractAverages, path: str) -> tuple[str, bytes]:
     Raises
     ------
     CommonlawError
-        If it would be too large to be read again as Parquet, too.
+        If it would be too large to be read again as Parquet, too, or has numbers that are refused where laws are read.
     """
+    document = msgspec.to_builtins(document_of(law))
+    try:
+        check_numbers(document)
+    except CommonlawError as error:
+        raise CommonlawError(f"{path}: this law cannot be saved: {error}; discover the law again") from None
     if not path.endswith(".parquet"):
         content = encode(law)
         if len(content) <= LARGEST_JSON:
             return path, content
         path += ".parquet"
-    return path, _as_parquet(law, path)
+    return path, _as_parquet(law, document, path)
 
 
 def decoded_file(content: bytes) -> Decoded:
@@ -65,9 +70,9 @@ def decoded_file(content: bytes) -> Decoded:
     return _of_parquet(content) if content.startswith(_PARQUET) else decode(content)
 
 
-def _as_parquet(law: AbstractAverages, path: str) -> bytes:
+def _as_parquet(law: AbstractAverages, document: dict[str, Any], path: str) -> bytes:
     columns: dict[str, Any] = {_OBJECTS: law.objects}
-    rest = _without_objects(msgspec.to_builtins(document_of(law)), "", law.objects, columns)
+    rest = _without_objects(document, "", law.objects, columns)
     check_size(path, len(law.objects), len(columns))
     return parquet_bytes(columns, {_METADATA: json.dumps(rest).encode()})
 

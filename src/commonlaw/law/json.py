@@ -213,13 +213,7 @@ def decode_document(raw: dict[str, Any]) -> Decoded:
         version = msgspec.convert(raw, HeaderDocument).version
         if 1 <= version <= VERSION:
             document = msgspec.convert(as_now(raw, version), type=LawDocument)
-            if path := _beyond_computing(raw):
-                *keys, number = path
-                place = "".join(f"[{key!r}]" for key in keys)
-                raise CommonlawError(
-                    f"${place} is {nearest(number):g}, and numbers beyond {_LARGEST:.1e} cannot be computed with "
-                    "(their squares are infinite)"
-                )
+            check_numbers(raw)
     except (CommonlawError, msgspec.ValidationError) as error:
         raise not_a_law(error) from None
     if not 1 <= version <= VERSION:
@@ -235,6 +229,17 @@ def decode_document(raw: dict[str, Any]) -> Decoded:
     own = _fields(document)
     others = tuple((each.probability, _other_fields(each, own)) for each in document.other_laws)
     return Decoded(own, None if wider is None else _fields(wider), others)
+
+
+def check_numbers(document: dict[str, Any]) -> None:
+    """Refuse a document with numbers beyond the largest; the message says where."""
+    if path := _beyond_computing(document):
+        *keys, number = path
+        place = "".join(f"[{key!r}]" for key in keys)
+        raise CommonlawError(
+            f"${place} is {nearest(number):g}, and numbers beyond {_LARGEST:.1e} cannot be computed with "
+            "(their squares are infinite)"
+        )
 
 
 def _beyond_computing(value: Any) -> list[Any]:

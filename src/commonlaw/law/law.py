@@ -386,7 +386,7 @@ class Law(AbstractDelegates):
         ------
         CommonlawError
             If the file cannot be written, or must not: it is read-only, a folder, or one of several names of a file; or
-            if there are so many objects that their JSON would not be read again.
+            if it would not be read again, as of so many objects in JSON, or with numbers whose squares are infinite.
         """
         from commonlaw.law.file import law_bytes
 
