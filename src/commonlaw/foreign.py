@@ -5,10 +5,11 @@ import os
 import re
 import stat
 import zlib
+from collections.abc import Iterator
 from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -30,6 +31,8 @@ BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 T = TypeVar("T")
 
+_GZIP, _BZIP2, _XZ = b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0"
+"""What compressed files begin with."""
 _LISTED = 10_000
 _PART = 2**20
 """Bytes that are unpacked at a time."""
@@ -101,30 +104,49 @@ def unpacked(source: str, content: bytes) -> bytes:
     Raises
     ------
     CommonlawError
-        If it is damaged, or unpacks to more than `LARGEST_FILE`.
+        If it is damaged, or unpacks to more than `LARGEST_FILE`, or takes more memory for that.
     """
+    import lzma
+
+    if not content.startswith((_GZIP, _BZIP2, _XZ)):
+        return content
+    try:
+        size = 0
+        for part in _parts(content):  # Counted first, as a small file may unpack to more than the memory holds
+            size += len(part)
+            if size > LARGEST_FILE:
+                raise CommonlawError(
+                    f"{source} unpacks to more than {LARGEST_FILE} bytes, and no more are read: split it"
+                )
+        return b"".join(_parts(content))
+    except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
+        if "Memory usage limit" in str(error):
+            raise CommonlawError(
+                f"{source} has a dictionary of more than {LARGEST_FILE} bytes, and no more are held in memory: pack it "
+                "again, with xz -9"
+            ) from None
+        raise CommonlawError(f"{source} cannot be unpacked ({error}): it is damaged; pack it again") from None
+
+
+def _parts(content: bytes) -> Iterator[bytes]:
+    """Yield what compressed bytes hold, part by part; streams may follow each other."""
     import bz2
     import gzip
     import lzma
 
-    kinds: dict[bytes, Any] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\0": lzma.open}
-    opened = next((each for magic, each in kinds.items() if content.startswith(magic)), None)
-    if opened is None:
-        return content
-    try:
-        with opened(io.BytesIO(content)) as stream:
-            size = 0
-            while part := stream.read(_PART):  # Counted first, as a small file may unpack to more than the memory holds
-                size += len(part)
-                if size > LARGEST_FILE:
-                    raise CommonlawError(
-                        f"{source} unpacks to more than {LARGEST_FILE} bytes, and no more are read: split it"
-                    )
-            stream.seek(0)
-            unpacked: bytes = stream.read(size)
-    except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
-        raise CommonlawError(f"{source} cannot be unpacked ({error}): it is damaged; pack it again") from None
-    return unpacked
+    if not content.startswith(_XZ):
+        packed = io.BytesIO(content)
+        with gzip.GzipFile(fileobj=packed) if content.startswith(_GZIP) else bz2.BZ2File(packed) as stream:
+            yield from iter(lambda: stream.read(_PART), b"")
+        return
+    while content:
+        decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=LARGEST_FILE)
+        while not decompressor.eof:
+            yield decompressor.decompress(content, _PART)
+            content = b""
+            if decompressor.needs_input and not decompressor.eof:
+                raise EOFError("it ends within a stream")
+        content = decompressor.unused_data.lstrip(b"\0")  # Between streams there may be padding
 
 
 def decoded(source: str, content: bytes) -> tuple[str, str]:

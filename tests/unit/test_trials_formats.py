@@ -198,6 +198,17 @@ def test_a_file_that_unpacks_to_more_than_is_read_is_refused_without_holding_it(
         tracemalloc.stop()
 
 
+def test_xz_whose_dictionary_takes_too_much_memory_is_refused(tmp_path):
+    packed = bytes.fromhex(  # Of twelve bytes, and 1.5 GiB that no other program can be asked for
+        "fd377a585a000004e6d6b44602002101250000003b787b4101000b742c780a302c310a312c320a00d072908d22bc29310001240ca618d8d8"
+        "1fb6f37d010000000004595a"
+    )
+    with pytest.raises(CommonlawError, match=r"dictionary of more than \d+ bytes.* xz -9"):
+        read(tmp_path, packed)
+    small = lzma.compress(b"t,x\n0,1\n") + bytes(8) + lzma.compress(b"1,2\n2,3\n")
+    assert len(read(tmp_path, small)[0]) == 3
+
+
 AMBIGUOUS = "time;x\n0;998\n1;999\n2;1,000\n"
 
 
