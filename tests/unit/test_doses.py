@@ -135,9 +135,23 @@ def test_a_law_is_simulated_with_doses():
 def test_the_command_line_takes_doses(tmp_path):
     *_, trials = drawn(INJECTED)
     trials.to_frame().to_csv(tmp_path / "doses.csv", index=False)
-    done = CliRunner().invoke(commonlaw, ["fit", INJECTED, str(tmp_path / "doses.csv"), "--dose", "dose"])
+    path, saved, question = str(tmp_path / "doses.csv"), str(tmp_path / "law.json"), "if it holds amounts"
+    done = CliRunner().invoke(commonlaw, ["fit", INJECTED, path, "--dose", "dose", "--save", saved])
     assert done.exit_code == 0, done.output
     assert "conc' = -k conc + dose/V" in done.output
+    assert question not in done.output
+    assert question in CliRunner().invoke(commonlaw, ["data", "check", path]).output
+    assert question not in CliRunner().invoke(commonlaw, ["check", saved, path]).output
+
+
+def test_a_forecast_from_a_later_time_begins_after_the_doses_before_it():
+    *_, trials = drawn(INJECTED)
+    law = cl.fit(INJECTED, trials, doses="dose")
+    for begins in (4.5, 9.0):
+        later, first = (law.predict(trials, **how).trajectories for how in ({"from_time": begins}, {"start": "all"}))
+        for own, each in zip(later, first, strict=True):
+            expected = np.interp(own.times, each.times, each.states[:, 0])
+            np.testing.assert_allclose(own.states[:, 0], expected, atol=0.02 * np.ptp(expected))
 
 
 def test_a_dose_is_the_integral_of_its_input():

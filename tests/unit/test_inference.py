@@ -363,5 +363,5 @@ def test_the_order_of_objects_and_trials_does_not_matter(drops, drag):
 def test_a_state_that_changes_between_trials_only_is_refused():
     times = np.linspace(0, 1, 20)
     still = cl.Trials.from_arrays([times] * 2, [np.full(20, level) for level in (1.0, 2.0)], names=["x"])
-    with pytest.raises(CommonlawError, match="the state 'x' changes within no trial: take its column as a property"):
+    with pytest.raises(CommonlawError, match="the state 'x' changes within no trial: measure it while it changes"):
         cl.discover(still, order=1, library="poly:3")

@@ -214,13 +214,21 @@ def test_the_line_names_the_options_and_stays_away_where_nothing_is_guessed(tmp_
     frame.to_csv(tmp_path / "drops.csv", index=False)
     done = CliRunner().invoke(commonlaw, ["data", "check", str(tmp_path / "drops.csv")])
     assert done.stderr.splitlines()[0] == (
-        "Note: columns taken as time: t; object: Ball; trial: Drop; state: height; if not, say --time ..., "
+        "Note: columns taken as time: t; object: Ball; trial: Drop; state: height. If not, say --time ..., "
         "--object ..., --trial ..., --state ..., --input ..."
     )
     frame.columns = ["object", "trial", "time", "x"]
     assert Trials.from_frame(frame).notes == ()
     named = {"object": "Ball", "trial": "Drop", "time": "t", "states": "height"}
     assert Trials.read(tmp_path / "drops.csv", **named).notes == ()
+
+
+@pytest.mark.parametrize("named", [{}, {"object": "Ball"}])
+def test_a_table_in_which_no_state_changes_is_refused_as_such(named):
+    still = stacked(pairs("Ball", "Drop"), height=lambda t, i: 0 * t + i // 2)
+    with pytest.raises(CommonlawError, match=r"nothing changes: height is constant .* states=\['height'\]"):
+        Trials.from_frame(still, **named)
+    assert Trials.from_frame(still, states=["height"], **named).schema.states == ("height",)
 
 
 def test_words_of_names():

@@ -155,7 +155,7 @@ def test_the_command_line_says_what_it_took_for_what_and_has_the_option(tmp_path
     guessed = CliRunner().invoke(commonlaw, ["data", "check", path])
     assert guessed.stdout.startswith(f"{path}: 4 trials of 4 objects, states value")
     assert "Note: columns taken as time: time; state: A1, A2, ..., B12 (4 columns) of an object each" in guessed.stderr
-    assert "if not, say --time ..., --state ..., --input ..., --wide ..." in guessed.stderr
+    assert "If not, say --time ..., --state ..., --input ..., --wide ..." in guessed.stderr
     done = CliRunner().invoke(commonlaw, ["data", "check", path, "--wide", "OD [OD]"])
     assert done.stdout.startswith(f"{path}: 4 trials of 4 objects, states OD")
 

@@ -16,6 +16,7 @@ from commonlaw.cli.options import by_name, number_or_text, numbers, option
 from commonlaw.cli.paths import ReadFile
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.cli.working import working
+from commonlaw.trials.doses import without_notes_on
 
 
 @command
@@ -119,7 +120,7 @@ def fit(
         source = replace(source, inputs=tuple(dict.fromkeys((*source.inputs, *doses))))
         later = LaterSteps()
         known = {name: number_or_text(value) for name, value in by_name("--start", starts).items()}
-        trials = load(source, [equations], [other] if other else (), known)
+        trials = without_notes_on(doses, load(source, [equations], [other] if other else (), known))
         training = source.select(trials)
         settings |= {"starts_at": starts_at, "doses": doses, "universal": universal}
         settings |= {"guesses": numbers("--guess", guesses) or None}

@@ -16,6 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.dates import DateOrder
+from commonlaw.trials.doses import without_notes_on
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import join_header
 from commonlaw.trials.roles import GUESSED
@@ -49,7 +50,7 @@ _OPTIONS = (
         "noise_columns",
         metavar="STATE=COLUMN",
         multiple=True,
-        help="Column of the standard deviations of a state's measurements; repeat for more.",
+        help="Column of the standard deviations of a state's measurements; repeat for more; '' if there is none.",
     ),
     _columns("--property", "properties", help="Column of an object's property; repeat for more."),
     _table(
@@ -187,7 +188,7 @@ class Source:
         self.check_streams()
         roles: dict[str, Any] = {
             "object": self.object, "trial": self.trial, "time": self.time, "states": self.states,
-            "inputs": self.inputs, "noise_columns": by_name("--noise-column", self.noise_columns),
+            "inputs": self.inputs, "noise_columns": self._noise_columns(),
             "units": by_name("--unit", self.units), "properties": list(self.properties),
         }  # fmt: skip
         stream = TrialStream.from_parquet(str(self.path), **{name: value for name, value in roles.items() if value})
@@ -250,6 +251,7 @@ class Source:
         learned = (f".select({where})" if where else "") + (f".split({held_out})[1]" if held_out else "")
         learned += "" if self.learn_until is None else f".until({self.learn_until!r})"
         reading = {name: getattr(self, name) for name in ("object_name", "wide", "restarts", "sheet")}
+        reading |= {"noise_columns": {}} if self.noise_columns == ("",) else {}
         training = f"measured{learned}" if learned else ""
         return Program(str(self.path), properties=self.properties, training=training, reading=reading, kept=kept)
 
@@ -264,12 +266,16 @@ class Source:
             raise click.UsageError("give a file or --dataset, not both")
         return parse_spec("data set", str(self.dataset), DATASETS)
 
-    def _noise_columns_like(self, schema: Schema | None) -> Mapping[str, str]:
-        """Return the columns of standard deviations of a schema if the file has them, too: it can do without."""
-        if not (self.path and schema and schema.noise_columns):
+    def _noise_columns(self, schema: Schema | None = None) -> Mapping[str, str] | None:
+        """Return the columns of standard deviations: as given, or of a schema if the file has them; None to guess."""
+        if any(self.noise_columns):
+            return by_name("--noise-column", self.noise_columns)
+        if self.noise_columns:
             return {}
+        if not (self.path and schema and schema.noise_columns):
+            return None
         there = read_table(self.path, self.sheet).columns
-        return {state: name for state, name in schema.noise_columns.items() if name in there}
+        return {state: name for state, name in schema.noise_columns.items() if name in there} or None
 
     def _from_file(self, schema: Schema | None) -> Trials:
         if not self.path:
@@ -277,7 +283,7 @@ class Source:
                 "give a file of measurements, or a data set with --dataset (see: commonlaw data list)"
             )
         wide = self.wide or self._wide_like(schema)
-        return Trials.read(
+        trials = Trials.read(
             self.path,
             object=schema.object if schema and self.object is None else self.object,
             object_name=self.object_name,
@@ -285,7 +291,7 @@ class Source:
             time=self.time or (schema.time if schema else None),
             states=self.states or (schema.measured if schema and not wide else None),
             inputs=self.inputs or (schema.inputs if schema else None),
-            noise_columns=by_name("--noise-column", self.noise_columns) or self._noise_columns_like(schema) or None,
+            noise_columns=self._noise_columns(schema),
             properties=list(self.properties) or None,
             units=by_name("--unit", self.units),
             wide=wide,
@@ -295,6 +301,7 @@ class Source:
             dates=self.dates,
             sheet=self.sheet,
         )
+        return without_notes_on(schema.doses if schema else (), trials)
 
 
 def guesses(trials: Trials) -> list[str]:

@@ -120,9 +120,12 @@ def _begin_later(
     count = start or (min(stop, _MOST) if fits else MIN_SAMPLES if law.rates else 1)
     start_samples = measured.rows(slice(max(0, stop - count), stop))
     first = int(np.searchsorted(extended.times, start_samples.times[0]))
-    fitted = (
-        fit_initial_state(law, start_samples, inputs, count) if (start or fits) and len(start_samples) > 1 else None
-    )
+    fitted = None
+    if (start or fits) and len(start_samples) > 1:
+        if law.schema.doses:  # Which are given where nothing was measured
+            begins, ends = np.searchsorted(trial.times, start_samples.times[[0, -1]])
+            start_samples = trial.rows(slice(begins, ends + 1))
+        fitted = fit_initial_state(law, start_samples, inputs, len(start_samples))
     return Beginning(extended.rows(slice(first, None)), inputs, start_samples, fitted)
 
 

@@ -244,7 +244,9 @@ def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:
     for name, (least, most) in extremes.items():
         for state, still in zip(schema.states, least == most, strict=True):
             if still:
+                ways = ["leave the object out"] if len(extremes) > 1 else []
+                ways += ["take the column as a property instead of a state"] if len(schema.states) > 1 else []
                 raise CommonlawError(
                     f"the state {state!r} of {name} never changes: nothing can be learned from it; "
-                    "leave the object out, or take the column as a property instead of a state"
+                    f"{', or '.join(ways) or 'measure it while it changes'}"
                 )

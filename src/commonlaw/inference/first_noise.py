@@ -152,7 +152,9 @@ def estimated_noise(trials: Trials) -> tuple[Floats, str]:
         measured = [(times[~np.isnan(values)], values[~np.isnan(values)]) for times, values in pairs]
         counts = [len(values) * (len(np.unique(values)) > 1) for _, values in measured]
         if not any(counts):
-            raise CommonlawError(f"the state {name!r} changes within no trial: take its column as a property instead")
+            others = len(trials.schema.measured) > 1
+            remedy = "take its column as a property instead" if others else "measure it while it changes"
+            raise CommonlawError(f"the state {name!r} changes within no trial: {remedy}")
         least, spent, variance, reason = next((way for way in NOISE_WAYS if max(counts) >= way[0]), NOISE_WAYS[-1])
         for i, count in enumerate(counts):
             if count >= least:

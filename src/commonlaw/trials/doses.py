@@ -7,6 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.trials.recognition import note_on_pulses
 from commonlaw.trials.trial import Trial
 from commonlaw.trials.trials import Trials
 
@@ -51,7 +52,13 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
                 f"{owner} has no dose before its last sample: give one in {', '.join(doses)}, or leave {owner} out"
             )
     schema = replace(trials.schema, doses=tuple(doses), input_between="linear")
-    return replace(trials, trials=tuple(map(_with_moments, begun)), schema=schema)
+    return replace(without_notes_on(doses, trials), trials=tuple(map(_with_moments, begun)), schema=schema)
+
+
+def without_notes_on(doses: Sequence[str], trials: Trials) -> Trials:
+    """Return the trials without the notes that inputs may be doses, of those that are given as such."""
+    answered = {*map(note_on_pulses, doses)}
+    return replace(trials, notes=tuple(note for note in trials.notes if note not in answered))
 
 
 def _from_first_dose(trial: Trial, measured: Sequence[str]) -> Trial:

@@ -380,6 +380,14 @@ def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -
     return [name for name in names if is_pulsed(readable(table, name))]
 
 
+def note_on_pulses(name: str) -> str:
+    """Return what is said of an input that may hold doses, unless it is given as such."""
+    return (
+        f"{name} is zero but for single samples, between which it is interpolated: if it holds amounts that are added "
+        f"at once, fit an equation with doses=[{name!r}]"
+    )
+
+
 def _span(values: Floats) -> float:
     """Return the range of the values that are there, 1 if they are all the same."""
     finite = values[np.isfinite(values)]

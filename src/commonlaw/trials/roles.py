@@ -20,6 +20,7 @@ from commonlaw.trials.properties import constant_columns, object_codes
 from commonlaw.trials.recognition import (
     deviation_columns,
     input_columns,
+    note_on_pulses,
     object_column,
     other_clocks,
     pulsed_inputs,
@@ -73,7 +74,7 @@ class Roles(TypedDict, total=False):
         there are none.
     noise_columns
         Columns of standard deviations of the measurements, by state: ``{"x": "sx"}``. Default: positive columns with a
-        name such as ``x_std`` or ``std1`` that goes with a state, ``x`` or ``y1``.
+        name such as ``x_std`` or ``std1`` that goes with a state, ``x`` or ``y1``; ``{}`` says that there are none.
     properties
         Columns of the objects' properties; or a second table (a file, a frame) with a row for each object; or a
         mapping from object to property values by name. Default: the columns without another role that are constant
@@ -221,12 +222,12 @@ class ColumnRoles:
     def _remedy(self) -> str:
         """The options that change these roles."""
         options = [f"{_OPTIONS[role]}=..." for role in _OPTIONS if role in self._by_role or role == "input"]
-        return f"if not, say {', '.join(options)}{', wide=...' if self.wide else ''}"
+        return f"If not, say {', '.join(options)}{', wide=...' if self.wide else ''}"
 
     @property
     def lines(self) -> tuple[str, ...]:
         """The notes, and if something was guessed, what it was and how to change it."""
-        return (f"{GUESSED}{self.sentence}; {self._remedy}", *self.notes) if self.guessed else self.notes
+        return (f"{GUESSED}{self.sentence}. {self._remedy}", *self.notes) if self.guessed else self.notes
 
 
 def time_of(table: Table, roles: Roles) -> str:
@@ -302,11 +303,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
             for name, reason in input_columns(table, numbers, times, trials).items():
                 inputs += take([name], reason)
     notes = [f"columns left out, as indices of pandas without a name: {', '.join(indices)}"] if indices else []
-    notes += [
-        f"{name} is zero but for single samples, between which it is interpolated: if it holds amounts that are added "
-        f"at once, fit an equation with doses=[{name!r}]"
-        for name in pulsed_inputs(table, inputs, trials)
-    ]
+    notes += map(note_on_pulses, pulsed_inputs(table, inputs, trials))
     if not states:
         states = tuple(name for name in free if table.is_numeric(name))
         reasons |= dict.fromkeys(states[1:], "")  # which may be inputs
@@ -315,6 +312,11 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     if unused := [name for name in table.columns if name in left_out or name in free]:
         notes.append(f"columns left out: {', '.join(unused)}")
     if not states:
+        if held := [name for name in properties or () if given is None and table.is_numeric(name)]:
+            raise CommonlawError(
+                f"{table.source}: nothing changes: {', '.join(held)} {'is' if len(held) == 1 else 'are'} constant for "
+                f"each object; a law needs a state that changes: check the table, or name it with states={held[:1]}"
+            )
         raise CommonlawError(
             f"{table.source}: no column of numbers is left for the states; name them with states=[...]; "
             f"columns: {', '.join(table.columns)}"
