@@ -1,6 +1,8 @@
 """The command line as a user meets it."""
 
 import json
+import re
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -332,6 +334,23 @@ def test_an_option_that_the_method_does_not_have_is_refused_by_name(run):
         "--trim does not go with --method trajectory-likelihood: leave it out, or use --method derivative-regression"
         in " ".join(err.split())
     )
+
+
+def test_options_of_other_methods_are_left_out_where_these_do_not_take_the_order(run):
+    code, _, err = run("discover", "--dataset", "lorenz", "--order", "0", "--errors", "white")
+    assert code == 2
+    assert " ".join(err.split()).endswith("--errors does not go with --method discrete-time-regression: leave it out")
+
+
+def test_standard_deviations_are_left_out_by_the_options_that_the_message_names(run, tmp_path):
+    rows = "".join(f"{i},{0.5**i},{0.01 * (1 + i % 2)}\n" for i in range(20))
+    (tmp_path / "map.csv").write_text(f"t,x,x_std\n{rows}")
+    code, _, err = run("discover", "map.csv", "--order", "0", "--library", "poly:1")
+    assert code == 1
+    (named,) = re.findall(r"--noise-column '' --state '\w+'", err.replace(",", ""))
+    code, out, err = run("discover", "map.csv", "--order", "0", "--library", "poly:1", *shlex.split(named))
+    assert code == 0, err
+    assert "x[k+1] = 0.5 x" in out
 
 
 def test_messages_are_in_the_words_of_the_command_line(run, tmp_path):

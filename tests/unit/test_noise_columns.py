@@ -181,7 +181,11 @@ def test_what_does_not_go_together_is_refused():
         ),
         (
             lambda: cl.discover(trials, method=cl.DerivativeRegression(), order=1, library="poly:3"),
-            "do not go with DerivativeRegression: leave",
+            r"do not go with DerivativeRegression: .*noise_columns={}, states=\['T'\], or use method=Trajectory",
+        ),
+        (
+            lambda: cl.discover(trials, order=0),  # No other method takes this order
+            r"do not go with DiscreteTimeRegression: .*noise_columns={}, states=\['T'\]$",
         ),
     ]
     for case, message in cases:

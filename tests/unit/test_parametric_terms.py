@@ -85,6 +85,8 @@ def test_terms_with_constants_inside_alone_are_refused(library, enzymes):
 def test_a_method_that_finds_no_constants_refuses_them_by_name(enzymes):
     with pytest.raises(CommonlawError, match=r"here s/\(K \+ s\), do not go with DerivativeRegression"):
         cl.discover(enzymes, library="poly:1 + saturating", method=cl.DerivativeRegression(), order=1)
+    with pytest.raises(CommonlawError, match=r"DiscreteTimeRegression: give constants as numbers$"):
+        cl.discover(enzymes, library="poly:1 + saturating", order=0)
 
 
 def test_a_bank_has_no_pole_where_the_curves_have_been_or_between_points():

@@ -41,11 +41,13 @@ def test_steps_from_one_resting_point_to_the_next_follow_no_solution():
 
 def test_a_fit_that_is_no_solution_of_its_law_did_not_converge():
     resting = np.pi * np.random.default_rng(1).integers(20, 24, len(TIMES))
-    (found, *_) = outcomes_of_fit(*stated("terms:sin(x)", [-500.0], resting.astype(float)), is_converged=True)
+    (found, *_) = outcomes_of_fit(
+        *stated("terms:sin(x)", [-500.0], resting.astype(float)), is_converged=True, tried_errors=True
+    )
     assert found.kind is OutcomeKind.NOT_CONVERGED
     solved = stated("terms:x", [-0.5], 3 * np.exp(-0.5 * TIMES))
-    assert outcomes_of_fit(*solved, is_converged=True) == ()
-    (found,) = outcomes_of_fit(*solved, is_converged=False)
+    assert outcomes_of_fit(*solved, is_converged=True, tried_errors=True) == ()
+    (found,) = outcomes_of_fit(*solved, is_converged=False, tried_errors=True)
     assert found.kind is OutcomeKind.NOT_CONVERGED
 
 

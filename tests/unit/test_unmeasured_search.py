@@ -120,5 +120,7 @@ def test_the_command_line_asks_for_it(tmp_path, swallowed):
 def test_what_asks_for_it_in_vain_is_refused(swallowed):
     with pytest.raises(cl.CommonlawError, match="unmeasured=1 does not go with DerivativeRegression"):
         cl.discover(swallowed[1], method=cl.DerivativeRegression(), unmeasured=1, order=1, library="poly:3")
+    with pytest.raises(cl.CommonlawError, match=r"does not go with DiscreteTimeRegression: leave it out$"):
+        cl.discover(swallowed[1], unmeasured=1, order=0)
     with pytest.raises(cl.CommonlawError, match="unmeasured"):
         cl.TrajectoryLikelihood(unmeasured=2)

@@ -173,7 +173,7 @@ def with_method(command: Callable[..., None]) -> Callable[..., None]:
         likelihood, regression = _given(values, _LIKELIHOOD), _given(values, *_REGRESSIONS)
         if method is None and (likelihood or regression):
             method = _method_of(regression, order)
-        made = None if method is None else _method(method, likelihood | regression)
+        made = None if method is None else _method(method, likelihood | regression, order)
         command(method=made, order=order, **values)
 
     return with_options(wrapped, (_METHOD, *_LIKELIHOOD_OPTIONS, *_REGRESSION_OPTIONS))
@@ -204,18 +204,19 @@ def _given(values: dict[str, Any], *headings: str) -> dict[str, Any]:
     return given | ({"noise": numbers("--noise", given["noise"])} if "noise" in given else {})
 
 
-def _method(name: str, given: dict[str, Any]) -> "AbstractMethod":
+def _method(name: str, given: dict[str, Any], order: "AskedOrder") -> "AbstractMethod":
     """Return the method of this name; options that it does not have are wrong usage."""
     from commonlaw import discovery
 
-    takes = {name: {field.name for field in fields(getattr(discovery, each))} for name, each in METHODS.items()}
+    classes: dict[str, Any] = {name: getattr(discovery, each) for name, each in METHODS.items()}
+    takes = {name: {field.name for field in fields(each)} for name, each in classes.items()}
+    able = [other for other, each in classes.items() if (order == 0) == (0 in each.orders)]
     for each in click.get_current_context().command.params:
         if each.name in given and each.name not in takes[name]:
-            others = " or ".join(other for other in METHODS if each.name in takes[other])
-            raise click.UsageError(
-                f"{each.opts[0]} does not go with --method {name}: leave it out, or use --method {others}"
-            )
-    made: AbstractMethod = getattr(discovery, METHODS[name])(**given)
+            others = " or ".join(other for other in able if each.name in takes[other])
+            instead = f", or use --method {others}" if others else ""
+            raise click.UsageError(f"{each.opts[0]} does not go with --method {name}: leave it out{instead}")
+    made: AbstractMethod = classes[name](**given)
     return made
 
 

@@ -59,7 +59,8 @@ def in_options(text: str) -> str:
     params = context.command.params
     words = {f"{each.name}=": f"{max(each.opts, key=len)} " for each in params} | {"clip_irregular()": "--clip"}
     text = re.sub(rf"(?<![\w:'-])({'|'.join(map(re.escape, words))})", lambda found: words[found[1]], text)
-    text = re.sub(r"(--\S+ )\{'(.*?)': (.*?)\}", r"\1\2=\3", re.sub(r"(--\S+ )\[(.*?)\]", r"\1\2", text))
+    text = re.sub(r"(--\S+ )\[(.*?)\]", lambda found: found[1] + found[2].replace(", ", f" {found[1]}"), text)
+    text = re.sub(r"(--\S+ )\{\}", r"\1''", re.sub(r"(--\S+ )\{'(.*?)': (.*?)\}", r"\1\2=\3", text))
     return re.sub(r"(\w+)(Regression|Likelihood)\((.*?)\)", _method, text)
 
 

@@ -70,16 +70,15 @@ def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStrea
         )
     inside = [each.text(law_variables(trials.schema, order)) for each in structure.parametric(trials.schema)]
     inside += ["ratios of sums"] if structure.ratios(trials.schema) else []
+    other = "" if order == 0 else ", or use method=TrajectoryLikelihood()"
     if inside and not method.takes_constants:
-        raise CommonlawError(
-            f"terms with constants inside, here {inside[0]}, do not go with {name}: give constants as numbers, or use "
-            "method=TrajectoryLikelihood()"
-        )
+        remedy = "take a library without ratios" if inside[0] == "ratios of sums" else "give constants as numbers"
+        raise CommonlawError(f"terms with constants inside, here {inside[0]}, do not go with {name}: {remedy}{other}")
     columns = trials.schema.noise_columns
     if columns and not method.takes_noise_columns:
         raise CommonlawError(
-            f"standard deviations of measurements, here in {', '.join(columns.values())}, do not go with {name}: leave "
-            "noise_columns=... out, or use method=TrajectoryLikelihood()"
+            f"standard deviations of measurements, here in {', '.join(columns.values())}, do not go with {name}: read "
+            f"the table with noise_columns={{}}, states={[*trials.schema.measured]}{other}"
         )
 
 

@@ -450,9 +450,8 @@ def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
     if not count:
         return method
     if not isinstance(method, TrajectoryLikelihood):
-        raise CommonlawError(
-            f"unmeasured={count} does not go with {type(method).__name__}: use method=TrajectoryLikelihood()"
-        )
+        remedy = "leave it out" if 0 in method.orders else "use method=TrajectoryLikelihood()"
+        raise CommonlawError(f"unmeasured={count} does not go with {type(method).__name__}: {remedy}")
     return replace(method, unmeasured=count)
 
 

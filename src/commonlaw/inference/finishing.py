@@ -92,7 +92,9 @@ def finish(
             template.provenance,
             outcomes=(
                 *template.provenance.outcomes,
-                *with_approximation(found, outcomes(template, problem, state, is_converged)),
+                *with_approximation(
+                    found, outcomes(template, problem, state, is_converged, tried_errors=len(kinds) > 1)
+                ),
                 *differing_trials(problem, state),
             ),
             alternatives=alternatives(template, compared, found.chosen_by),

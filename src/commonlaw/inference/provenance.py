@@ -92,9 +92,11 @@ def probabilities(listed: Sequence[ComparedTerms]) -> Floats:
 _LEVELS = "levels of largest evidence for errors of this kind"
 
 
-def outcomes(law: Law, problem: SearchProblem, state: SearchState, is_converged: bool) -> tuple[Outcome, ...]:
+def outcomes(
+    law: Law, problem: SearchProblem, state: SearchState, is_converged: bool, *, tried_errors: bool
+) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that was chosen by these trials."""
-    found = [*outcomes_of_fit(problem, state, is_converged, _CHOSEN)]
+    found = [*outcomes_of_fit(problem, state, is_converged, tried_errors=tried_errors, chosen=True)]
     found += [
         Outcome(OutcomeKind.EMPTY_SUPPORT, side, "no candidate term explains it better than noise", "offer other terms")
         for j, side in enumerate(law.left_hand_sides)
@@ -117,28 +119,29 @@ def outcomes(law: Law, problem: SearchProblem, state: SearchState, is_converged:
 LACKS_OF_FIT = OutcomeKind.APPROXIMATION, OutcomeKind.MODEL_ERROR, OutcomeKind.RESIDUALS
 """What may be known of the fit of a law."""
 
-_GIVEN = "from this law by more than errors of measurement"
-_CHOSEN = "from this law, the best of its library, by more than errors of measurement"
-
 
 def outcomes_of_fit(
-    problem: SearchProblem, state: SearchState, is_converged: bool, departs: str = _GIVEN
+    problem: SearchProblem, state: SearchState, is_converged: bool, *, tried_errors: bool, chosen: bool = False
 ) -> tuple[Outcome, ...]:
     """Return what to know of a law by its fit: errors that it has itself, or that are not explained, and samples.
 
-    The words say from what the measurements depart where errors of the measurements do not explain them.
+    The remedies depend on whether errors of other kinds were tried, and whether the law was chosen from a library.
     """
     found = list[Outcome]()
     if not (state.has_model_error or (is_converged and follows_solutions(problem, state))):
         text = "the fit did not converge: coefficients and standard errors are not those of least squares"
-        remedy = "give first guesses or bounds of coefficients, or measure more often where the states change fast"
+        guesses = "" if chosen else "give other first guesses or bounds of coefficients, or "
+        remedy = f"{guesses}measure more often where the states change fast"
         found.append(Outcome(OutcomeKind.NOT_CONVERGED, "", text, remedy))
     if state.has_model_error or problem.errors.of_law:
         error = f"; it has a model error, {model_error_step(problem, state).choice}"
-        remedy = "add terms, give the noise if it is known to be larger, or use the law as an approximation"
-        found.append(Outcome(OutcomeKind.MODEL_ERROR, "", f"the measurements depart {departs}{error}", remedy))
+        remedy = "add terms, give a larger noise if it is known, or use the law as an approximation"
+        of = ", the best of its library," if chosen else ""
+        text = f"the measurements depart from this law{of} by more than errors of measurement{error}"
+        found.append(Outcome(OutcomeKind.MODEL_ERROR, "", text, remedy))
     elif left := _left(problem, state):
-        remedy = "standard errors and bands may be too narrow: add terms, or use errors='auto'"
+        remedy = "standard errors and bands may be too narrow: add terms"
+        remedy += "" if tried_errors else ", or use errors='auto'"
         found.append(
             Outcome(OutcomeKind.RESIDUALS, "", f"white noise does not explain what the law leaves: {left}", remedy)
         )

@@ -187,7 +187,9 @@ class _Fit:
             law.provenance,
             outcomes=(
                 *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
-                *with_approximation(found, outcomes_of_fit(problem, state, is_converged)),
+                *with_approximation(
+                    found, outcomes_of_fit(problem, state, is_converged, tried_errors=self.errors == "auto")
+                ),
                 *outcomes_of_unmeasured(refined, problem),
             ),
             history=(*law.history, *chosen),

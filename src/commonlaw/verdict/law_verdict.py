@@ -235,7 +235,7 @@ class LawVerdict(ShownInNotebooks):
 
     def _advice(self) -> Iterator[str]:
         if not self.exact:
-            yield "add terms, or give the noise if it is known to be larger"
+            yield "add terms, or give a larger noise if it is known"
         elif self.without_terms or self.usable is False:
             yield "offer other terms, or measure more, or more exactly"
         if self.few_samples or 0 < self.measurements < _FEW:
