@@ -43,6 +43,10 @@ def _rate(_: float, s: np.ndarray, rate: float, half: float, inhibition: float) 
     return -rate * s / (half + s + s**2 / inhibition)
 
 
+def _predation(_: float, z: np.ndarray, growth: float, gain: float) -> list[float]:
+    return [z[0] * (growth - z[1]), z[1] * (gain * z[0] - 1)]
+
+
 @pytest.fixture(scope="module")
 def inhibited() -> cl.Trials:
     """s' = -V s/(K + s + s^2/L), an enzyme that its substrate inhibits (Haldane)."""
@@ -70,6 +74,20 @@ def test_what_is_offered_later_is_not_tried_where_a_law_of_few_numbers_leaves_no
     decay = cl.Trials.from_arrays([times], [np.exp(-times)[:, np.newaxis] + noise], names=["s"])
     law = cl.discover(decay, library=_InTurn(("s/(K + s)",), "ratio(poly:2, poly:2)"), order=1)
     assert law.structure() == ("s' = a s",)
+
+
+def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heteroscedastic():
+    times, random, states = np.linspace(0, 8, 80), np.random.default_rng(0), list[np.ndarray]()
+    for rates in ((1.0, 0.8), (1.4, 1.1)):
+        for start in ((0.8, 1.2), (2.0, 0.6)):
+            found = solve_ivp(_predation, (0, 8), start, t_eval=times, args=rates, rtol=1e-9).y.T
+            states.append(found + 0.01 * found.std(axis=0) * random.standard_normal(found.shape))  # By the swing
+    trials = cl.Trials.from_arrays([times] * 4, states, object=["a", "a", "b", "b"], names=["x", "y"])
+    steps = list[str]()
+    law = cl.discover(trials, cache=False, progress=steps.append)
+    assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
+    assert any("grow with it: estimating errors" in each for each in steps)
+    assert not any("of order 2" in each or "constants inside" in each or "nobody measured" in each for each in steps)
 
 
 def test_what_is_offered_later_is_sought_in_equations_that_may_be_simpler(monkeypatch):

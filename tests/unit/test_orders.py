@@ -133,6 +133,33 @@ def test_the_rate_of_a_rate_is_no_state():
     assert found.of_each == ((1,), (1,))
 
 
+def test_richer_terms_of_a_law_of_first_order_come_before_many_terms_of_second_order():
+    switches = simulated(
+        lambda _, x, a, b, c, k: a - b * x + c * x**2 / (k**2 + x**2),
+        [(0.1, 0.55, 1.2, 0.7), (0.09, 0.67, 1.57, 0.58)],
+        [(0.05,), (3.0,), (0.4,)],
+        np.linspace(0, 10, 60),
+        0.0,
+    )
+    law = discover(switches)
+    assert law.order == 1
+    x = np.linspace(0.1, 3, 30)
+    truth = 0.1 - 0.55 * x + 1.2 * x**2 / (0.7**2 + x**2)
+    np.testing.assert_allclose(law.evaluate("object 0", x[:, np.newaxis])[:, 0], truth, atol=1e-6)
+
+
+def test_a_law_of_second_order_whose_coefficients_are_within_their_errors_gives_way_to_one_of_first():
+    enzymes = simulated(
+        lambda _, s, rate, half: -rate * s / (half + s),
+        [(1.45, 1.4), (1.42, 0.56), (1.31, 0.55), (0.67, 1.16)],
+        [(5.0,), (2.0,)],
+        np.linspace(0, 8, 60),
+        0.05,
+        seed=13,
+    )
+    assert discover(enzymes).structure() == ("x' = a x/(K + x)",)
+
+
 @pytest.mark.parametrize(("settings", "order"), [({"library": "terms:1,v"}, 2), ({"positive": ["x"]}, 1)])
 def test_an_order_of_which_no_law_can_be_found_is_left_out(settings, order):
     method = cl.TrajectoryLikelihood(positive=settings.pop("positive", ()))

@@ -34,6 +34,7 @@ from commonlaw.inference import (
     explains_whole_trials,
     finish,
     known_noise,
+    may_be_of_first_order,
     may_be_of_lower_order,
     may_be_series,
     may_be_simpler,
@@ -67,6 +68,9 @@ _PLAIN = 0.2
 
 _MANY = 5
 """Coefficients and constants of an equation more than which may stand for a latent state, or for richer terms."""
+
+_FEW = 3
+"""Coefficients of an equation of higher order more than which may stand for richer terms of a lower order."""
 
 _FEW_OBJECTS = 10
 """Objects up to which a library asks for such a state by itself: with more it takes minutes."""
@@ -247,7 +251,7 @@ class TrajectoryLikelihood(AbstractMethod):
             refuse_what_does_not_fit(self, trials, own)
             screened = Screened.of(with_logarithms(trials, self.positive), own)
             found = self._begun(trials, screened, several and order == lowest, progress)
-            may_end = several and order == lowest and not found.search.beyond_errors
+            may_end = several and order == lowest and not found.search.lack_of_fit
             return self._richer(found, progress) if may_end and not found.is_simple else found
 
         several = any(len(each) > 1 for each in possible)
@@ -277,7 +281,7 @@ class TrajectoryLikelihood(AbstractMethod):
 
     def _resolved(self, found: "_Found", progress: ProgressCallback) -> "_Found":
         """Return a law on a mesh that is fine enough; on its own if it does not explain what was measured anyway."""
-        return found if found.search.beyond_errors else replace(found, search=resolved(found.search, progress))
+        return found if found.search.lack_of_fit else replace(found, search=resolved(found.search, progress))
 
     def _begun(self, trials: Trials, screened: Screened, is_first: bool, progress: ProgressCallback) -> "_Found":
         """Search among terms that were kept, and what is offered first, with the interpolation of inputs chosen.
@@ -298,18 +302,19 @@ class TrajectoryLikelihood(AbstractMethod):
     def _with_richer_terms(self, found: "Sequence[_Found]", progress: ProgressCallback) -> "list[_Found]":
         """Offer richer terms, to one order after the other, where the best law so far may be wrong or be simpler.
 
-        The best law first; but that of the lowest order where there are several states, as the rates of one may stand
-        for a function of the others, or where the best law is what one of lower order implies.
+        The best law first; but that of the lowest order where the best law is what one of lower order implies, or where
+        rates may be a function of the states.
         """
         left, done = sorted(found, key=lambda each: each.evidence), list[_Found]()
         while left:
             best = min([*done, *left], key=lambda each: each.evidence)
             lowest = min(left, key=lambda each: each.total_order)
-            implied = lowest.total_order < best.total_order and may_be_of_lower_order(best.search)
-            if best.is_simple and not implied:
+            is_lower = lowest.total_order < best.total_order
+            may_be_lower = is_lower and may_be_of_first_order(best.search)
+            implied = is_lower and may_be_of_lower_order(best.search)
+            if best.is_simple and not implied and not (may_be_lower and best.most_terms > _FEW):
                 break
-            several = len(best.search.template.states) > 1
-            chosen = lowest if implied or (several and lowest.total_order < best.total_order) else left[0]
+            chosen = lowest if implied or may_be_lower else left[0]
             left = [each for each in left if each is not chosen]
             done.append(self._richer(chosen, progress))
         return [*done, *left]
@@ -480,10 +485,15 @@ class _Found:
         """Sum of the orders of all states."""
         return sum(order_of_each(self.order, len(self.search.template.states)))
 
+    @property
+    def most_terms(self) -> int:
+        """Of the longest equation."""
+        return int(self.search.state.supports.sum(axis=1).max())
+
     @cached_property
     def is_simple(self) -> bool:
         """Whether the law explains what was measured, and no richer terms could say it in fewer numbers."""
-        if self.search.beyond_errors:
+        if self.search.lack_of_fit or not self.search.is_determined:
             return False
         return self.has_richer or not (may_be_series(self.search) or may_be_simpler(self.search, _MANY))
 

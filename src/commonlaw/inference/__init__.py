@@ -23,7 +23,7 @@ from commonlaw.inference.law_search import (
     search_supports,
 )
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
-from commonlaw.inference.orders import evidence_of_order, may_be_of_lower_order
+from commonlaw.inference.orders import evidence_of_order, may_be_of_first_order, may_be_of_lower_order
 from commonlaw.inference.parametric_search import (
     may_be_series,
     may_be_simpler,
@@ -74,6 +74,7 @@ __all__ = [
     "known_noise",
     "law_of_all",
     "levels_in_words",
+    "may_be_of_first_order",
     "may_be_of_lower_order",
     "may_be_series",
     "may_be_simpler",

@@ -99,10 +99,30 @@ class LawSearch:
     @cached_property
     def beyond_errors(self) -> str:
         """What speaks against the errors with the law that was found, in words; nothing if nothing does."""
-        reason = unexplained(self.problem, self.state)
+        return unexplained(self.problem, self.state) or self.lack_of_fit
+
+    @cached_property
+    def lack_of_fit(self) -> str:
+        """What speaks against the law itself, whatever its noise, in words; nothing if nothing does."""
+        reason = unexplained(self.problem, self.state, of_law=True)
         if not reason and runs_away(self.problem, self.state):
             reason = "trajectories of the trials that the law was learned from diverge"
         return reason
+
+    @cached_property
+    def is_determined(self) -> bool:
+        """Whether no coefficient is within its error on average over objects, and no object has them all within errors.
+
+        Evidence keeps a term for what it explains; where its coefficient is within its error nonetheless, others make
+        up for it, and the likelihood has no maximum to speak of.
+        """
+        law = self.fitted()
+        chosen = np.broadcast_to(self.state.supports, law.coefficients.shape)
+        values, errors = law.coefficients[chosen], law.standard_errors[chosen]
+        ratios = np.divide(values, errors, out=np.full_like(values, np.inf), where=~(errors <= 0))
+        squares = np.nan_to_num(ratios.reshape(len(law.objects), -1) ** 2, posinf=np.inf)
+        of_terms, of_objects = squares.mean(axis=0), squares.max(axis=1, initial=0.0)
+        return not squares.size or bool(min(*of_terms, *of_objects) > 1)
 
     @property
     def reason_for_errors(self) -> str:
@@ -291,7 +311,7 @@ def choose_errors(
     if reason:
         progress(Stage(f"{reason}: estimating errors with the law", _SEARCH_OF_MANY))
         kinds = error_kinds(errors, found.problem.trials.schema)
-        if errors == "auto" and not found.beyond_errors:
+        if errors == "auto" and not found.lack_of_fit:
             known = kind_of(found.problem.errors) if found.problem.errors else "proportional"
             kinds = tuple(each for each in kinds if each in ("white", known))
         other = propose(found.among_plain) if found.rivals or found.solver else None

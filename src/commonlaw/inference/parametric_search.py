@@ -114,7 +114,7 @@ def may_be_series(found: LawSearch) -> bool:
 def may_be_simpler(found: LawSearch, numbers: int) -> bool:
     """Return whether a law of richer terms may say more than one that was found, or as much in so few numbers."""
     most = int(found.state.supports.sum(axis=1).max())
-    return most > numbers or bool(found.beyond_errors)
+    return most > numbers or bool(found.lack_of_fit)
 
 
 def _with_offer(
@@ -122,7 +122,7 @@ def _with_offer(
 ) -> "tuple[LawsOfSets, LawSearch, tuple[TermSet, ...]]":
     """Return a search with the law of largest evidence, and its terms, on a mesh that is fine enough."""
     curves = _near(search.found)
-    if not best.beyond_errors:  # Its solutions are as near as can be
+    if not best.lack_of_fit:  # Its solutions are as near as can be
         curves = (without_processes(best, best.state.estimates),)
     known = _Known()
     while True:
@@ -174,7 +174,7 @@ def _searched(
         if not known.suffice(best):
             progress(Stage("proposing terms with constants inside", number / _ROUNDS))
             sets = (*_proposed(search, best, rows, near), *known.sets)
-            known = _Known(sets, best.state.value if number > 0 and not best.beyond_errors else -np.inf)
+            known = _Known(sets, best.state.value if number > 0 and not best.lack_of_fit else -np.inf)
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
         if len(rows) > 1:
@@ -183,10 +183,10 @@ def _searched(
             few = [each for each in _in_turn(own) if each.numbers <= _most(best, rows)[j]]
             listed = [(*rows[:j], each, *rows[j + 1 :]) for each in few[:_MOST_TRIED]]
             best, rows = search.better(best, rows, listed, _MOST_FITTED, near, done[j + 1])
-        if len(rows) > 1 and best.beyond_errors:
+        if len(rows) > 1 and best.lack_of_fit:
             best, rows = search.better(best, rows, search.together(begun), _MOST_TOGETHER, near, done[-1])
         if best is not before:
-            left = [without_processes(best, best.state.estimates), *(left if best.beyond_errors else ())]
+            left = [without_processes(best, best.state.estimates), *(left if best.lack_of_fit else ())]
             rows = search.with_coefficients(rows, best)
             search.near.clear()
         if not left:
@@ -256,7 +256,7 @@ def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
 
     Of exact measurements one more, where the law leaves as much as tells others apart.
     """
-    if best.beyond_errors:
+    if best.lack_of_fit:
         return [MOST_NUMBERS] * len(rows)
     left = sum(each.deviance for each in best.state.estimates) / sum(best.problem.measured)
     is_exact = best.problem.least_variance >= 1
@@ -271,9 +271,9 @@ def _proposed(
     With others, and with ratios of sums. Where noise explains the law, equations that may not be simpler keep their
     terms.
     """
-    sought = [bool(best.beyond_errors) or row.numbers > search.fewest for row in rows]
+    sought = [bool(best.lack_of_fit) or row.numbers > search.fewest for row in rows]
     most = {j: own for j, (own, is_sought) in enumerate(zip(_most(best, rows), sought, strict=True)) if is_sought}
-    hopeless = HOPELESS if best.beyond_errors else FAR
+    hopeless = HOPELESS if best.lack_of_fit else FAR
     listed = [matching_sets(search.base, estimates, search.offer.terms, most, hopeless)]
     if search.offer.ratios:
         listed.append(matching_ratios(search.base, estimates, search.offer.ratios, most, hopeless))

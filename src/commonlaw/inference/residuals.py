@@ -8,11 +8,12 @@ from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
 
 
-def unexplained(problem: SearchProblem, state: SearchState) -> str:
+def unexplained(problem: SearchProblem, state: SearchState, *, of_law: bool = False) -> str:
     """Return what speaks against white noise of the estimated level, in words; nothing if that explains the residuals.
 
     A model error does; and residuals that grow with the state, or that remember each other, if an error that allows for
-    it gains more in likelihood than its numbers cost.
+    it gains more in likelihood than its numbers cost. Residuals that only grow with the state are heteroscedastic
+    noise, and no lack of fit `of_law`.
     """
     if state.has_model_error:
         return "the measurements depart from every law of this library by more than their noise"
@@ -22,11 +23,11 @@ def unexplained(problem: SearchProblem, state: SearchState) -> str:
         f"residuals of {name} {what}"
         for j, name in enumerate(problem.trials.schema.states)
         if name not in problem.trials.schema.starts
-        for what in _of_state(problem, state, j, bool(measured[j]))
+        for what in _of_state(problem, state, j, bool(measured[j]), of_law)
     )
 
 
-def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: bool) -> list[str]:
+def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: bool, of_law: bool) -> list[str]:
     """Return what is odd about the residuals of one state, and about their pattern if they are of measurements."""
     squares, sizes, lags, count, whole = [], [], [], 0, 0
     for model, estimate in zip(problem.models, state.estimates, strict=True):
@@ -47,7 +48,8 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: b
         return []
     squared, found, price = np.concatenate(squares), [], np.log(max(count, 2))
     schema = problem.trials.schema
-    if schema.states[j] not in schema.logarithmic and growth(squared, np.concatenate(sizes))[0] > price:
+    may_grow = not of_law and schema.states[j] not in schema.logarithmic
+    if may_grow and growth(squared, np.concatenate(sizes))[0] > price:
         found.append("grow with it")
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
