@@ -110,4 +110,7 @@ def test_rows_of_one_time_that_stand_apart_are_repeated_measurements_if_that_is_
     again = pd.concat([frame, frame.assign(a=frame.a + 0.1)])
     with pytest.raises(CommonlawError, match=r"the time 0 is there twice, .* restarts='sort' if they are repeated"):
         read(again)
+    levels = pd.concat([rows().assign(dose=1), rows().assign(dose=2)])
+    with pytest.raises(CommonlawError, match=r"\(column 'dose' would do\)"):
+        read(levels)
     np.testing.assert_allclose(read(again, restarts="sort")[0].states[:, 0], frame.a + 0.05)

@@ -41,7 +41,11 @@ BAD_TEXT = {
     ),
     "two roles": (GOOD, {"states": ["height", "t"]}, "column 't' is given two roles"),
     "no time": ("a,b\n1,2\n", {}, "which column holds the time.*time=...; columns: a, b"),
-    "no state": ("t,b\n1,q\n", {}, r"no column of numbers is left for the states.*states=\[...\]; columns: t, b"),
+    "no state": (
+        "t,b\n1,q\n",
+        {},
+        r"no column of numbers is left for the states.*states=\[...\]; columns: t, b; 'b' begins with 'q'",
+    ),
     "text in numbers": (
         changed(17, 3, "abc"),
         {},

@@ -231,5 +231,32 @@ def test_a_table_in_which_no_state_changes_is_refused_as_such(named):
     assert Trials.from_frame(still, states=["height"], **named).schema.states == ("height",)
 
 
+@pytest.mark.parametrize(
+    "times",
+    [
+        np.arange(20.0),
+        np.round(np.arange(20) / 3, 3),
+        np.tile(np.arange(10) * 0.25, 2),
+        [f"2024-03-{day:02d}" for day in range(1, 21)],
+        [f"{hour:02d}:15:00" for hour in range(20)],
+    ],
+)
+def test_dates_clocks_and_equal_steps_are_the_time_whatever_it_is_called(times):
+    frame = pd.DataFrame({"czas": times, "napięcie": decay(T[:20], 0)})
+    restarts = "trials" if len(set(times)) < len(times) else None
+    assert Trials.from_frame(frame, restarts=restarts).schema.time == "czas"
+
+
+def test_counts_of_rows_and_measurements_are_no_times():
+    uneven = np.cumsum(np.linspace(1, 2, 20))
+    for frame in (
+        pd.DataFrame({"lp": np.arange(20), "moment": uneven, "x": decay(T[:20], 0)}),
+        pd.DataFrame({"moment": uneven, "x": np.round(np.linspace(0, 5, 20) ** 0.9)}),
+        pd.DataFrame({"a": np.arange(20) * 0.5, "b": np.arange(20) * 2.0}),
+    ):
+        with pytest.raises(CommonlawError, match="which column holds the time"):
+            Trials.from_frame(frame)
+
+
 def test_words_of_names():
     assert words("OD600 std_dev (a)") == ["od", "600", "std", "dev", "a"]

@@ -111,6 +111,17 @@ def test_brackets_without_a_unit_belong_to_the_name():
     assert schema.units == {"v": "m/(s*s)", "z (m)": "m", "z (ft)": "ft"}
 
 
+def test_quantities_over_units_are_read_where_the_time_is_one():
+    frame = pd.DataFrame(
+        {"t/s": [0.0, 1.0, 2.0], "U/V": [1.0, 2.0, 1.5], "I / mA": [3.0, 1.0, 2.0], "gain/loss": [1.0, 4.0, 2.0]}
+    )
+    schema = Trials.from_frame(frame).schema
+    assert (schema.time, schema.states) == ("t", ("U", "I", "gain/loss"))
+    assert schema.units == {"t": "s", "U": "V", "I": "mA"}
+    assert Trials.from_frame(frame, time="t/s", states=["U/V"]).schema.states == ("U",)
+    assert Trials.from_frame(frame.rename(columns={"t/s": "t"})).schema.states == ("U/V", "I / mA", "gain/loss")
+
+
 def test_units_given_take_precedence_over_headers():
     units = {"height [m]": "cm", "wind": "m/s", "mass": ""}
     assert Trials.from_frame(FRAME, **ROLES, units=units).schema.units == {"time": "s", "height": "cm", "wind": "m/s"}

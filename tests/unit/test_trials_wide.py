@@ -47,6 +47,8 @@ def test_a_plate_is_recognised_and_a_note_says_so():
     ("names", "wide"),
     [
         (["rat 1", "rat 2", "rat 3"], True),
+        (["Temp rep1", "Temp rep2", "Temp rep3"], True),
+        (["pos1", "pos2", "pos3"], False),
         (["OD A1", "OD A2", "OD B1", "OD B2"], True),
         (["A1", "A2"], False),
         (["theta_1", "theta_2", "omega_1", "omega_2"], False),

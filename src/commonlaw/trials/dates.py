@@ -81,11 +81,11 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
     column, note = table.columns[name], f"{name}: dates taken as time in"
     partner = _partner(table, name, others)
     if partner is not None:
-        days, clock = (partner, name) if _is_clock(table.columns[name]) else (name, partner)
+        days, clock = (partner, name) if is_clock(table.columns[name]) else (name, partner)
         stamps = _stamps(table, days, order) + _seconds_of_day(table, clock)
         table = replace(table, columns={key: own for key, own in table.columns.items() if key != partner})
         note = f"{days} and {clock}: taken together as time in"
-    elif _is_clock(column):
+    elif is_clock(column):
         return _with_clock(table, name, order)
     elif (counted := _epochs(table, name)) is not None:
         stamps, note = counted, f"{name}: counted since 1970, taken as time in"
@@ -134,10 +134,10 @@ def _partner(table: Table, name: str, others: Collection[str]) -> str | None:
     """Return the only other column that has the times of day to the dates of this one, or the dates to its times."""
     column = table.columns[name]
     fits: Callable[[Column], bool]
-    if _is_clock(column):
+    if is_clock(column):
         fits = _is_of_days
     elif _is_of_days(column):
-        fits = _is_clock
+        fits = is_clock
     else:
         return None
     found = [each for each in others if each != name and fits(table.columns[each])]
@@ -153,7 +153,7 @@ def _is_of_days(column: Column) -> bool:
     return ":" not in cell if isinstance(cell, str) else not isinstance(cell, datetime) or cell.time() == time()
 
 
-def _is_clock(column: Column) -> bool:
+def is_clock(column: Column) -> bool:
     """Say whether a column holds times of day, or durations."""
     if column.dtype.kind != "O":
         return False

@@ -213,6 +213,7 @@ def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> str:
     """Return how to tell trials apart where times start again."""
     numbered = _numbered(times, groups)
     telling = [name for name in table.columns if _tells_apart(table, name, *numbered)]
+    telling = telling or [name for name in table.columns if _tells_apart(table, name, *numbered, repeated=True)]
     hint = f" (column {' or '.join(map(repr, telling))} would do)" if telling else ""
     return (
         f"name the columns that tell trials and objects apart with trial=... and object=...{hint}, or say "
@@ -226,15 +227,20 @@ def _numbered(times: Floats, groups: Sequence[Group]) -> tuple[Floats, Codes, Co
     return times[rows], np.repeat(np.arange(len(groups)), [len(group.rows) for group in groups]), rows
 
 
-def _tells_apart(table: Table, name: str, times: Floats, owners: Codes, rows: Codes) -> bool:
-    """Say whether times increase among rows of a group that have the same cell in a column, at least two each."""
+def _tells_apart(table: Table, name: str, times: Floats, owners: Codes, rows: Codes, *, repeated: bool = False) -> bool:
+    """Say whether times increase among rows of a group that have the same cell in a column, at least two each.
+
+    They may be the same where measurements may be `repeated`.
+    """
     try:
         codes = table.encoded(name)[0][rows]
     except CommonlawError:
         return False
     order = np.lexsort((codes, owners))  # stable: of the same cell, rows keep their order
     same = (np.diff(codes[order]) == 0) & (np.diff(owners[order]) == 0)
-    return bool(np.mean(same) > 0.5 and (codes >= 0).all() and (np.diff(times[order]) > 0)[same].all())
+    steps = np.diff(times[order])[same]
+    increase = (steps >= 0).all() and (steps > 0).any() if repeated else (steps > 0).all()
+    return bool(np.mean(same) > 0.5 and (codes >= 0).all() and increase)
 
 
 def _refuse_twice(

@@ -1,4 +1,4 @@
-"""Column headers that carry a unit: ``height [m]`` or ``Height (m)``."""
+"""Column headers that carry a unit: ``height [m]``, ``Height (m)`` or, beside a time ``t/s``, ``height/m``."""
 
 import re
 from collections import Counter
@@ -10,6 +10,10 @@ from commonlaw.trials.units import check_unit, known_unit
 
 _SQUARE = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
 _ROUND = re.compile(r"(.*?\S)(\s*)\(((?:[^()]|\([^()]*\))*)\)", re.DOTALL)
+
+
+_PER_UNIT = re.compile(r"(.*\S)\s*/\s*(\S+)")
+_TIME_PER_UNIT = re.compile(r"(?i)(?:t|time|zeit|temps|tiempo|tempo|tijd|tid)\s*/\s*(\S+)")
 
 
 def split_header(header: str) -> tuple[str, str]:
@@ -47,7 +51,7 @@ def join_header(name: str, unit: str) -> str:
 def find_name(name: str, known: Iterable[str], kind: str = "column") -> str:
     """Return that of the known names which is meant by a name, given as it is or as a header with its unit."""
     names = list(known)
-    for each in (plain(str(name)), split_header(str(name))[0]):
+    for each in (plain(str(name)), split_header(str(name))[0], str(name).partition("/")[0].strip()):
         if each in names:
             return each
     raise unknown(kind, name, names)
@@ -74,6 +78,22 @@ def joined_units(
     return {name: units[name] for name in used if name in units}
 
 
+def _with_brackets(headers: Sequence[str]) -> list[str]:
+    """Return headers such as ``U/V``, a quantity over its unit, as ``U [V]`` if that of the time, ``t/s``, is one.
+
+    A header alone may be a ratio.
+    """
+    times = [known_unit(found[1]) for header in headers if (found := _TIME_PER_UNIT.fullmatch(header.strip()))]
+    if not any(unit is not None and dict(unit.dimensionality) == {"[time]": 1} for unit in times):
+        return list(headers)
+    return [_in_brackets(header) for header in headers]
+
+
+def _in_brackets(header: str) -> str:
+    found = _PER_UNIT.fullmatch(header.strip())
+    return f"{found[1]} [{found[2]}]" if found and known_unit(found[2]) is not None else header
+
+
 def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the names of columns and the units by name.
 
@@ -82,7 +102,7 @@ def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...],
     blank = [number for number, header in enumerate(headers, 1) if not header.strip()]
     if blank:
         raise CommonlawError(f"{source}: column {blank[0]} has no header; give it one, or delete the column")
-    parts = [split_header(header) for header in headers]
+    parts = [split_header(header) for header in _with_brackets(headers)]
     short = Counter(name for name, _ in parts)
     names = [name if short[name] == 1 else plain(header) for (name, _), header in zip(parts, headers, strict=True)]
     numbers: dict[str, int] = {}

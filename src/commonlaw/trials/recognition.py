@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Table
-from commonlaw.trials.dates import is_time
+from commonlaw.trials.dates import holds_dates, is_clock, is_time
 from commonlaw.trials.units import known_unit
 
 
@@ -63,6 +63,8 @@ _DIGITS = 300
 """Last digits in the range of a smooth waveform: fewer are the steps of a coarse sensor."""
 _EXACT = 1e-5
 """Noise, as a share of the range, below that of instruments: the differences of a computed waveform are as small."""
+_FEWEST_EVEN, _ROUNDED = 5, 10
+"""Rows that show equal steps, and last digits in a step that may be rounded."""
 _ROUNDING = 1e-3
 """Of a last digit, what binary numbers may be off."""
 
@@ -93,7 +95,8 @@ def time_column(table: Table) -> str | None:
     """Return the column that holds the time, None if there is no such.
 
     ``t`` and ``time`` are the time by convention. Else it is the column with a word or a unit of time in its header; of
-    several the one that increases from row to row. Last come short names, ``T`` and counts of steps, if they increase.
+    several the one that increases from row to row. Then come short names, ``T`` and counts of steps, if they increase;
+    and, whatever it is called, the column that holds dates, times of day, or numbers that increase by equal steps.
 
     Raises
     ------
@@ -111,10 +114,14 @@ def time_column(table: Table) -> str | None:
     by_word = [name for name in able if is_called(name, _TIME) or _dimensions(table, name) == _OF_TIME]
     short = [name for name in able if name.casefold() in _SHORT_TIME or words(name)[:1] == ["t"]]
     rising = {name for name in able if _rises(table, name)}
+    texts = [name for name in names if not table.is_numeric(name)]
     for likely in (
         [name for name in by_word if name in rising],
         [name for name in by_word if is_called(name, _TIME)],
         [name for name in short if name in rising],
+        [name for name in texts if holds_dates(table.columns[name])],
+        [name for name in texts if is_clock(table.columns[name])],
+        [name for name in names if _is_even(table, name, names)],
     ):
         if len(likely) > 1:
             raise CommonlawError(
@@ -152,6 +159,29 @@ def _rises(table: Table, name: str) -> bool:
         return True  # dates
     steps = np.diff(readable(table, name))
     return bool((steps > 0).any() and np.mean(steps > 0) >= 2 * np.mean(steps < 0))
+
+
+def _is_even(table: Table, name: str, names: Sequence[str]) -> bool:
+    """Say whether a column goes up by equal steps, to its last digit, as sampled times do and measurements do not.
+
+    It may begin anew. Counts of rows are no times where another column goes up throughout.
+    """
+    if not table.is_numeric(name) or len(table) < _FEWEST_EVEN or is_called(name, _ROW_NUMBER):
+        return False
+    values = readable(table, name)
+    begins = np.flatnonzero(np.append(True, np.diff(values) <= 0))
+    lengths = np.diff(np.append(begins, len(values)))
+    if not np.isfinite(values).all() or 2 * len(begins) > len(values):
+        return False
+    longest = begins[np.argmax(lengths)], begins[np.argmax(lengths)] + max(lengths) - 1
+    step, digit = np.ptp(values[[*longest]]) / (max(lengths) - 1), last_digit(values)
+    lines = np.repeat(values[begins], lengths) + step * (np.arange(len(values)) - np.repeat(begins, lengths))
+    rounding = digit if step > _ROUNDED * digit else 0.0
+    if (np.abs(values - lines) > rounding + _EXACT * step).any():
+        return False
+    others = [each for each in names if each != name and table.is_numeric(each)]
+    is_count = bool(step == 1 and values[0] in (0, 1))
+    return not (is_count and any((np.diff(readable(table, each)) > 0).all() for each in others))
 
 
 def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:

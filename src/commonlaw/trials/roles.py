@@ -317,9 +317,10 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
                 f"{table.source}: nothing changes: {', '.join(held)} {'is' if len(held) == 1 else 'are'} constant for "
                 f"each object; a law needs a state that changes: check the table, or name it with states={held[:1]}"
             )
+        words = [f"{name!r} begins with {str(table.columns[name][0])!r}" for name in free if not table.is_numeric(name)]
         raise CommonlawError(
             f"{table.source}: no column of numbers is left for the states; name them with states=[...]; "
-            f"columns: {', '.join(table.columns)}"
+            f"columns: {'; '.join([', '.join(table.columns), *words[:1]])}"
         )
     guessed = bool(reasons) or ("time" not in roles and time.casefold() not in ("t", "time"))
     return ColumnRoles(time, owner, trial, states, inputs, properties, noise, wide, reasons, guessed, tuple(notes))

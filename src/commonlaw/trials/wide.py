@@ -11,15 +11,15 @@ from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Column, Table, column_of
 from commonlaw.trials.dates import is_time
 from commonlaw.trials.headers import split_header
-from commonlaw.trials.recognition import QUANTITIES, SEPARATE, is_called, readable
+from commonlaw.trials.recognition import QUANTITIES, SEPARATE, is_called, readable, words
 
 _DEFAULT = "value"
 """Name of what stands in the columns, if nobody names it."""
 _WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
 """Of a plate of up to 384 wells, after the name of what was measured or without it."""
 _NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
-_REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]+\d+")
-"""A word of two letters at least, and a number after a separator."""
+_REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]*\d+")
+"""A word of two letters at least, and a number."""
 _FEW, _MANY = 4, 8
 """Columns of like names, and of any names, from which on they may be an object each."""
 _ALIKE = 0.1
@@ -49,11 +49,11 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
 
 
 def _is_variable(stem: str) -> bool:
-    """Say whether a word is that of a quantity or a Greek letter, which one object may have several of."""
+    """Say whether a name ends in a quantity or is a Greek letter, which one object may have several of."""
     try:
         unicodedata.lookup(f"GREEK SMALL LETTER {stem.upper()}")
     except KeyError:
-        return is_called(stem, QUANTITIES)
+        return words(stem)[-1] in QUANTITIES
     return True
 
 
