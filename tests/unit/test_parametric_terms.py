@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.integrate import cumulative_simpson, solve_ivp
+from scipy.optimize import curve_fit
 
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
@@ -282,3 +283,73 @@ def test_a_term_may_be_left_out_of_a_set_with_its_constants(enzymes):
     assert row.without(0) == TermSet((1,), others)
     np.testing.assert_array_equal(row.without(0).starts[0].coefficients, start.coefficients[:, 1:])
     assert len(row.without(0).starts[0].constants) == 2
+
+
+def test_products_with_terms_that_share_a_constant_share_it():
+    variables = Variables(("x",))
+    tied = parse_library("poly:1:x * periodic:t").parametric(variables)[4:]
+    assert [each.text(variables) for each in tied] == ["cos(w*t), sin(w*t)", "x*cos(w*t), x*sin(w*t)"]
+    assert [(each.size, each.constants, each.whole.constants) for each in tied] == [(2, ("w",), ("w", "p"))] * 2
+
+
+def test_a_drive_of_unknown_phase_has_one_frequency_as_accurate_as_by_its_solution():
+    def solution(t, k, level, cosine, sine, w, start):
+        """x' = -k x + level + cosine cos(w t) + sine sin(w t)."""
+
+        def driven(t):
+            above = (cosine * k - sine * w) * np.cos(w * t) + (cosine * w + sine * k) * np.sin(w * t)
+            return level / k + above / (k**2 + w**2)
+
+        return driven(t) + (start - driven(0.0)) * np.exp(-k * t)
+
+    times, truth = np.linspace(0, 20, 150), (0.5, 1.0, 0.4, -0.5, 1.3, 2.0)
+    measured = solution(times, *truth) + 0.02 * np.random.default_rng(0).standard_normal(150)
+    trials = cl.Trials.from_arrays(times, measured[:, np.newaxis], names=["x"])
+    law = cl.discover(trials, library="poly:1 + periodic:t", order=1, cache=False)
+    assert law.structure() == ("x' = a + b x + c cos(w*t) + d sin(w*t)",)
+    expected, covariance = curve_fit(solution, times, measured, truth)
+    column = law.terms.index("w")
+    assert law.coefficients[0, 0, column] == pytest.approx(expected[4], abs=0.05 * np.sqrt(covariance[4, 4]))
+    assert law.standard_errors[0, 0, column] == pytest.approx(np.sqrt(covariance[4, 4]), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("rates", "starts", "family", "expected"),
+    [
+        (
+            lambda x, v: -1.7 * x - 0.15 * v / (0.1 + abs(v)),
+            ((2.0, 0.0), (-1.0, 1.0)),
+            "friction:v",
+            "x'' = a x + b v/(e + abs(v))",
+        ),
+        (
+            lambda x, _: -1.6 * (np.exp(-0.9 * x) - np.exp(-1.8 * x)),
+            ((2.0, 0.0), (-0.5, 0.1)),
+            "morse:x",
+            "x'' = a exp(x/U) + b exp(2*x/U)",
+        ),
+    ],
+)
+def test_smooth_friction_and_pairs_of_exponentials_are_found(rates, starts, family, expected):
+    times, generator, measured = np.linspace(0, 12, 120), np.random.default_rng(0), []
+    for start in starts:
+        exact = solve_ivp(lambda _, y: [y[1], rates(*y)], (0, 12), start, t_eval=times, rtol=1e-9, atol=1e-11).y[:1].T
+        measured.append(exact + 0.005 * generator.standard_normal(exact.shape))
+    trials = cl.Trials.from_arrays([times] * 2, measured, names=["x"])
+    law = cl.discover(trials, library=f"poly:1 + {family}", order=2, cache=False)
+    assert law.structure() == (expected,)
+
+
+def test_terms_are_not_compared_that_another_with_as_few_constants_repeats():
+    variables = Variables(("x",))
+    texts = ("abs(x)^p", "x/(K + x)", "sqrt(x)", "x/(e + abs(x))", "abs(x)^p*sign(x)")
+    terms = [parametric_term(each, variables) for each in texts]
+    values = np.column_stack([np.linspace(0.5, 2, 50), np.linspace(0, 1, 50)])
+    assert Banks.along(variables, values, terms).repeated.tolist() == [False, False, False, True, True]
+    assert not Banks.along(variables, values - [1, 0], terms).repeated.any()
+
+
+def test_functions_of_all_families_are_offered_by_the_library_for_whom_none_comes_to_mind():
+    variables = Variables(("x", "v"))
+    offered = {each.text(variables) for offer in parse_library("auto").offers(variables) for each in offer.terms}
+    assert {"cos(w*t), sin(w*t)", "v/(e + abs(v))", "exp(x/U), exp(2*x/U)"} <= offered

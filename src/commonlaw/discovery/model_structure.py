@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
-from commonlaw.library import AbstractLibrary, Order, ParametricTerm, PolynomialLibrary, Ratios, Terms
+from commonlaw.library import AbstractLibrary, Order, ParametricTerm, PolynomialLibrary, Ratios, Terms, TiedTerms
 from commonlaw.trials import Schema
 
 Key = str | tuple[str, str]
@@ -56,7 +56,7 @@ class ModelStructure:
             )
         return terms
 
-    def parametric(self, schema: Schema) -> tuple[ParametricTerm, ...]:
+    def parametric(self, schema: Schema) -> tuple[ParametricTerm | TiedTerms, ...]:
         """Return the candidate terms with constants inside that are to be found, see `AbstractLibrary.parametric`."""
         return self.library.parametric(law_variables(schema, self.order))
 

@@ -50,7 +50,7 @@ from commonlaw.inference import (
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.text import order_in_words
-from commonlaw.library import Offer, Order, ParametricTerm, highest_order, one_order, order_of_each
+from commonlaw.library import Offer, Order, ParametricTerm, TiedTerms, highest_order, one_order, order_of_each
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
 from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
@@ -415,7 +415,7 @@ class TrajectoryLikelihood(AbstractMethod):
             found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=progress)
         return found
 
-    def _offers(self, screened: Screened) -> tuple[Sequence[ParametricTerm], list[Offer]]:
+    def _offers(self, screened: Screened) -> tuple[Sequence[ParametricTerm | TiedTerms], list[Offer]]:
         """Return the drives that nobody measured among what equations may have besides plain terms, and all of that."""
         variables = screened.terms.variables
         driven = drives(variables) if self.unmeasured and highest_order(screened.whole.order) == 2 else ()

@@ -32,24 +32,33 @@ class Banks:
         The values in each bank, shape (values, constants).
     columns
         All terms at all values, one bank behind the other, shape (n, columns).
+    repeated
+        Which terms are along these curves what one before is that has no more constants, shape (terms,): s/(e + |s|)
+        is s/(K + s) where s is positive.
     """
 
     others: tuple[ParametricTerm, ...]
     values: Floats
     constants: tuple[Floats, ...]
     columns: Floats
+    repeated: Bools
 
     @classmethod
     def along(cls, variables: Variables, values: Floats, others: Sequence[ParametricTerm]) -> "Banks":
         """Return terms along curves at values of their constants at which they are finite and no others' repeats."""
         values, constants, columns = _above_zero(values), [], [np.empty((len(values), 0))]
+        before, repeated = dict[bytes, int](), list[bool]()
         for each in others:
             bank = _bank(each, variables, values)
             own = along(each, values, bank)
-            usable = _usable(own)
-            constants.append(bank[usable])
-            columns.append(own[:, usable])
-        return cls(tuple(others), values, tuple(constants), np.concatenate(columns, axis=1))
+            count, usable = len(each.constants), _usable(own)
+            constants.append(bank[list(usable.values())])
+            columns.append(own[:, list(usable.values())])
+            repeated.append(bool(usable) and all(before.get(shown, count + 1) <= count for shown in usable))
+            before |= {shown: min(count, before.get(shown, count)) for shown in usable}
+        return cls(
+            tuple(others), values, tuple(constants), np.concatenate(columns, axis=1), np.array(repeated, dtype=bool)
+        )
 
     @cached_property
     def firsts(self) -> Indices:
@@ -78,16 +87,19 @@ def _bank(other: ParametricTerm, variables: Variables, values: Floats) -> Floats
     return np.asarray(bank[whole])
 
 
-def _usable(columns: Floats) -> Bools:
-    """Return which columns are finite, not zero, and no repetition of one before."""
+def _usable(columns: Floats) -> dict[bytes, int]:
+    """Return the indices of columns that are finite, not zero, and no multiple of one before, by values at points."""
     with np.errstate(all="ignore"):
         sizes = np.sqrt(np.mean(columns**2, axis=0))
-    good = np.isfinite(sizes) & (sizes > 0)
+    good = np.flatnonzero(np.isfinite(sizes) & (sizes > 0))
     probes = np.linspace(0, len(columns) - 1, _PROBES).round().astype(int)
-    shown = np.divide(columns[probes], sizes, out=np.zeros((_PROBES, columns.shape[1])), where=good)
-    first = np.zeros_like(good)
-    first[np.unique(shown.round(_DIGITS), axis=1, return_index=True)[1]] = True
-    return np.asarray(good & first)
+    shown = columns[np.ix_(probes, good)] / sizes[good]
+    largest = np.take_along_axis(shown, np.abs(shown).argmax(axis=0, keepdims=True), axis=0)
+    shown = (shown * np.where(largest < 0, -1.0, 1.0)).round(_DIGITS) + 0.0  # Of zeros both signs are one
+    found = dict[bytes, int]()
+    for index, own in zip(good.tolist(), shown.T, strict=True):
+        found.setdefault(own.tobytes(), index)
+    return found
 
 
 def _above_zero(values: Floats) -> Floats:

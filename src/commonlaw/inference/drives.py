@@ -12,24 +12,24 @@ from commonlaw.array_types import Bools
 from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.search_state import fit_neighbours, is_settled
 from commonlaw.law import Step
-from commonlaw.library import ParametricTerm, Terms, Variables, parse_term
-from commonlaw.library.parametric import parametric_term
+from commonlaw.library import ParametricTerm, Terms, TiedTerms, Variables, parse_term
+from commonlaw.library.parametric import parametric_term, terms_of_family
 from commonlaw.outcomes import Outcome
 
 UNMEASURED_STATE = "unmeasured state"
 """Of the history of a law: what was chosen of a state that nobody measured."""
 
 
-def drives(variables: Variables) -> tuple[ParametricTerm, ...]:
+def drives(variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
     """Return what a law of second order may be driven by that nobody measured: functions of time.
 
     They are the solutions of u' = -r u and of u'' = -w^2 u.
     """
     t = variables.time
-    return tuple(parametric_term(text, variables) for text in (f"exp(-r*{t})", f"cos(w*{t})", f"sin(w*{t})"))
+    return (parametric_term(f"exp(-r*{t})", variables), *terms_of_family("periodic", variables, (t,)))
 
 
-def with_drive_said(found: LawSearch, offered: Sequence[ParametricTerm]) -> LawSearch:
+def with_drive_said(found: LawSearch, offered: Sequence[ParametricTerm | TiedTerms]) -> LawSearch:
     """Return a law of second order, without terms that it is better without, and with a word on what drives it.
 
     Parameters
@@ -51,7 +51,7 @@ def with_drive_said(found: LawSearch, offered: Sequence[ParametricTerm]) -> LawS
     return with_provenance(found, (step,), ())
 
 
-def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> bool:
+def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm | TiedTerms]) -> bool:
     """Return whether a term with constants is one of those that were offered, whatever its constants are called."""
     first = len(terms.variables.measured)
     columns = sorted(column for column in terms.terms[index].columns() if column >= first)
@@ -60,7 +60,8 @@ def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> b
     return any(
         len(names) == len(each.constants)
         and parse_term(each.expression(terms.variables, names), terms.variables) == parse_term(written, terms.variables)
-        for each in offered
+        for several in offered
+        for each in several.parts
     )
 
 

@@ -167,7 +167,9 @@ class Match:
             if (a, index) not in self.slopes:
                 own.setdefault(a, []).append(index)
         banks = {a: [with_steps(self.banks.constants[a][index]) for index in each] for a, each in own.items()}
-        columns = self._integrated([*banks], [np.concatenate(each) for each in banks.values()])
+        columns = self._integrated(
+            [self.banks.others[a] for a in banks], [np.concatenate(each) for each in banks.values()]
+        )
         for (a, indices), found in zip(own.items(), columns, strict=True):
             for index, each in zip(indices, np.split(found, len(indices), axis=1), strict=True):
                 self.slopes[a, index] = unit(each[:, 1:] - each[:, :1])[0]
@@ -185,10 +187,12 @@ class Match:
     def _column(self, a: int, index: int) -> Floats:
         return self.columns_of(a)[:, [index]]
 
-    def fitted(self, plain: Sequence[int], others: Sequence[int], constants: Sequence[Floats]) -> tuple[Floats, Floats]:
+    def fitted(
+        self, plain: Sequence[int], others: Sequence[ParametricTerm], constants: Sequence[Floats]
+    ) -> tuple[Floats, Floats]:
         """Return coefficients by least squares, plain terms first, and what is left of the target.
 
-        All is left where a term is not finite.
+        The others are any terms with these constants. All is left where a term is not finite.
         """
         columns = self._integrated(others, [own[np.newaxis] for own in constants])
         beside, sizes = unit(np.column_stack([self.plain[:, :0], *columns]))
@@ -205,9 +209,10 @@ class Match:
         if not sum(counts):
             return tuple(begin)
         cuts, fixed = np.cumsum(counts)[:-1], self.plain[:, list(plain)]
+        terms = [self.banks.others[a] for a in others]
 
         def linearized(values: Floats) -> tuple[Floats, Floats]:
-            columns = self._integrated(others, [with_steps(own) for own in np.split(values, cuts)])
+            columns = self._integrated(terms, [with_steps(own) for own in np.split(values, cuts)])
             here = np.column_stack([fixed, *(each[:, 0] for each in columns)])
             whole, step = np.repeat(here[np.newaxis], 1 + len(values), axis=0), 1
             for place, each in enumerate(columns, fixed.shape[1]):
@@ -218,11 +223,11 @@ class Match:
 
         return tuple(np.split(closest(linearized, np.concatenate(begin)), cuts))
 
-    def _integrated(self, others: Sequence[int], banks: Sequence[Floats]) -> list[Floats]:
-        """Return integrals of some of the others at some values of their constants, shape (n, values) each."""
+    def _integrated(self, others: Sequence[ParametricTerm], banks: Sequence[Floats]) -> list[Floats]:
+        """Return integrals of some terms at some values of their constants, shape (n, values) each."""
         if not others:
             return []
-        columns = [along(self.banks.others[a], self.banks.values, own) for a, own in zip(others, banks, strict=True)]
+        columns = [along(each, self.banks.values, own) for each, own in zip(others, banks, strict=True)]
         whole = self.integrals.of(np.concatenate(columns, axis=1))
         return np.split(whole, np.cumsum([len(own) for own in banks])[:-1], axis=1)
 

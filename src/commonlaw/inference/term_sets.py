@@ -16,7 +16,7 @@ import numpy as np
 from commonlaw.array_types import Floats, Indices
 from commonlaw.inference.integral_matching import INSIDE, Course, Match, gains
 from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.library import ParametricTerm, Ratio
+from commonlaw.library import ParametricTerm, Ratio, TiedTerms
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
 from commonlaw.spacing import evenly_spaced
@@ -70,11 +70,13 @@ class Start:
 class TermSet:
     """A few terms of one equation: plain ones, by their index, and others, with constants inside, or a ratio of sums.
 
+    Terms that share their constants are one of the others.
+
     Equal sets have equal terms, whatever fits begin with.
     """
 
     plain: tuple[int, ...]
-    others: tuple[ParametricTerm | Ratio, ...] = ()
+    others: tuple[ParametricTerm | TiedTerms | Ratio, ...] = ()
     starts: tuple[Start, ...] = field(default=(), compare=False)
 
     @property
@@ -105,7 +107,7 @@ class TermSet:
 def matching_sets(
     problem: SearchProblem,
     estimates: Sequence[Estimate],
-    others: Sequence[ParametricTerm],
+    others: Sequence[ParametricTerm | TiedTerms],
     most: Mapping[int, int],
     hopeless: float = HOPELESS,
 ) -> dict[int, list[TermSet]]:
@@ -125,7 +127,8 @@ def matching_sets(
         Sets that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
     indices = evenly_spaced(len(problem.models), OBJECTS)
-    courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
+    whole = [each.whole for each in others]
+    courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], whole), indices)
     found = {}
     for equation, numbers in most.items():
         matches = [match for each in courses if len((match := each.match(equation)).target)]
@@ -169,7 +172,7 @@ class _Ranked:
 
     matches: Sequence[Match]
     plain: Sequence[int]
-    others: Sequence[ParametricTerm]
+    others: Sequence[ParametricTerm | TiedTerms]
     at_most: int
     hopeless: float
     values: dict[_Key, list[tuple[int, ...]]] = field(default_factory=dict)
@@ -214,7 +217,9 @@ class _Ranked:
     def _of_one(self) -> list[_Compared]:
         """Return what plain terms leave, with at most one of the others."""
         columns = [match.plain for match in self.matches]
-        new = [a for a in range(len(self.others)) if not any(match.repeats(a) for match in self.matches)]
+        repeated = np.all([match.banks.repeated for match in self.matches], axis=0)
+        repeated |= np.any([[match.repeats(a) for a in range(len(self.others))] for match in self.matches], axis=0)
+        new = np.flatnonzero(~repeated).tolist()
         return self._compared(columns, _subsets(self.plain, _MOST_SETS), (), (), [(), *((a,) for a in new)])
 
     def _of_two(self, compared: Sequence[_Compared]) -> list[_Compared]:
@@ -259,7 +264,7 @@ class _Ranked:
         return found
 
     def _numbers(self, key: _Key) -> int:
-        return len(key[0]) + sum(1 + len(self.others[a].constants) for a in key[1])
+        return len(key[0]) + sum(self.others[a].size + len(self.others[a].constants) for a in key[1])
 
     def _criterion(self, numbers: int, squares: float) -> float:
         """Return what ranks sets of different size: the BIC."""
@@ -329,9 +334,20 @@ class _Ranked:
 
     def _closely(self, key: _Key) -> tuple[float, _Key]:
         """Return a set with what it leaves at the best constants."""
-        pairs = zip(self.matches, self._constants(key), strict=True)
-        fits = [match.fitted(*key, constants) for match, constants in pairs]
+        fits = self._fitted(key, self._constants(key))
         return sum(float(left @ left) for _, left in fits), key
+
+    def _fitted(self, key: _Key, constants: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:
+        """Return the coefficients of a set in each object, with constants of its others there, and what is left."""
+        parts = [part for a in key[1] for part in self.others[a].parts]
+        shared = [[self._shared(a, own) for a, own in zip(key[1], each, strict=True)] for each in constants]
+        inside = [[own for a, own in zip(key[1], each, strict=True) for _ in self.others[a].parts] for each in shared]
+        return [match.fitted(key[0], parts, own) for match, own in zip(self.matches, inside, strict=True)]
+
+    def _shared(self, a: int, constants: Floats) -> Floats:
+        """Return the constants that a law has of all that one of the others is compared with."""
+        other = self.others[a]
+        return constants[[other.whole.constants.index(name) for name in other.constants]]
 
     def _with_starts(self, key: _Key, objects: int) -> TermSet:
         """Return a set with what fits begin with, for so many objects.
@@ -343,8 +359,9 @@ class _Ranked:
         typical = tuple(np.median(own, axis=0) for own in zip(*alone, strict=True))
         starts = []
         for constants in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
-            fits = [match.fitted(*key, own)[0] for match, own in zip(self.matches, constants, strict=True)]
-            several = [np.array(fits), *(np.array(own) for own in zip(*constants, strict=True))]
+            fits = [coefficients for coefficients, _ in self._fitted(key, constants)]
+            of_each = zip(key[1], zip(*constants, strict=True), strict=True)
+            several = [np.array(fits), *(np.array([self._shared(a, own) for own in every]) for a, every in of_each)]
             first, *others = (for_all(each, objects) for each in several)
             starts.append(Start(first, tuple(others)))
         return TermSet(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))

@@ -35,7 +35,7 @@ from commonlaw.library.order import (
     split_derivatives,
     with_rates,
 )
-from commonlaw.library.parametric import FAMILIES, ParametricTerm, parametric_term
+from commonlaw.library.parametric import FAMILIES, ParametricTerm, TiedTerms, parametric_term
 from commonlaw.library.parse import parse_term, parse_terms
 from commonlaw.library.product import Product
 from commonlaw.library.ratio import Ratio, Ratios
@@ -72,6 +72,7 @@ __all__ = [
     "SelectedLibrary",
     "SumLibrary",
     "Terms",
+    "TiedTerms",
     "Trigonometric",
     "Variables",
     "highest_columns",

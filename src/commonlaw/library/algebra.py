@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.parametric import ParametricTerm, parametric_term
+from commonlaw.library.parametric import ParametricTerm, TiedTerms
 from commonlaw.library.product import multiply
 from commonlaw.library.ratio import Ratios
 from commonlaw.library.terms import Terms, Variables
@@ -35,7 +35,7 @@ class Offer:
         Of sums of terms.
     """
 
-    terms: tuple[ParametricTerm, ...]
+    terms: tuple[ParametricTerm | TiedTerms, ...]
     ratios: tuple[Ratios, ...] = ()
 
     @property
@@ -55,7 +55,7 @@ class AbstractLibrary(ABC):
     def bind(self, variables: Variables) -> Terms:
         """Return the family's terms over these variables, but for those with constants inside that are to be found."""
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
         """Return the family's terms that are offered besides: with constants inside that are to be found."""
         return ()
 
@@ -101,7 +101,7 @@ class SumLibrary(AbstractLibrary):
         left, right = self.left.bind(variables), self.right.bind(variables)
         return Terms(variables, tuple(dict.fromkeys(left.terms + right.terms)))
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
         return tuple(dict.fromkeys((*self.left.parametric(variables), *self.right.parametric(variables))))
 
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
@@ -142,15 +142,14 @@ class ProductLibrary(AbstractLibrary):
         products = (multiply((a, b), size) for a in left.terms for b in right.terms)
         return Terms(variables, tuple(dict.fromkeys(products)))
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
-        names = variables.names
-        texts = [
-            f"({term.expression(names)})*({other.expression(variables)})"
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+        products = (
+            other.times(term, variables)
             for plain, others in ((self.left, self.right), (self.right, self.left))
             for other in others.parametric(variables)
             for term in plain.bind(variables).terms
-        ]
-        return tuple(dict.fromkeys(parametric_term(each, variables) for each in texts))
+        )
+        return tuple(dict.fromkeys(products))
 
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
         above = self.bind(variables).terms

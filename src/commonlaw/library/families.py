@@ -9,7 +9,14 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.library.algebra import AbstractLibrary, Offer, check_count
 from commonlaw.library.grammar import HIGHEST_POWER
 from commonlaw.library.monomial import Monomial
-from commonlaw.library.parametric import FAMILIES, ParametricTerm, constants_in, parametric_term, terms_of_family
+from commonlaw.library.parametric import (
+    FAMILIES,
+    ParametricTerm,
+    TiedTerms,
+    constants_in,
+    parametric_term,
+    terms_of_family,
+)
 from commonlaw.library.parse import parse_term
 from commonlaw.library.product import multiply, multiply_powers
 from commonlaw.library.ratio import Ratios
@@ -225,7 +232,7 @@ class ExpressionLibrary(AbstractLibrary):
         plain = (parse_term(each, variables) for each in self.expressions if not constants_in(each, variables))
         return Terms(variables, tuple(dict.fromkeys(plain)))
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
         inside = (each for each in self.expressions if constants_in(each, variables))
         return tuple(dict.fromkeys(parametric_term(each, variables) for each in inside))
 
@@ -265,7 +272,7 @@ class FamilyLibrary(AbstractLibrary):
     def bind(self, variables: Variables) -> Terms:
         return Terms(variables, ())
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
         return terms_of_family(self.name, variables, self.variables)
 
 
@@ -308,7 +315,7 @@ class AutoLibrary(AbstractLibrary):
     --------
     >>> library, variables = AutoLibrary(), Variables(("x", "v"))
     >>> len(library.bind(variables)), [each.count for each in library.offers(variables)]
-    (10, [0, 93, 12])
+    (10, [0, 98, 12])
     """
 
     def bind(self, variables: Variables) -> Terms:
@@ -319,14 +326,15 @@ class AutoLibrary(AbstractLibrary):
         yield Offer(self._families(variables))
         yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
 
-    def _families(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+    def _families(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
         alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid", "polar")]
+        of_states = [FamilyLibrary(name, variables.states) for name in ("friction", "morse")]
         factors = [
             FamilyLibrary(name)
             for name in ("saturating", "hill", "exponential", "logarithm", "trigonometric", "contact")
         ]
         driven = FamilyLibrary("periodic", (variables.time,))
-        several = (*alone, *(PolynomialLibrary(1) * each for each in factors), driven)
+        several = (*alone, *(PolynomialLibrary(1) * each for each in factors), *of_states, driven)
         return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))
 
     @property

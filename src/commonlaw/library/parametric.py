@@ -1,4 +1,7 @@
-"""Terms with constants inside that are to be found, such as ``s/(K + s)``, and families of them by name."""
+"""Terms with constants inside that are to be found, such as ``s/(K + s)``, and families of them by name.
+
+Terms may share a constant: of ``A cos(w t + p) = a cos(w t) + b sin(w t)`` w alone is inside, and a and b are linear.
+"""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -41,9 +44,63 @@ class ParametricTerm:
         """How many terms it is, see `Ratio`."""
         return 1
 
+    @property
+    def whole(self) -> "ParametricTerm":
+        """The term that is compared with others, see `TiedTerms`: itself."""
+        return self
+
+    @property
+    def parts(self) -> "tuple[ParametricTerm, ...]":
+        """The terms that a law has, see `TiedTerms`: the one."""
+        return (self,)
+
     def expressions(self, variables: Variables, constants: Sequence[str]) -> list[str]:
         """Return its terms, see `Ratio`: the one."""
         return [self.expression(variables, constants)]
+
+    def times(self, factor: AbstractTerm, variables: Variables) -> "ParametricTerm":
+        """Return the product with a plain term."""
+        return parametric_term(f"({factor.expression(variables.names)})*({self.expression(variables)})", variables)
+
+
+@dataclass(frozen=True)
+class TiedTerms:
+    """Terms that share their constants: ``a cos(w t) + b sin(w t)``.
+
+    Parameters
+    ----------
+    whole
+        A term with more constants inside that equals a sum of them: ``cos(w t + p)``. It is what is compared with other
+        terms while constants are sought.
+    parts
+        The terms, each with all constants that they share; a law has these, and a coefficient before each.
+    """
+
+    whole: ParametricTerm
+    parts: tuple[ParametricTerm, ...]
+
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """The names of the constants that the terms share."""
+        return self.parts[0].constants
+
+    @property
+    def size(self) -> int:
+        """How many terms it is, see `Ratio`."""
+        return len(self.parts)
+
+    def text(self, variables: Variables) -> str:
+        """Return ``cos(w*t), sin(w*t)``."""
+        return ", ".join(part.text(variables) for part in self.parts)
+
+    def expressions(self, variables: Variables, constants: Sequence[str]) -> list[str]:
+        """Return its terms, see `Ratio`."""
+        return [part.expression(variables, constants) for part in self.parts]
+
+    def times(self, factor: AbstractTerm, variables: Variables) -> "TiedTerms":
+        """Return the products with a plain term."""
+        parts = tuple(part.times(factor, variables) for part in self.parts)
+        return TiedTerms(self.whole.times(factor, variables), parts)
 
 
 def constants_in(expression: str, variables: Variables) -> tuple[str, ...]:
@@ -83,6 +140,8 @@ class Family:
         Of a variable ``{u}``.
     of_pairs
         Of two variables ``{u}`` and ``{w}``.
+    tied
+        Functions that share their constants, each behind the one that equals a sum of them, see `TiedTerms`.
     of_time
         Whether time is among the variables.
     where
@@ -92,6 +151,7 @@ class Family:
     functions: tuple[str, ...]
     where: str
     of_pairs: tuple[str, ...] = ()
+    tied: tuple[tuple[str, ...], ...] = ()
     of_time: bool = False
 
 
@@ -118,7 +178,10 @@ FAMILIES: Mapping[str, Family] = {
         of_pairs=("1/(1 + exp(-(a*{u} + b*{w} + c)))",),
     ),
     "periodic": Family(
-        ("cos(w*{u})", "sin(w*{u})"), "drives of unknown frequency, seasons, lattices, ratchets", of_time=True
+        ("cos(w*{u})", "sin(w*{u})"),
+        "drives of unknown frequency and phase, seasons, lattices, ratchets",
+        tied=(("cos(w*{u} + p)", "cos(w*{u})", "sin(w*{u})"),),
+        of_time=True,
     ),
     "trigonometric": Family(
         ("sin({u})", "cos({u})", "sin(2*{u})"),
@@ -131,11 +194,19 @@ FAMILIES: Mapping[str, Family] = {
         of_pairs=("sin({u})/{w}", "cos({u})/{w}", "sin({w})/{u}", "cos({w})/{u}"),
     ),
     "contact": Family(("sign({u})", "abs({u})"), "dry friction, valves and diodes that open one way, stops"),
+    "friction": Family(("{u}/(e + abs({u}))",), "dry friction (Coulomb) that is smooth about rest"),
+    "morse": Family(
+        (),
+        "bonds of molecules (Morse): repulsion that decays twice as fast as attraction",
+        tied=(("exp(({u} - c)/U) - exp(2*({u} - c)/U)", "exp({u}/U)", "exp(2*{u}/U)"),),
+    ),
 }
 """Families by their names."""
 
 
-def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | None = None) -> tuple[ParametricTerm, ...]:
+def terms_of_family(
+    name: str, variables: Variables, chosen: Sequence[str] | None = None
+) -> tuple[ParametricTerm | TiedTerms, ...]:
     """Return the terms of a family over the chosen variables; without these over states, inputs and, if due, time.
 
     Raises
@@ -150,7 +221,9 @@ def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | Non
     names = [variables.measured[variables.index(each)] for each in chosen]
     pairs = list(combinations([each for each in names if each != variables.time], 2))
     found = [_of(text, variables, (u, "")) for u in names for text in family.functions]
-    return (*found, *(_of(text, variables, pair) for pair in pairs for text in family.of_pairs))
+    tied = [[_of(text, variables, (u, "")) for text in texts] for u in names for texts in family.tied]
+    of_pairs = [_of(text, variables, pair) for pair in pairs for text in family.of_pairs]
+    return (*found, *(TiedTerms(whole, tuple(parts)) for whole, *parts in tied), *of_pairs)
 
 
 _ANY = Variables(("u_", "w_"))
