@@ -117,6 +117,8 @@ def test_a_sum_offers_what_each_of_its_libraries_does(text):
     assert [each.text(variables.names) for each in more.ratios[0].beside] == ["1", "s", "exp(s)"]
     assert library.seeks_unmeasured
     assert not parse_library("poly:3 + terms:exp(s)").seeks_unmeasured
+    assert set(library.higher.bind(variables).names) == {"1", "s", "s^2", "s^3", "s^4", "exp(s)"}
+    assert parse_library("poly:3 + terms:exp(s)").higher is library.higher.higher is None
 
 
 def swung(rates, starts, noise, times):
@@ -132,6 +134,21 @@ def test_nothing_richer_and_no_finer_mesh_is_tried_where_polynomials_explain(mon
     starts, times = [(1.5, 0), (-0.4, 1)], np.linspace(0, 9, 90)
     duffing = swung(lambda _, z: (z[1], z[0] - z[0] ** 3 - 0.2 * z[1]), starts, 0.01, times)
     assert cl.discover(duffing, cache=False).structure() == ("x'' = a x + b v + c x^3",)
+
+
+def test_a_law_of_fourth_degree_is_found_before_terms_with_constants_inside_are_offered(monkeypatch):
+    monkeypatch.setattr(cl.AutoLibrary, "_families", lambda *_: pytest.fail("families were offered"))
+    generator, times = np.random.default_rng(0), np.linspace(0, 6, 61)
+    cooled = [
+        solve_ivp(lambda _, x, h=heating: h - x**4, (0, 6), [start], t_eval=times, rtol=1e-9).y.T
+        for heating in (0.3, 0.8)
+        for start in (0.1, 1.4, 2.0)
+    ]
+    measured = [each + 0.002 * generator.standard_normal(each.shape) for each in cooled]
+    trials = cl.Trials.from_arrays([times] * 6, measured, object=["a"] * 3 + ["b"] * 3, names=["T"])
+    law = cl.discover(trials, cache=False)
+    assert law.structure() == ("T' = a + b T^4",)
+    assert np.allclose(law.coefficients[:, 0, list(law.support[0])], [[0.3, -1], [0.8, -1]], atol=0.01)
 
 
 def test_powers_up_to_the_highest_offered_may_be_a_series_and_a_function_is_found_for_them():

@@ -251,6 +251,8 @@ class TrajectoryLikelihood(AbstractMethod):
             refuse_what_does_not_fit(self, trials, own)
             screened = Screened.of(with_logarithms(trials, self.positive), own)
             found = self._begun(trials, screened, several and order == lowest, progress)
+            if several and order == lowest:
+                found = self._of_higher_degree(found, progress)
             may_end = several and order == lowest and not found.search.lack_of_fit
             return self._richer(found, progress) if may_end and not found.is_simple else found
 
@@ -321,9 +323,23 @@ class TrajectoryLikelihood(AbstractMethod):
 
     def _richer(self, found: "_Found", progress: ProgressCallback) -> "_Found":
         """Return the law of largest evidence among richer terms, too."""
-        if found.has_richer or not any(each.count for each in self._offers(found.screened)[1]):
+        found = self._of_higher_degree(found, progress)
+        if found.is_simple or found.has_richer or not any(each.count for each in self._offers(found.screened)[1]):
             return found
         return self._found(found.screened, found.followed, found.search, True, progress)
+
+    def _of_higher_degree(self, found: "_Found", progress: ProgressCallback) -> "_Found":
+        """Return the law of largest evidence among more plain terms, too, where that of fewer may be wrong or simpler.
+
+        They are a linear problem, so they come before terms with constants inside, latent states and other orders.
+        """
+        whole = found.screened.whole
+        if found.is_simple or found.has_richer or found.is_coarse or not (higher := whole.library.higher):
+            return found
+        progress("searching among terms of higher degree")
+        screened = Screened.of(found.followed, replace(whole, library=higher))
+        more = self._found(screened, found.followed, None, False, progress)
+        return min(found, replace(more, is_of_higher_degree=True), key=lambda each: each.evidence)
 
     def _found(
         self,
@@ -464,8 +480,8 @@ def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
 class _Found:
     """What is chosen: the terms that were kept, the law among them, and what to say of the way there.
 
-    And the trials as the law follows them, whether terms were sought that are offered beside plain ones, and whether
-    a finer mesh may explain what was measured.
+    And the trials as the law follows them, whether terms were sought that are offered beside plain ones, whether a
+    finer mesh may explain what was measured, and whether plain terms are of higher degree, as those of lower leave more.
     """
 
     screened: Screened
@@ -474,6 +490,7 @@ class _Found:
     followed: Trials
     has_richer: bool
     is_coarse: bool = False
+    is_of_higher_degree: bool = False
 
     @property
     def order(self) -> Order:
@@ -495,7 +512,11 @@ class _Found:
         """Whether the law explains what was measured, and no richer terms could say it in fewer numbers."""
         if self.search.lack_of_fit or not self.search.is_determined:
             return False
-        return self.has_richer or not (may_be_series(self.search) or may_be_simpler(self.search, _MANY))
+        if self.has_richer:
+            return True
+        # Of the highest degree that is needed, a law of many terms stands for no shorter one
+        may_be_shorter = not self.is_of_higher_degree and may_be_simpler(self.search, _MANY)
+        return not (may_be_shorter or may_be_series(self.search))
 
     @cached_property
     def evidence(self) -> float:

@@ -43,11 +43,6 @@ _FEWEST = 2
 """Coefficients and constants that a ratio has at least."""
 
 
-_POWERS = 3
-"""Powers of one variable that may be the beginning of a series: one more than a function with a constant inside has
-numbers."""
-
-
 def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: ProgressCallback) -> LawSearch:
     """Return the law of largest evidence with some of what is offered or without, with the others as its rivals.
 
@@ -94,20 +89,19 @@ def with_parametric_terms_under_errors(
 def may_be_series(found: LawSearch) -> bool:
     """Return whether a law has what may be the beginning of a series, cut off where the library ends.
 
-    That are `_POWERS` or more powers of one variable with the same factor, up to the highest degree that is offered: a
-    function with a constant inside says as much in two numbers.
+    That are three powers of one variable with the same factor, in equal steps (as of an exponential function, or of a
+    sine) up to the highest degree that is offered: a function with a constant inside says as much in two numbers.
     """
     terms = found.template.terms
     highest = max((each.degree for each in terms.terms if isinstance(each, Monomial)), default=0)
     for support in found.state.supports & terms.is_factor:
-        powers = dict[tuple[int, tuple[int, ...]], list[int]]()
-        for k in np.flatnonzero(support):
-            if isinstance(term := terms.terms[k], Monomial):
-                for column in range(len(term.exponents)):
-                    factor = (*term.exponents[:column], *term.exponents[column + 1 :])
-                    powers.setdefault((column, factor), []).append(term.degree)
-        if any(len(each) >= _POWERS and max(each) == highest for each in powers.values()):
-            return True
+        exponents = {each.exponents for k in np.flatnonzero(support) if isinstance(each := terms.terms[k], Monomial)}
+        for last in (each for each in exponents if sum(each) == highest):
+            for column, power in enumerate(last):
+                before = [(*last[:column], each, *last[column + 1 :]) for each in range(power)]
+                steps = range(1, power // 2 + 1)
+                if any({before[power - step], before[power - 2 * step]} <= exponents for step in steps):
+                    return True
     return False
 
 

@@ -71,6 +71,11 @@ class AbstractLibrary(ABC):
         yield Offer(self.parametric(variables), self.ratios(variables))
 
     @property
+    def higher(self) -> "AbstractLibrary | None":
+        """The library with more plain terms, for data that a law of these may not explain; None if it has no more."""
+        return None
+
+    @property
     def seeks_unmeasured(self) -> bool:
         """Whether it stands for laws with a state that nobody measured, too."""
         return False
@@ -114,6 +119,11 @@ class SumLibrary(AbstractLibrary):
         for own, other in self._sides():
             for each in islice(own.offers(variables), 1, None):
                 yield replace(each, ratios=_with_plain(each.ratios, other.bind(variables)))
+
+    @property
+    def higher(self) -> AbstractLibrary | None:
+        left, right = self.left.higher, self.right.higher
+        return SumLibrary(left or self.left, right or self.right) if left or right else None
 
     @property
     def seeks_unmeasured(self) -> bool:

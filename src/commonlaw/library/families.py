@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
 from commonlaw.errors import CommonlawError, check_choice
@@ -301,15 +301,25 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
     return listed
 
 
+_HIGHEST_DEGREE = 4
+"""Of the polynomials that are tried before terms with constants inside."""
+
+
 @dataclass(frozen=True)
 class AutoLibrary(AbstractLibrary):
     """All that commonlaw knows to occur in laws: a library for whom none comes to mind.
 
-    Polynomials of degree 3 first. Where the best of these laws leaves more than noise, or may be the beginning of a
-    series, with three or more powers of one variable up to the highest: beside few of these, functions of all families,
-    alone and as factors of a state or an input. Where these laws leave something, or need many numbers, ratios of sums
-    of terms up to degree 2, beside linear terms; then, in laws of first order of several trials of at most ten objects,
+    Polynomials of degree 3 first, and of degree 4 where the best of these laws leaves more than noise, or needs many
+    numbers. Where the better of both leaves more than noise, or may be the beginning of a series, with three powers of
+    one variable in equal steps up to the highest: beside few of these, functions of all families, alone and as factors
+    of a state or an input. Where these laws leave something, or need many numbers, ratios of sums of terms up to degree
+    2, beside linear terms; then, in laws of first order of several trials of at most ten objects,
     a state that nobody measured. A law takes them where its evidence pays for the larger choice.
+
+    Parameters
+    ----------
+    degree
+        Of the polynomials that are tried first.
 
     Examples
     --------
@@ -318,8 +328,14 @@ class AutoLibrary(AbstractLibrary):
     (10, [0, 98, 12])
     """
 
+    degree: int = 3
+
     def bind(self, variables: Variables) -> Terms:
-        return PolynomialLibrary(3).bind(variables)
+        return PolynomialLibrary(self.degree).bind(variables)
+
+    @property
+    def higher(self) -> AbstractLibrary | None:
+        return replace(self, degree=_HIGHEST_DEGREE) if self.degree < _HIGHEST_DEGREE else None
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
         yield Offer(())
