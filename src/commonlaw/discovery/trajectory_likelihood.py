@@ -481,7 +481,7 @@ class _Found:
     """What is chosen: the terms that were kept, the law among them, and what to say of the way there.
 
     And the trials as the law follows them, whether terms were sought that are offered beside plain ones, whether a
-    finer mesh may explain what was measured, and whether plain terms are of higher degree, as those of lower leave more.
+    finer mesh may explain what was measured, and whether plain terms are of higher degree, which the evidence prefers.
     """
 
     screened: Screened
