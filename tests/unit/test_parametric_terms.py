@@ -13,6 +13,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import prepare
 from commonlaw.inference.constant_banks import Banks
 from commonlaw.inference.constant_values import frequencies_in_time
+from commonlaw.inference.integral_matching import Course
 from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.term_sets import Start, TermSet, matching_sets
 from commonlaw.inference.terms_of_sets import terms_of_sets
@@ -252,8 +253,8 @@ def test_frequencies_are_what_time_is_multiplied_with_in_a_sine(text, columns):
     assert frequencies_in_time(terms) == columns
 
 
-@pytest.mark.parametrize(("frequency", "told"), [(0.3, False), (2.0, True)])
-def test_a_drive_is_told_if_a_trial_has_a_whole_cycle_of_it(frequency, told):
+@pytest.mark.parametrize(("frequency", "told"), [(0.3, False), (2.0, True), (2 * np.pi * 99 / 10 - 2.0, False)])
+def test_a_drive_is_told_if_a_trial_has_a_whole_cycle_of_it_and_each_cycle_two_samples(frequency, told):
     times = np.linspace(0, 10, 100)
     exact = np.sin(frequency * times)[:, np.newaxis] / frequency
     trials = cl.Trials.from_arrays(times, exact + 0.001 * np.random.default_rng(0).standard_normal(exact.shape))
@@ -353,3 +354,13 @@ def test_functions_of_all_families_are_offered_by_the_library_for_whom_none_come
     variables = Variables(("x", "v"))
     offered = {each.text(variables) for offer in parse_library("auto").offers(variables) for each in offer.terms}
     assert {"cos(w*t), sin(w*t)", "v/(e + abs(v))", "exp(x/U), exp(2*x/U)"} <= offered
+
+
+def test_no_frequency_is_compared_that_samples_do_not_tell_from_a_slower_one():
+    times = np.linspace(0, 10, 41)
+    trials = cl.Trials.from_arrays(times, np.sin(2 * times)[:, np.newaxis], names=["x"])
+    plain = PolynomialLibrary(1).bind(Variables(("x",)))
+    problem = prepare(trials, plain, np.full((1, 1, 2), np.nan)).finer()
+    course = Course.of(problem, 0, problem.starts[0], [parametric_term("cos(w*t)", plain.variables)])
+    assert len(course.banks.values) == 81
+    assert course.banks.constants[0].max() < 1.03 * np.pi / 0.25

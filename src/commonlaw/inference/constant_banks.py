@@ -44,12 +44,21 @@ class Banks:
     repeated: Bools
 
     @classmethod
-    def along(cls, variables: Variables, values: Floats, others: Sequence[ParametricTerm]) -> "Banks":
-        """Return terms along curves at values of their constants at which they are finite and no others' repeats."""
+    def along(
+        cls,
+        variables: Variables,
+        values: Floats,
+        others: Sequence[ParametricTerm],
+        sampled: Bools | slice = slice(None),
+    ) -> "Banks":
+        """Return terms along curves at values of their constants at which they are finite and no others' repeats.
+
+        Which points were sampled, by default all, tells how fast periodic functions may be.
+        """
         values, constants, columns = _above_zero(values), [], [np.empty((len(values), 0))]
         before, repeated = dict[bytes, int](), list[bool]()
         for each in others:
-            bank = _bank(each, variables, values)
+            bank = _bank(each, variables, values, sampled)
             own = along(each, values, bank)
             count, usable = len(each.constants), _usable(own)
             constants.append(bank[list(usable.values())])
@@ -73,12 +82,12 @@ def along(other: ParametricTerm, values: Floats, bank: Floats) -> Floats:
     return np.asarray(other.term.evaluate(repeated).reshape(len(bank), count).T)
 
 
-def _bank(other: ParametricTerm, variables: Variables, values: Floats) -> Floats:
+def _bank(other: ParametricTerm, variables: Variables, values: Floats, sampled: Bools | slice) -> Floats:
     """Return values of the constants of a term that are tried, without a pole along the curves or between points."""
     first = len(variables.measured)
     columns = range(first, first + len(other.constants))
     terms = Terms(replace(variables, constants=other.constants), (other.term, *map(Constant, columns)))
-    bank = values_to_try(terms, values, columns) if other.constants else np.empty((1, 0))
+    bank = values_to_try(terms, values[sampled], columns) if other.constants else np.empty((1, 0))
     every = [*values.T[:, :, np.newaxis], *bank.T[:, np.newaxis, :]]
     whole = np.ones(len(bank), dtype=bool)
     for code in divisors(terms, 0):

@@ -58,7 +58,9 @@ class Course:
     def of(cls, problem: SearchProblem, index: int, estimate: Estimate, others: Sequence[ParametricTerm]) -> "Course":
         """Return the curves of an object along its estimated states."""
         terms, values = problem.models[index].terms, values_along(problem, index, estimate)
-        return cls(problem, index, terms.evaluate(values), Banks.along(terms.variables, values, others))
+        sampled = np.concatenate([mesh.observed.any(axis=1) for mesh in problem.models[index].meshes])
+        banks = Banks.along(terms.variables, values, others, sampled)
+        return cls(problem, index, terms.evaluate(values), banks)
 
     def match(self, equation: int) -> "Match":
         """Return the measurements of the state of an equation against integrals along these curves."""

@@ -16,14 +16,16 @@ def are_constants_told(problem: SearchProblem, state: SearchState) -> bool:
 
     Of ``V s/(K + s)`` for instance they tell V/K alone where s is small beside K. There the likelihood is nothing like
     the one that is linearised about a fit, and evidence that is computed from that means nothing. And of a drive that
-    no trial has a whole cycle of they do not tell that it repeats itself.
+    no trial has a whole cycle of they do not tell that it repeats itself, nor of one with less than two samples a cycle
+    (Nyquist) its frequency, as slower ones have the same values there.
     """
     terms = problem.models[0].terms
-    first, longest = len(terms.variables.measured), max(float(np.ptp(trial.times)) for trial in problem.trials)
+    first, times = len(terms.variables.measured), [trial.times for trial in problem.trials]
+    longest, shortest = max(map(np.ptp, times)), np.concatenate([*map(np.diff, times)]).min()
     for column in frequencies_in_time(terms):
         own = terms.constants[column - first]
         frequencies = [np.abs(each.coefficients[:, own]).sum() for each in state.estimates]
-        if np.median(frequencies) * longest < 2 * np.pi:
+        if np.median(frequencies) * longest < 2 * np.pi or np.max(frequencies) * shortest > np.pi:
             return False
     equations, chosen = np.nonzero(state.supports)
     constant = ~terms.is_factor[chosen]
