@@ -1,4 +1,4 @@
-"""Programs of laws, from reports and from Python, run as they are, in a process of their own."""
+"""Programs of laws, from reports and from Python, run as they are; one in a process of its own."""
 
 import html
 import re
@@ -55,8 +55,20 @@ HELD_OUT = {
 }
 
 
-def printed(program, folder):
-    """Return what a program prints."""
+@pytest.fixture
+def printed(tmp_path, monkeypatch, capsys):
+    """Return what a program prints in the folder of the test."""
+    monkeypatch.chdir(tmp_path)
+
+    def run_here(program):
+        capsys.readouterr()
+        exec(compile(program, "program.py", "exec"), {"__name__": "__main__"})
+        return capsys.readouterr().out
+
+    return run_here
+
+
+def printed_by_a_process(program, folder):
     (folder / "program.py").write_text(program)
     done = subprocess.run(
         [sys.executable, "program.py"], cwd=folder, capture_output=True, text=True, timeout=120, check=False
@@ -66,7 +78,7 @@ def printed(program, folder):
 
 
 @pytest.mark.parametrize("kind", TABLES)
-def test_the_program_of_a_report_prints_its_law_and_verdict(run, tmp_path, kind):
+def test_the_program_of_a_report_prints_its_law_and_verdict(run, printed, tmp_path, kind):
     frame, roles = TABLES[kind]
     name = f"{kind}.xlsx" if kind == "sheet" else f"{kind}.csv"
     if kind == "sheet":
@@ -79,18 +91,19 @@ def test_the_program_of_a_report_prints_its_law_and_verdict(run, tmp_path, kind)
     assert code == 0, err
     page = (tmp_path / "report.html").read_text()
     (program,) = re.findall(r"<code[^>]*>(import commonlaw as cl\n.*?)</code>", page, flags=re.DOTALL)
-    out = printed(html.unescape(re.sub("<[^>]*>", "", program)), tmp_path)
+    program = html.unescape(re.sub("<[^>]*>", "", program))
+    out = printed_by_a_process(program, tmp_path) if kind == "guessed" else printed(program)
     assert str(cl.Law.load(tmp_path / "law.json")) in out
     assert html.escape(out.splitlines()[-1], quote=False) in page
 
 
 @pytest.mark.parametrize("kind", ["guessed", "wide"])
-def test_the_program_of_a_fit_prints_its_law(tmp_path, kind):
+def test_the_program_of_a_fit_prints_its_law(printed, tmp_path, kind):
     path = tmp_path / "cups.csv"
     TABLES[kind][0].to_csv(path, index=False)
     trials = cl.Trials.read(path, wide="T [degC]" if kind == "wide" else None)
     law = cl.fit("T' = -k (T - a)", trials, errors="white")
-    assert printed(law.to_script("cups.csv"), tmp_path).startswith(str(law))
+    assert printed(law.to_script("cups.csv")).startswith(str(law))
     half = cl.fit("T' = -k (T - a)", trials.until(10.0), errors="white")
     source = Source("cups.csv", training="measured.until(10.0)")
-    assert printed(half.to_script(source), tmp_path).startswith(str(half))
+    assert printed(half.to_script(source)).startswith(str(half))

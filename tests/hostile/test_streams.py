@@ -33,9 +33,12 @@ def run(folder: Path, arguments: str, encoding: str = "utf-8") -> "subprocess.Co
     return subprocess.run(["sh", "-c", f"{COMMAND} {arguments}"], cwd=folder, capture_output=True, env=environment)
 
 
-@pytest.mark.parametrize("arguments", ["show law.json", "data check drops.csv", "--help"])
+CLOSED, FULL = (">&-", "Bad file descriptor"), (">/dev/full", "No space left on device")
+
+
 @pytest.mark.parametrize(
-    ("redirected", "reason"), [(">&-", "Bad file descriptor"), (">/dev/full", "No space left on device")]
+    ("arguments", "redirected", "reason"),
+    [("show law.json", *CLOSED), ("data check drops.csv", *FULL), ("--help", *CLOSED), ("--help", *FULL)],
 )
 def test_results_that_standard_output_does_not_take_are_missed(
     folder: Path, arguments: str, redirected: str, reason: str
@@ -44,8 +47,17 @@ def test_results_that_standard_output_does_not_take_are_missed(
     assert (ended.returncode, ended.stderr.decode()) == (1, CANNOT.format(reason))
 
 
-@pytest.mark.parametrize("redirected", ["2>&-", "2>/dev/full", "<&- 2>&-"])
-@pytest.mark.parametrize(("arguments", "code"), [("data check drops.csv", 0), ("show absent.json", 1), ("--absent", 2)])
+@pytest.mark.parametrize(
+    ("redirected", "arguments", "code"),
+    [
+        ("2>&-", "data check drops.csv", 0),
+        ("2>/dev/full", "data check drops.csv", 0),
+        ("2>&-", "show absent.json", 1),
+        ("<&- 2>&-", "show absent.json", 1),
+        ("2>/dev/full", "--absent", 2),
+        ("<&- 2>&-", "--absent", 2),
+    ],
+)
 def test_the_exit_code_remains_where_standard_error_takes_nothing(
     folder: Path, arguments: str, code: int, redirected: str
 ) -> None:
@@ -65,7 +77,7 @@ def test_a_reader_that_has_enough_ends_the_command_without_a_word(folder: Path) 
     assert (len(ended.stdout), ended.stderr) == (10, b"")
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "latin-1", "utf-8"])
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
 def test_letters_that_an_encoding_lacks_are_shown_as_json_writes_them(folder: Path, encoding: str) -> None:
     ended = run(folder, "predict law.json drops.csv", encoding)
     assert ended.returncode == 0
@@ -73,11 +85,13 @@ def test_letters_that_an_encoding_lacks_are_shown_as_json_writes_them(folder: Pa
     assert shown in ended.stdout.decode(encoding)
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
-def test_json_is_the_same_in_every_encoding(folder: Path, encoding: str) -> None:
-    found = [run(folder, "predict law.json drops.csv --json", each).stdout.decode(each) for each in (encoding, "utf-8")]
-    assert json.loads(found[0]) == json.loads(found[1])
-    assert json.loads(found[0])["errors"][0]["object"] == NAME
+def test_json_is_the_same_in_every_encoding(folder: Path) -> None:
+    first, *others = (
+        json.loads(run(folder, "predict law.json drops.csv --json", each).stdout.decode(each))
+        for each in ("utf-8", "cp1252", "ascii")
+    )
+    assert others == [first, first]
+    assert first["errors"][0]["object"] == NAME
 
 
 def encodes(letter: str, encoding: str) -> bool:
