@@ -1,12 +1,13 @@
 """Work goes on in a process of its own: what it makes and says is taken in, and its end is told, however it comes."""
 
 import os
+import sys
 import time
 
 import psutil
 import pytest
 
-from commonlaw.app.working import Work
+from commonlaw.app.working import Work, prepare
 from commonlaw.errors import CommonlawError
 from commonlaw.progress import Stage
 
@@ -59,3 +60,20 @@ def test_work_that_is_closed_is_gone_without_a_trace():
     work.close()
     assert work.state()["failure"] == "cancelled"
     assert not psutil.pid_exists(process)  # nor is it a zombie
+
+
+def imported(_):
+    yield os.getpid(), "commonlaw.discovery" in sys.modules
+
+
+def test_a_process_that_was_prepared_does_the_next_work_only():
+    prepare()
+    prepare()
+    ended = [Work(imported) for _ in range(2)]
+    until = time.monotonic() + 60
+    while any(each._listener.is_alive() for each in ended) and time.monotonic() < until:
+        time.sleep(0.05)
+    (first, warm), (second, cold) = (each.made for each in ended)
+    assert (warm, cold) == (True, False)
+    assert first != second
+    assert not any(psutil.pid_exists(each) for each in (first, second))

@@ -24,6 +24,7 @@ from commonlaw.app.searching import Search
 from commonlaw.app.sessions import Sessions
 from commonlaw.app.suggested import Budget, suggested
 from commonlaw.app.words import in_page
+from commonlaw.app.working import prepare
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
 from commonlaw.law import Forecast
@@ -156,6 +157,7 @@ async def _add_data_set(sessions: Sessions, request: Request) -> Response:
 
 async def _preview(sessions: Sessions, request: Request) -> Response:
     asked = read_json(await request.body(), _Recognised)
+    await run_in_threadpool(prepare)  # A search will be next
     return _json(await run_in_threadpool(preview, sessions.tables.get(asked.table), asked.columns))
 
 

@@ -2,11 +2,14 @@
 
 import pickle
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from threading import Lock, Thread
 from time import time
 from typing import Any, Generic, TypeVar
@@ -25,6 +28,50 @@ _CONTEXT = get_context("spawn")
 
 _TO_LEAVE = 1.0
 """Seconds that a process has to end by itself once it has said its last."""
+
+
+_HEAVY = (
+    "commonlaw.app.searching", "commonlaw.app.result", "commonlaw.discovery", "commonlaw.integration.lsoda", "pint",
+    "heyoka",
+)  # fmt: skip
+"""What takes most of the time until a law is sought."""
+
+Begun = tuple[SpawnProcess, Connection]
+"""A process that takes a task, and the connection to it."""
+
+
+def _begun(*modules: str) -> Begun:
+    """Begin a process that imports some modules, as far as they are installed, and takes a task."""
+    connection, other = _CONTEXT.Pipe()
+    process = _CONTEXT.Process(target=_work, args=(other, modules), daemon=True)
+    with deaf_to_interrupts():
+        process.start()
+    other.close()
+    return process, connection
+
+
+class _Ready:
+    """A process that waits for the next task, if one was prepared: it has imported what a search takes."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._begun: Begun | None = None
+
+    def prepare(self) -> None:
+        """Begin a process, unless one waits."""
+        with self._lock:
+            if self._begun is None or not self._begun[0].is_alive():
+                self._begun = _begun(*_HEAVY)
+
+    def taken(self) -> Begun | None:
+        """Return the process that waits, and let none wait; None if there is none."""
+        with self._lock:
+            begun, self._begun = self._begun, None
+        return begun if begun is not None and begun[0].is_alive() else None
+
+
+_READY = _Ready()
+prepare = _READY.prepare
 
 
 @dataclass(eq=False)
@@ -51,11 +98,7 @@ class Work(Generic[T]):
     def __post_init__(self) -> None:
         self.stages.append(("starting", time()))
         self._lock = Lock()
-        self._connection, other = _CONTEXT.Pipe()
-        self._process = _CONTEXT.Process(target=_work, args=(other,), daemon=True)
-        with deaf_to_interrupts():
-            self._process.start()
-        other.close()
+        self._process, self._connection = _READY.taken() or _begun()
         self._listener = Thread(target=self._listen, daemon=True)
         self._listener.start()
 
@@ -116,10 +159,13 @@ class Work(Generic[T]):
                 self.failure, self.is_running = value, False
 
 
-def _work(connection: Connection) -> None:
-    """Take a task, work, and say how far it has come; the main function of the process."""
+def _work(connection: Connection, modules: Sequence[str]) -> None:
+    """Import modules, take a task, work, and say how far it has come; the main function of the process."""
 
     end_with_parent()
+    for each in modules:
+        if find_spec(each) is not None:
+            import_module(each)
 
     def show(stage: str) -> None:
         connection.send(("stage", (str(stage), time(), getattr(stage, "done", None))))
