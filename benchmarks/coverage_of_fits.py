@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of `cl.fit` hold the true coefficients, compared with those of least squares."""
+"""How often 95 % intervals of `cl.fit` and `cl.discover` hold the truth, compared with those of least squares."""
 
 import argparse
 import itertools
@@ -17,7 +17,7 @@ from benchmarks.machine import machine
 
 Floats = NDArray[np.float64]
 
-SAMPLES, OBJECTS, KINDS = (3, 6, 12), (1, 8), ("unknown", "given", "columns")
+SAMPLES, OBJECTS, KINDS, VERBS = (3, 6, 12), (1, 8), ("unknown", "given", "columns"), ("fit", "discover")
 LEVEL = 0.95
 NOISE = 0.04
 """Standard deviation of the measurements, 2 % of the range of the states."""
@@ -28,21 +28,34 @@ SCATTER = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """An equation with its letters, its solution x(t; letters, start), and what is typical of an experiment."""
+    """An equation with its letters, its solution x(t; letters, start), and what is typical of an experiment.
+
+    `to_coefficients` turns letters into the coefficients of `terms`, and is its own inverse.
+    """
 
     equation: str
     letters: tuple[str, ...]
+    terms: tuple[str, ...]
+    to_coefficients: Callable[..., tuple[Any, ...]]
     solution: Callable[..., Floats]
     typical: tuple[float, ...]
     start: float
     end: float
 
+    def by_terms(self, time: Floats, *parameters: float) -> Floats:
+        """Return the solution by the coefficients of the terms and the start."""
+        return self.solution(time, *self.to_coefficients(*parameters[:-1]), parameters[-1])
+
 
 FAMILIES = {
-    "decay": Family("x' = -k*x", ("k",), lambda time, k, start: start * np.exp(-k * time), (0.5,), 2.0, 4.0),
+    "decay": Family(
+        "x' = -k*x", ("k",), ("x",), lambda k: (-k,), lambda time, k, start: start * np.exp(-k * time), (0.5,), 2.0, 4.0
+    ),
     "growth": Family(
         "x' = r*x*(1 - x/K)",
         ("r", "K"),
+        ("x", "x^2"),
+        lambda r, K: (r, -r / K),
         lambda time, r, K, start: K / (1 + (K / start - 1) * np.exp(-r * time)),
         (1.0, 2.0),
         0.2,
@@ -65,19 +78,28 @@ class Experiment:
         """The degrees of freedom of the residuals of all objects, whose starts are unknown."""
         return self.states.size - (len(self.family.letters) + 1) * len(self.states)
 
-    def fit(self, kind: str, **settings: Any) -> cl.Law:
-        """Return the law, with the noise `unknown`, `given` as a setting, or in `columns` of the table."""
-        states = [*self.states[:, :, np.newaxis]]
-        trials = cl.Trials.from_arrays(
-            [self.times] * len(states),
-            states,
-            object=[f"object {i + 1}" for i in range(len(states))],
-            noise=[np.full_like(each, NOISE) for each in states] if kind == "columns" else None,
+    def trials(self, kind: str) -> cl.Trials:
+        """Return what was measured, with a column of the noise if that is of the kind `columns`."""
+        return cl.Trials.from_arrays(
+            [self.times] * len(self.states),
+            [*self.states[:, :, np.newaxis]],
+            object=[f"object {i + 1}" for i in range(len(self.states))],
+            noise=[np.full((len(each), 1), NOISE) for each in self.states] if kind == "columns" else None,
             names=["x"],
         )
-        if kind == "given":
-            settings["noise"] = {"x": NOISE}
-        return cl.fit(self.family.equation, trials, **settings)
+
+    def fit(self, kind: str, **settings: Any) -> cl.Law:
+        """Return the fitted law, with the noise `unknown`, `given` as a setting, or in `columns` of the table."""
+        return cl.fit(self.family.equation, self.trials(kind), **_given(kind), **settings)
+
+    def discover(self, kind: str) -> cl.Law:
+        """Return the law among those with any polynomial of the true degree."""
+        method = cl.TrajectoryLikelihood(**_given(kind))
+        return cl.discover(self.trials(kind), order=1, library=f"poly:{len(self.family.terms)}", method=method)
+
+
+def _given(kind: str) -> dict[str, Any]:
+    return {"noise": {"x": NOISE}} if kind == "given" else {}
 
 
 def experiment(name: str, samples: int, objects: int, seed: int, scatter: float = SCATTER) -> Experiment:
@@ -96,17 +118,27 @@ def stated(law: cl.Law, family: Family) -> tuple[Floats, Floats]:
     return (low + high)[:, order] / 2, (high - low)[:, order] / 2
 
 
-def least_squares(drawn: Experiment, kind: str) -> tuple[Floats, Floats]:
+def stated_of_terms(law: cl.Law, family: Family, averaged: bool) -> tuple[Floats, Floats]:
+    """Return the same of the coefficients of the terms, see `Law.intervals`; NaN for a law that has others."""
+    low, high = law.interval_ends(LEVEL, averaged)
+    own = [law.terms.names.index(term) for term in family.terms]
+    is_right = np.array_equal(np.flatnonzero(law.support[0]), sorted(own))
+    found = np.array([low, high])[:, :, 0, own] if is_right else np.full((2, len(law.objects), len(own)), np.nan)
+    return found.mean(axis=0), (found[1] - found[0]) / 2
+
+
+def least_squares(drawn: Experiment, kind: str, by_terms: bool = False) -> tuple[Floats, Floats]:
     """Return the same of each object by SciPy, the noise estimated from the residuals of all objects."""
     family = drawn.family
+    solution = family.by_terms if by_terms else family.solution
     found, covariances, squares = [], [], 0.0
     for letters, states in zip(drawn.truth, drawn.states, strict=True):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", OptimizeWarning)
-            start = [*letters, family.start]
+            start = [*(family.to_coefficients(*letters) if by_terms else letters), family.start]
             sigma = np.ones(len(states))
-            best, covariance = curve_fit(family.solution, drawn.times, states, start, sigma, True, maxfev=10_000)
-        squares += ((states - family.solution(drawn.times, *best)) ** 2).sum()
+            best, covariance = curve_fit(solution, drawn.times, states, start, sigma, True, maxfev=10_000)
+        squares += ((states - solution(drawn.times, *best)) ** 2).sum()
         found.append(best[:-1])
         covariances.append(np.diag(covariance)[:-1])
     freedom = drawn.freedom
@@ -130,24 +162,26 @@ def share(held: Iterable[float]) -> str:
     return f"{known.mean():.3f} ± {known.std() / np.sqrt(len(known)):.3f}"
 
 
-def line(name: str, samples: int, objects: int, kind: str, draws: int, scatter: float) -> str:
+def line(verb: str, name: str, samples: int, objects: int, kind: str, draws: int, scatter: float) -> str:
     """Return a row of the table."""
-    held, references, widths, other_errors = [], [], [], 0
+    held, of_average, references, widths, others, by_terms = [], [], [], [], 0, verb == "discover"
     for seed in range(draws):
         drawn = experiment(name, samples, objects, seed, scatter)
-        reference = least_squares(drawn, kind)
-        references.append(holds(*reference, drawn.truth))
+        truth = np.stack(drawn.family.to_coefficients(*drawn.truth.T), axis=1) if by_terms else drawn.truth
+        reference = least_squares(drawn, kind, by_terms)
+        references.append(holds(*reference, truth))
         if drawn.freedom < 1 and kind == "unknown":  # Refused
             continue
-        law = drawn.fit(kind)
-        middle, half = stated(law, drawn.family)
-        held.append(holds(middle, half, drawn.truth))
+        law = drawn.discover(kind) if by_terms else drawn.fit(kind)
+        middle, half = stated_of_terms(law, drawn.family, False) if by_terms else stated(law, drawn.family)
+        if by_terms:
+            of_average.append(holds(*stated_of_terms(law, drawn.family, True), truth))
+        held.append(holds(middle, half, truth))
         widths.append(np.median(half / reference[1]))
-        other_errors += any(each.kind.name == "ERRORS" for each in law.outcomes)
-    width = f"{np.median(widths):.2f}" if widths else ""
-    return (
-        f"| {name} | {samples} | {objects} | {kind} | {share(held)} | {share(references)} | {width} | {other_errors} |"
-    )
+        others += bool(np.isnan(half).any()) or any(each.kind.name == "ERRORS" for each in law.outcomes)
+    width = f"{np.nanmedian(widths):.2f}" if np.isfinite(widths).any() else ""
+    shares = f"{share(held)} | {share(of_average) if by_terms else ''} | {share(references)}"
+    return f"| {verb} | {name} | {samples} | {objects} | {kind} | {shares} | {width} | {others} |"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -155,15 +189,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.coverage_of_fits", description=__doc__)
     parser.add_argument("--draws", type=int, default=200, help="of objects and noise (default: %(default)s)")
     parser.add_argument("--scatter", type=float, default=SCATTER, help="of coefficients over objects, relative")
+    parser.add_argument("--verbs", nargs="+", choices=VERBS, default=VERBS, metavar="VERB", help=", ".join(VERBS))
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=[*FAMILIES], metavar="FAMILY")
     parser.add_argument("--samples", nargs="+", type=int, default=SAMPLES, metavar="COUNT", help="of a trial")
     parser.add_argument("--objects", nargs="+", type=int, default=OBJECTS, metavar="COUNT", help="one trial each")
     parser.add_argument("--noise", nargs="+", choices=KINDS, default=KINDS, metavar="KIND", help=", ".join(KINDS))
     chosen = parser.parse_args(arguments)
     print(f"{machine()}\n\nShare of the 95 % intervals that hold the truth; goal: 0.93 to 0.97.\n")
-    print("| family | samples | objects | noise | share | least squares | width | other errors |")
-    print("|" + "---|" * 8)
-    for cell in itertools.product(chosen.families, chosen.samples, chosen.objects, chosen.noise):
+    print("| verb | family | samples | objects | noise | share | averaged | least squares | width | other laws |")
+    print("|" + "---|" * 10)
+    for cell in itertools.product(chosen.verbs, chosen.families, chosen.samples, chosen.objects, chosen.noise):
         print(line(*cell, chosen.draws, chosen.scatter), flush=True)
 
 

@@ -91,6 +91,6 @@ def stated(known: Experiment, law: cl.Law) -> Stated | None:
 def _outcome(name: str, level: float, seed: int) -> Outcome:
     known = experiment(name)
     trials = known.measured(level, seed)
-    law = known.discover(trials, partial_pooling=False)
+    law = known.discover(trials)
     plain = tuple(plain_regression(known, trials, parse_differentiation(each)) for each in SMOOTHINGS)
     return Outcome(stated(known, law), stated(known, law.partial_pooling()), plain)

@@ -94,14 +94,9 @@ class Experiment:
         names = self.family.variables[: len(self.family.equations)]
         return cl.Trials.from_arrays([self.family.times] * len(states), states, object=objects, names=names)
 
-    def discover(self, trials: cl.Trials, partial_pooling: bool = True) -> cl.Law:
+    def discover(self, trials: cl.Trials) -> cl.Law:
         """Return what commonlaw finds with nothing given but the order and the library."""
-        return cl.discover(
-            trials,
-            order=self.family.order,
-            library=self.family.library,
-            method=cl.TrajectoryLikelihood(partial_pooling=partial_pooling),
-        )
+        return cl.discover(trials, order=self.family.order, library=self.family.library)
 
     def estimates(self, law: cl.Law) -> Floats | None:
         """Return the coefficients as those here are ordered; nothing if an object's support is not the true one."""

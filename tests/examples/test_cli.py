@@ -113,8 +113,8 @@ def test_errors_by_bootstrap_and_objects_alone_can_be_asked_for(run, tmp_path):
         )
         assert code == 0
     law, drawn, alone = (cl.Law.load(tmp_path / f"{name}.json") for name in ("law", "drawn", "alone"))
-    assert law.uncertainty.shared_factor is not None
-    assert alone.uncertainty.shared_factor is None
+    assert law.uncertainty.pooled is not None
+    assert alone.uncertainty.pooled is None
     assert np.nanmax(np.abs(drawn.standard_errors - law.standard_errors)) > 0
 
 

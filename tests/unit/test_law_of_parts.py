@@ -43,10 +43,14 @@ def test_the_law_of_all_files_is_that_of_all_trials(law, whole):
     assert law.structure() == ("x'' = a + b v",)
     assert law.objects == whole.objects
     together = cl.refine(law, whole, errors="white", partial_pooling=True)
-    off = np.abs(law.coefficients - together.coefficients)[:, law.support]
     # Each file has a noise level of its own, so that weights differ a little
+    for ours, theirs in ((law.uncertainty.pooled, together), (law.uncertainty, together.uncertainty.unpooled)):
+        errors, expected = (np.sqrt(np.diagonal(each.covariance, axis1=1, axis2=2)) for each in (ours, theirs))
+        np.testing.assert_allclose(errors, expected, rtol=0.2)
+    off = np.abs(law.uncertainty.pooled.coefficients - together.coefficients[:, law.support])
     assert (off < 0.3 * together.standard_errors[:, law.support]).all()
-    np.testing.assert_allclose(law.standard_errors[:, law.support], together.standard_errors[:, law.support], rtol=0.15)
+    alone = together.uncertainty.unpooled.coefficients
+    np.testing.assert_allclose(law.coefficients[:, law.support], alone, rtol=1e-4)
     assert law.uncertainty.noise == pytest.approx(together.uncertainty.noise, rel=0.05)
     said = {step.stage: step.choice for step in law.history}
     assert said["proposals"] == "1 law of 3 groups of at most 10 objects"

@@ -134,7 +134,12 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
         objects=tuple(each.object for each in copies),
         coefficients=law.coefficients[some],
         uncertainty=replace(
-            law.uncertainty, covariance=law.covariance[some], shared_factor=None, unpooled=None, other_laws=()
+            law.uncertainty,
+            covariance=law.covariance[some],
+            shared_factor=None,
+            unpooled=None,
+            pooled=None,
+            other_laws=(),
         ),
         properties={},
     )
@@ -219,7 +224,7 @@ def test_known_coefficients_are_said_to_be_so_and_have_no_interval(drops):
     law = cl.refine(cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}), drops)
     report = law_report(find(law, drops))
     assert law.letter_values()[1].all()
-    sure = replace(law.uncertainty, covariance=0 * law.covariance, shared_factor=None, unpooled=None)
+    sure = replace(law.uncertainty, covariance=0 * law.covariance, shared_factor=None, unpooled=None, pooled=None)
     known = law_report(find(replace(law, uncertainty=sure), drops))
     assert blocks_of(known, "coefficients")[1].text == "Known, and not fitted: c."
     assert "c from" not in table_of(known, "values")

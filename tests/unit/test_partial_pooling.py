@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import informative, shrink
+from commonlaw.law.population import with_objects_of
 from commonlaw.library import PolynomialLibrary, Variables
 from tests.unit.estimates import measured
 
@@ -95,3 +96,21 @@ def test_an_object_that_says_nothing_of_one_coefficient_changes_no_other():
     np.testing.assert_array_equal(
         informative(estimates, np.diagonal(covariances, axis1=1, axis2=2)).sum(axis=0), [6, 5]
     )
+
+
+def test_an_unseen_object_is_one_more_of_the_population_that_objects_with_information_are_of():
+    law, times = law_of(), np.linspace(0, 1, 5)
+    unseen = cl.Trials.from_arrays([times], [times**2], object=["ball 7"], names=["x"])
+    expected, _ = with_objects_of(law.partial_pooling(), unseen)
+    found, _ = with_objects_of(law, unseen)
+    np.testing.assert_allclose(found.coefficients, expected.coefficients)
+    np.testing.assert_allclose(found.covariance, expected.covariance)
+    coefficients, covariances = (np.concatenate([each, each[:1]]) for each in (law.coefficients, law.covariance))
+    coefficients[-1] *= 1e6
+    covariances[-1] *= 1e16
+    blank = replace(
+        law, objects=(*law.objects, "blank"), coefficients=coefficients, uncertainty=cl.Uncertainty(covariances)
+    )
+    found, _ = with_objects_of(blank, unseen)
+    np.testing.assert_allclose(found.coefficients, expected.coefficients, rtol=1e-6)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-6)

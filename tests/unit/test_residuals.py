@@ -10,7 +10,7 @@ import commonlaw as cl
 from commonlaw import CommonlawError, Law, Trials
 from commonlaw.discrepancy.patterns import correlations
 from commonlaw.discrepancy.residual_tests import patterns
-from commonlaw.law.uncertainty import OwnEstimates
+from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.plots import plot_residuals, render
 
 
@@ -105,7 +105,7 @@ def test_coefficients_that_all_objects_share_are_spent_once():
     law = Law.from_text("x' = -k x", {"k": dict.fromkeys(names, 1.0)})
     own = np.full((10, 1, 1), 1e-4)
     for covariance, spent in ((own, 20), (own / 10, 11)):
-        unpooled = OwnEstimates(law.coefficients[:, 0], own)
+        unpooled = ObjectEstimates(law.coefficients[:, 0], own)
         uncertain = replace(law.uncertainty, noise=[0.01], covariance=covariance, unpooled=unpooled)
         found = replace(law, uncertainty=uncertain).residuals(apart)
         squares = np.concatenate(found.standardized) ** 2

@@ -86,7 +86,7 @@ _LIKELIHOOD_OPTIONS = (
     _likelihood(
         "--partial-pooling/--no-partial-pooling",
         default=True,
-        help="Whether coefficients are drawn to their mean over objects as far as these are alike.",
+        help="Whether forecasts draw coefficients to their mean over objects as far as these are alike.",
     ),
     _likelihood(
         "--seed",

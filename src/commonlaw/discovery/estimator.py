@@ -377,7 +377,7 @@ def discover(trials: Trials | TrialStream, *args: Any, **parameters: Any) -> Law
     >>> import commonlaw as cl
     >>> drops = cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=1, noise=0.0)
     >>> print(cl.discover(drops, order=2, library="poly:1").average())
-    x'' = -9.8000 ± 0.0022 - (0.30000 ± 0.00019) v
+    x'' = -9.8000 ± 0.0023 - (0.30000 ± 0.00020) v
     <BLANKLINE>
     with v = x'
     """

@@ -18,6 +18,7 @@ from commonlaw.inference import (
     written_alike,
 )
 from commonlaw.law import Law, Step
+from commonlaw.law.population import with_pooled_forecasts
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials, TrialStream
@@ -64,7 +65,7 @@ def law_of_parts(
     universal
         Which coefficients of a law all objects have in common, shape (equations, terms).
     pooling
-        Whether the other coefficients are drawn to their means over objects.
+        Whether forecasts draw the other coefficients to their means over objects.
     progress
         Takes the text of each step.
 
@@ -90,7 +91,7 @@ def law_of_parts(
         best.provenance, domain=law.provenance.domain, outcomes=(), alternatives=(), history=(*best.history, *steps)
     )
     law = replace(law, provenance=provenance)
-    return law.partial_pooling(universal(law), pooling)
+    return with_pooled_forecasts(law, universal(law), pooling)
 
 
 def _proposed(find: Callable[[Trials], Law], part: TrialStream) -> Law:

@@ -108,7 +108,8 @@ class TrajectoryLikelihood(AbstractMethod):
         ``"bootstrap"``: from the scatter of coefficients when blocks of the trials are drawn anew, for noise that is
         neither normal nor alike everywhere.
     partial_pooling
-        Whether coefficients are drawn to their mean over objects as far as these are alike, see `Law.partial_pooling`.
+        Whether forecasts draw coefficients to their mean over objects as far as these are alike, see
+        `Law.partial_pooling`. The law itself has those of each object's own trials.
     solver
         Whose path lists the candidates of each equation, or its text such as ``"best-subset"``; it has no value of its
         hyperparameter, as the evidence chooses. Default: best subset selection.

@@ -42,6 +42,7 @@ def fitted_law(
             covariance=covariances(problem, state, covariance, seed),
             shared_factor=None,
             unpooled=None,
+            pooled=None,
             noise=np.where(_known_starts(problem), noise_floor(problem.trials), problem.noise),
             error_model=errors,
             degrees_of_freedom=degrees_of_freedom(problem, state),

@@ -26,6 +26,7 @@ from commonlaw.inference.search import beside_those_ahead, to_scale
 from commonlaw.inference.search_state import neighbours
 from commonlaw.inference.trial_differences import differing_trials
 from commonlaw.law import Law, PlausibleLaw
+from commonlaw.law.population import with_pooled_forecasts
 from commonlaw.progress import ProgressCallback
 
 _SAME = 1e-3
@@ -55,7 +56,7 @@ def finish(
     universal
         Returns which coefficients of a law all objects have in common, shape (equations, terms).
     partial_pooling
-        Whether the others are drawn to their means as far as the objects are alike, see `Law.partial_pooling`.
+        Whether forecasts draw the others to their means as far as the objects are alike, see `Law.partial_pooling`.
     seed
         Of what is drawn.
     progress
@@ -103,7 +104,11 @@ def finish(
     )
     others = other_laws(found.problem, found.state, law) if found.solver is not None else ()
     others = with_rivals(others, law, [(each.state.value - state.value, each.fitted) for each in _different(found)])
-    return pooled(law).with_others(tuple(PlausibleLaw(each.probability, pooled(each.law)) for each in others))
+
+    def with_pooled(law: Law) -> Law:
+        return with_pooled_forecasts(law, universal(law), partial_pooling)
+
+    return with_pooled(law).with_others(tuple(PlausibleLaw(each.probability, with_pooled(each.law)) for each in others))
 
 
 def ranked_first(found: LawSearch) -> LawSearch:

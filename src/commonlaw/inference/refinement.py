@@ -204,7 +204,7 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
         what = "constants inside of terms" if law.terms.constants else "states that nobody measured"
         raise CommonlawError(f"a law with {what} is not fitted file by file: give stream.read(), if the trials fit")
     parts, known = stream.parts or (stream,), {*law.objects}
-    light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None))
+    light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
     names = objects_of_parts(parts, part(progress, 0.0, _LISTED))
     laws = [light.select(own) if known.issuperset(own) else typical(law, own) for own in names]
     pieces = list(zip(laws, parts, strict=True))

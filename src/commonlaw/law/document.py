@@ -29,8 +29,8 @@ class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, o
     walk: list[float] | None = None
 
 
-class OwnEstimatesDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """See `OwnEstimates`; by object."""
+class EstimatesDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """See `ObjectEstimates`; by object."""
 
     coefficients: dict[str, list[float]]
     covariance: dict[str, list[float]]
@@ -51,7 +51,8 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
     noise: list[float] | None = None
     inclusion_probabilities: list[list[float]] | None = None
     error_model: ErrorsDocument | None = None
-    unpooled: OwnEstimatesDocument | None = None
+    unpooled: EstimatesDocument | None = None
+    pooled: EstimatesDocument | None = None
     degrees_of_freedom: list[float] | None = None
     widening: WideningDocument | None = None
 

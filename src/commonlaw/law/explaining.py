@@ -90,7 +90,12 @@ def explained(
     changed[:, support] = values
     explanation = Explanation(tuple(relations), found.factor_covariance)
     return changed, replace(
-        uncertainty, covariance=covariance, shared_factor=factor, unpooled=own, explanation=explanation
+        uncertainty,
+        covariance=covariance,
+        shared_factor=factor,
+        unpooled=own,
+        pooled=None,
+        explanation=explanation,
     )
 
 

@@ -17,11 +17,11 @@ from commonlaw.hierarchy import Relation
 from commonlaw.law.averages import AbstractAverages
 from commonlaw.law.document import (
     ErrorsDocument,
+    EstimatesDocument,
     ExplanationDocument,
     HeaderDocument,
     LawDocument,
     OtherDocument,
-    OwnEstimatesDocument,
     ProvenanceDocument,
     RelationDocument,
     UncertaintyDocument,
@@ -31,7 +31,7 @@ from commonlaw.law.earlier_versions import as_now, compared_with_the_best
 from commonlaw.law.explanation import Explanation
 from commonlaw.law.from_text import read_equations
 from commonlaw.law.provenance import Provenance
-from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
+from commonlaw.law.uncertainty import ObjectEstimates, Uncertainty
 from commonlaw.law.widening import Widening
 from commonlaw.library import Order, Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
@@ -113,7 +113,7 @@ def _saved_other(probability: float, law: AbstractAverages, terms: Terms) -> Oth
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> UncertaintyDocument:
-    covariance, own, wider = uncertainty.covariance, uncertainty.unpooled, uncertainty.widening
+    covariance, wider = uncertainty.covariance, uncertainty.widening
     factors, noise, inclusion, degrees = (
         None if each is None else each.tolist()
         for each in (
@@ -129,17 +129,20 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         noise=noise,
         inclusion_probabilities=inclusion,
         error_model=_saved_errors(uncertainty.error_model),
-        unpooled=None
-        if own is None
-        else OwnEstimatesDocument(
-            coefficients=dict(zip(objects, own.coefficients.tolist(), strict=True)),
-            covariance=_triangles(objects, own.covariance),
-        ),
+        unpooled=_saved_estimates(objects, uncertainty.unpooled),
+        pooled=_saved_estimates(objects, uncertainty.pooled),
         degrees_of_freedom=degrees,
         widening=None
         if wider is None
         else WideningDocument(**{name: each.tolist() for name, each in vars(wider).items()}),
     )
+
+
+def _saved_estimates(objects: Sequence[str], estimates: ObjectEstimates | None) -> EstimatesDocument | None:
+    if estimates is None:
+        return None
+    coefficients = dict(zip(objects, estimates.coefficients.tolist(), strict=True))
+    return EstimatesDocument(coefficients=coefficients, covariance=_triangles(objects, estimates.covariance))
 
 
 def _triangles(objects: Sequence[str], covariance: Floats) -> dict[str, list[float]]:
@@ -316,17 +319,18 @@ def _read_uncertainty(
         None if saved.noise is None else np.array(saved.noise),
         None if inclusion is None else _matrix(inclusion, "its inclusion probabilities are", shape),
         _read_errors(saved.error_model),
-        None if saved.unpooled is None else _read_own_estimates(saved.unpooled, objects, parameters),
+        None if saved.unpooled is None else _read_estimates(saved.unpooled, objects, parameters),
+        None if saved.pooled is None else _read_estimates(saved.pooled, objects, parameters),
         None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),
         None if saved.widening is None else Widening(*map(np.array, msgspec.structs.astuple(saved.widening))),
         None if explanation is None else _read_explanation(explanation),
     )
 
 
-def _read_own_estimates(saved: OwnEstimatesDocument, objects: tuple[str, ...], parameters: int) -> OwnEstimates:
+def _read_estimates(saved: EstimatesDocument, objects: tuple[str, ...], parameters: int) -> ObjectEstimates:
     rows = [saved.coefficients.get(name, []) for name in objects]
     values = _matrix(rows, "its own estimates are", (len(objects), parameters))
-    return OwnEstimates(values, _covariance(saved.covariance, objects, parameters))
+    return ObjectEstimates(values, _covariance(saved.covariance, objects, parameters))
 
 
 def _covariance(saved: Mapping[str, list[float]], objects: tuple[str, ...], parameters: int) -> Floats:

@@ -9,7 +9,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import informative, shrink
 from commonlaw.law.provenance import Step
-from commonlaw.law.uncertainty import OwnEstimates, Uncertainty
+from commonlaw.law.uncertainty import ObjectEstimates, Uncertainty
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.wording import shown
 
@@ -49,8 +49,13 @@ def partially_pooled(
     errors[inner], factor[inner] = found.covariances, found.shared_factors
     shrinkage = np.zeros(support.shape)
     shrinkage[*indices] = found.shrinkage
-    own = OwnEstimates(coefficients[:, support], covariance)
-    return pooled, replace(uncertainty, covariance=errors, shared_factor=factor, unpooled=own), shrinkage, told
+    own = ObjectEstimates(coefficients[:, support], covariance)
+    return (
+        pooled,
+        replace(uncertainty, covariance=errors, shared_factor=factor, unpooled=own, pooled=None),
+        shrinkage,
+        told,
+    )
 
 
 def pooling_step(equations: Sequence[str], terms: Sequence[str], support: Bools, shrinkage: Floats) -> Step:

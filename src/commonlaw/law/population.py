@@ -6,11 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.hermite import hermgauss
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation
 from commonlaw.law.law import Law
 from commonlaw.law.quantiles import mixture_interval, two_sided
+from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.conversion import Conversion
 from commonlaw.trials.trial import Property
@@ -27,11 +28,33 @@ class Population(NamedTuple):
     note: str
 
 
+def with_pooled_forecasts(law: Law, universal: Bools, others: bool) -> Law:
+    """Return the law of each object's own coefficients, but for universal ones, that forecasts by pooled ones.
+
+    Pooled coefficients have the smaller mean square error over objects, and intervals by each object's own trials hold
+    the truth where the population is not as pooling takes it (Efron and Morris 1971).
+
+    Parameters
+    ----------
+    law
+        Whose objects do not depend on each other.
+    universal, others
+        See `Law.partial_pooling`.
+    """
+    own = law.partial_pooling(universal, False)
+    drawn = law.partial_pooling(universal, True) if others else own
+    if not others or drawn.uncertainty.unpooled is None:
+        return own
+    estimates = ObjectEstimates(drawn.coefficients[:, law.support], drawn.uncertainty.known_covariance())
+    return replace(own, uncertainty=replace(own.uncertainty, pooled=estimates), provenance=drawn.provenance)
+
+
 def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
     """Return the law of the objects of these trials, and a remark on each that it does not know.
 
-    By the relations of its coefficients, if `Law.explain` found them and the properties that they take are there; else
-    an object has the coefficients of the typical one. How far objects stray from that is in the covariance.
+    Coefficients of known objects are the pooled ones, if it has them. Those of others follow the relations, if
+    `Law.explain` found them and the properties that they take are there; else an object has those of the typical one.
+    How far objects stray from that is in the covariance.
 
     Raises
     ------
@@ -40,9 +63,10 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
     """
     known_objects = {*law.objects}
     unseen = [name for name in trials.objects if name not in known_objects]
+    drawn = [_drawn(law, name, trials) for name in unseen]
+    law = _by_pooled(law)
     if not unseen:
         return law, ()
-    drawn = [_drawn(law, name, trials) for name in unseen]
     seen = [name for name in trials.objects if name in known_objects]
     indices = [law.index(name) for name in seen]
     known = law.uncertainty.covariance
@@ -58,12 +82,29 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
             covariance=covariance,
             shared_factor=None,
             unpooled=None,
+            pooled=None,
             explanation=None,
             other_laws=law.each_other(lambda other: with_objects_of(other, trials)[0]),
         ),
         properties={},
     )
     return found, tuple(each.note for each in drawn)
+
+
+def _by_pooled(law: Law) -> Law:
+    pooled = law.uncertainty.pooled
+    if pooled is None:
+        return law
+    coefficients = law.coefficients.copy()
+    coefficients[:, law.support] = pooled.coefficients
+    uncertainty = replace(
+        law.uncertainty,
+        covariance=pooled.covariance,
+        shared_factor=None,
+        pooled=None,
+        other_laws=law.each_other(_by_pooled),
+    )
+    return replace(law, coefficients=coefficients, uncertainty=uncertainty)
 
 
 def is_typical(law: Law, name: str, trials: Trials) -> bool:
@@ -148,8 +189,14 @@ def _columns(relation: Relation, name: str, given: dict[str, float]) -> Floats:
 def _typical(law: Law, note: str) -> Population:
     """Return the mean coefficients; the scatter of the objects, and of their mean, is added to its covariance.
 
-    More the fewer objects there are (Student's t, for the 95 % band).
+    They are those of the population (random effects), which errors of single objects neither move nor widen. The fewer
+    objects there are, the more is added (Student's t, for the 95 % band).
     """
+    if law.covariance is not None and law.uncertainty.unpooled is None:
+        law = law.with_others(()).partial_pooling()
+        factor = law.uncertainty.shared_factor
+        if factor is not None:  # Objects without information keep their own, see `partially_pooled`
+            law = law.select([law.objects[i] for i in np.flatnonzero(factor.any(axis=(1, 2)))])
     mean, count = law.average(), len(law.objects)
     covariance = mean.uncertainty.covariance
     if covariance is None or count == 1:

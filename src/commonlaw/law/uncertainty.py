@@ -33,8 +33,8 @@ class PlausibleLaw(NamedTuple, Generic[LawType]):
 
 
 @dataclass(frozen=True, eq=False)
-class OwnEstimates:
-    """Each object's parameters as its own trials alone tell them, before they learned from other objects.
+class ObjectEstimates:
+    """Each object's parameters by its own trials alone, or drawn to those of the other objects.
 
     Parameters
     ----------
@@ -47,10 +47,10 @@ class OwnEstimates:
     coefficients: Floats
     covariance: Floats
 
-    def checked(self, objects: tuple[str, ...], size: int) -> "OwnEstimates":
+    def checked(self, objects: tuple[str, ...], size: int) -> "ObjectEstimates":
         """Return the same as read-only arrays, for a law of these objects with so many parameters."""
-        values = checked(self.coefficients, "array of own estimates", "objects, parameters", (len(objects), size))
-        return OwnEstimates(values, checked_covariance(self.covariance, objects, size))
+        values = checked(self.coefficients, "array of estimates", "objects, parameters", (len(objects), size))
+        return ObjectEstimates(values, checked_covariance(self.covariance, objects, size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +76,8 @@ class Uncertainty:
         Errors beside white noise, of the measurements and of the law itself.
     unpooled
         Each object's own estimates, where partial pooling or `Law.explain` has drawn them to others.
+    pooled
+        The estimates drawn to their means over objects, by which forecasts go; None where they go by the parameters.
     degrees_of_freedom
         Of the estimate of each state's noise, shape (states,): errors in units of it follow Student's t distribution
         with so many. None if the noise was given, for normal errors.
@@ -92,7 +94,8 @@ class Uncertainty:
     noise: Floats | None = None
     inclusion_probabilities: Floats | None = None
     error_model: ErrorModel = NO_ERRORS
-    unpooled: OwnEstimates | None = None
+    unpooled: ObjectEstimates | None = None
+    pooled: ObjectEstimates | None = None
     degrees_of_freedom: Floats | None = None
     widening: Widening | None = None
     explanation: Explanation | None = None
@@ -123,10 +126,11 @@ class Uncertainty:
         degrees = self.degrees_of_freedom
         if degrees is not None:
             degrees = checked(degrees, "degrees of freedom", "states", support.shape[:1], low=np.finfo(float).tiny)
+        pooled = self.pooled and self.pooled.checked(objects, size)
         errors, wider = _checked_errors(errors, len(support)), self.widening and self.widening.checked()
         explanation = self.explanation and self.explanation.checked(size)
         return Uncertainty(
-            covariance, factor, noise, inclusion, errors, own, degrees, wider, explanation, self.other_laws
+            covariance, factor, noise, inclusion, errors, own, pooled, degrees, wider, explanation, self.other_laws
         )
 
     def reach(self, states: int, level: float = 0.95) -> Floats:
@@ -155,7 +159,7 @@ class Uncertainty:
             )
         return self.covariance
 
-    def own_estimates(self, coefficients: Floats) -> OwnEstimates:
+    def own_estimates(self, coefficients: Floats) -> ObjectEstimates:
         """Return each object's own estimates, where the law has these parameters, shape (objects, parameters).
 
         Raises
@@ -170,7 +174,7 @@ class Uncertainty:
                 "this law's coefficients were drawn to their means, and what each object's own were is not on record: "
                 "discover or refine it again"
             )
-        return OwnEstimates(coefficients, self.known_covariance())
+        return ObjectEstimates(coefficients, self.known_covariance())
 
     def draws(self, coefficients: Floats, count: int, seed: int) -> Floats:
         """Return so many draws of all objects' parameters, shape (count, objects, parameters).
@@ -213,14 +217,14 @@ class Uncertainty:
     def average(self) -> "Uncertainty":
         """Return that of the mean over objects, which are independent but for the shared factor."""
         if self.covariance is None:
-            return replace(self, shared_factor=None, unpooled=None, explanation=None)
+            return replace(self, shared_factor=None, unpooled=None, pooled=None, explanation=None)
         own, shared = self.covariance.sum(axis=0), 0.0
         if self.shared_factor is not None:
             factor = self.shared_factor
             own = own - np.matmul(factor, factor.transpose(0, 2, 1)).sum(axis=0)
             shared = factor.sum(axis=0) @ factor.sum(axis=0).T
         covariance = (own + shared)[np.newaxis] / len(self.covariance) ** 2
-        return replace(self, covariance=covariance, shared_factor=None, unpooled=None, explanation=None)
+        return replace(self, covariance=covariance, shared_factor=None, unpooled=None, pooled=None, explanation=None)
 
     def restrict(self, parameters: Bools) -> "Uncertainty":
         """Return that of some parameters, shape (parameters,), when the others have left the law."""
@@ -233,8 +237,11 @@ class Uncertainty:
         """Return that whose parameters, and the matrices between them, are changed alike, where they are known."""
         covariance = None if self.covariance is None else matrices(self.covariance)
         factor = None if self.shared_factor is None else rows(self.shared_factor)
-        own = self.unpooled and OwnEstimates(rows(self.unpooled.coefficients), matrices(self.unpooled.covariance))
-        return replace(self, covariance=covariance, shared_factor=factor, unpooled=own)
+        own, pooled = (
+            each and ObjectEstimates(rows(each.coefficients), matrices(each.covariance))
+            for each in (self.unpooled, self.pooled)
+        )
+        return replace(self, covariance=covariance, shared_factor=factor, unpooled=own, pooled=pooled)
 
 
 def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
