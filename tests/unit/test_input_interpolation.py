@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.discovery import trajectory_likelihood
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
 from commonlaw.likelihood import meshes
@@ -79,3 +80,17 @@ def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
     ]
     with pytest.raises(CommonlawError, match="unknown input_between 'steps'"):
         cl.TrajectoryLikelihood(input_between="steps")
+
+
+def test_a_latent_state_is_sought_once_under_the_interpolation_that_is_chosen(monkeypatch):
+    sought = []
+
+    def counted(found, trials, **_):
+        sought.append(trials.schema.input_between)
+        return found
+
+    monkeypatch.setattr(trajectory_likelihood, "with_unmeasured_state", counted)
+    method = cl.TrajectoryLikelihood(unmeasured=1)
+    law = cl.discover(driven("held"), order=1, library="poly:1", method=method, cache=False)
+    assert law.structure() == ("x' = a + b x + c u",)
+    assert sought == ["held"]

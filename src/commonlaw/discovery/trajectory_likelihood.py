@@ -371,13 +371,15 @@ class TrajectoryLikelihood(AbstractMethod):
             if not richer:
                 return self._search(screened, trials, progress, done)
             done = done or self._search(screened, trials, part(progress, 0.0, _PLAIN))
-            return self._search_richer(screened, done, trials, part(progress, _PLAIN, 1.0))
+            return self._search_richer(screened, done, part(progress, _PLAIN, 1.0))
 
         between = self.input_between
         search, steps = begin_search(begin, followed, input_between=between, errors=self.errors, progress=progress)
         chosen = search.problem.trials.schema.input_between
         if chosen != followed.schema.input_between:
             followed = with_interpolation(followed, chosen)
+        if richer:  # Once, as this takes longest: under the interpolation that laws without such a state choose
+            search = self._with_latent_state(screened, search, followed, progress)
         return _Found(screened, search, steps, followed, richer)
 
     def _with_errors(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> "_Found":
@@ -416,15 +418,17 @@ class TrajectoryLikelihood(AbstractMethod):
         steps = (*found.screened.steps, *found.steps, *law.history)
         return replace(law, provenance=replace(law.provenance, history=steps))
 
-    def _search_richer(
-        self, screened: Screened, found: LawSearch, trials: Trials, progress: ProgressCallback
-    ) -> LawSearch:
+    def _search_richer(self, screened: Screened, found: LawSearch, progress: ProgressCallback) -> LawSearch:
         """Search for the law of largest evidence among all that is offered, also terms with constants inside."""
         driven, offers = self._offers(screened)
         if any(each.count for each in offers):
             found = with_parametric_terms(found, offers, progress)
-        if driven:
-            found = with_drive_said(found, driven)
+        return with_drive_said(found, driven) if driven else found
+
+    def _with_latent_state(
+        self, screened: Screened, found: LawSearch, trials: Trials, progress: ProgressCallback
+    ) -> LawSearch:
+        """Return the law of largest evidence with a latent state or without, if one is asked for or may be missing."""
         # One trial alone has no other start to tell such a state by
         few = len(trials.objects) <= _FEW_OBJECTS and len(trials) > 1
         seeks = screened.whole.library.seeks_unmeasured and few and may_be_simpler(found, _MANY)
