@@ -45,7 +45,8 @@ def page(browser):
     browser.get("about:blank")
     browser.get_log("browser")
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-    return browser
+    yield browser
+    browser.get("about:blank")  # A page that asks for an app that has ended takes time of other tests
 
 
 def open_page(page, app):
