@@ -34,6 +34,7 @@ collect_ignore = {
 }.get(sys.platform, [])
 
 os.environ["COMMONLAW_CACHE"] = "off"  # What is tested is found, not remembered
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # Each of the processes that tests start would compile the package
 
 NEEDS_DROPS = "needs the measured drops"
 
