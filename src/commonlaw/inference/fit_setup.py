@@ -11,7 +11,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.first_noise import known_noise
-from commonlaw.inference.input_interpolation import with_interpolation
+from commonlaw.inference.input_interpolation import supported_interpolation, with_interpolation
 from commonlaw.inference.scales import on_log_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.law import Law
@@ -24,9 +24,9 @@ from commonlaw.trials.logarithms import with_logarithms
 def as_followed(trials: Trials, logarithmic: Sequence[str], input_between: str) -> Trials:
     """Return trials as a law follows them: the logarithms of some states, and how inputs go on between samples.
 
-    ``"auto"`` begins with straight lines.
+    ``"auto"`` begins with what the samples of the inputs support.
     """
-    between = "linear" if input_between == "auto" else input_between
+    between = supported_interpolation(trials) if input_between == "auto" else input_between
     return with_interpolation(with_logarithms(trials, logarithmic), between)
 
 
@@ -45,7 +45,7 @@ class FitSetup:
     huber_threshold
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
     input_between
-        The interpolation of inputs between samples, or ``"auto"``, which begins with straight lines.
+        The interpolation of inputs between samples, or ``"auto"``, which begins with what these support.
     priors
         What the coefficients of each object are beforehand, where the others say it; none of any if it is empty.
     """

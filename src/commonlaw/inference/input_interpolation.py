@@ -1,8 +1,11 @@
-"""The interpolation of inputs between samples, by the evidence of a law under each."""
+"""The interpolation of inputs between samples: by what these leave out, then by the evidence of a law under each."""
 
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.search import STRONG, fit_supports
 from commonlaw.inference.search_problem import SearchProblem
@@ -10,12 +13,39 @@ from commonlaw.inference.search_state import ANY_ERROR, SearchState
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
 from commonlaw.likelihood import meshes
-from commonlaw.trials import Trials
+from commonlaw.trials import Trial, Trials
+
+_SMOOTH = 2.0
+"""Mean square leave-one-out error of straight lines, in that of cubics, above which an input counts as smooth: of a
+kink at a sample it is 1.5, of a step 0.9, of white noise 0.8, and of a sine of four samples a cycle 2.25."""
 
 
 def with_interpolation(trials: Trials, input_between: str) -> Trials:
     """Return trials with an interpolation of inputs between samples."""
     return replace(trials, schema=replace(trials.schema, input_between=input_between))
+
+
+def supported_interpolation(trials: Trials) -> str:
+    """Return the interpolation that the samples of the inputs support: linear, or cubic if all that vary are smooth.
+
+    Each sample is left out and interpolated by its two neighbours, u_i ~ sum_j u_j prod_k (t_i - t_k)/(t_j - t_k), or
+    by four. A fit alone does not show that chords are shallower than the input: the gain makes up for it.
+    """
+    squares = np.sum([_left_out(trial) for trial in trials], axis=0)
+    bent = squares[0] > np.finfo(float).eps * np.sum([np.sum(each.inputs**2, axis=0) for each in trials], axis=0)
+    return "cubic" if bent.any() and (squares[0] > _SMOOTH * squares[1])[bent].all() else "linear"
+
+
+def _left_out(trial: Trial) -> Floats:
+    """Return the sums of squared leave-one-out errors of straight lines and cubics, shape (2, inputs)."""
+    middle = np.arange(2, len(trial) - 2)
+    found = []
+    for steps in ((-1, 1), (-2, -1, 1, 2)):
+        ahead = [trial.times[middle + step] - trial.times[middle] for step in steps]
+        weights = [np.prod([b / (b - a) for b in ahead if b is not a], axis=0) for a in ahead]
+        by_others = sum(w[:, np.newaxis] * trial.inputs[middle + step] for w, step in zip(weights, steps, strict=True))
+        found.append(np.sum((trial.inputs[middle] - by_others) ** 2, axis=0))
+    return np.array(found)
 
 
 def best_interpolation(problem: SearchProblem, state: SearchState) -> Step:
@@ -33,7 +63,8 @@ def best_interpolation(problem: SearchProblem, state: SearchState) -> Step:
     if gains and gains[best] > STRONG:
         why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
         return Step("inputs", best, why)
-    return Step("inputs", before, "between samples: the evidence for no other interpolation is strong")
+    why = "as the samples of the inputs support it, and the evidence for no other interpolation is strong"
+    return Step("inputs", before, f"between samples: {why}")
 
 
 def _fitted_with(problem: SearchProblem, state: SearchState, between: str) -> SearchState:
