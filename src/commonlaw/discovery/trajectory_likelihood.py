@@ -69,6 +69,9 @@ _PLAIN = 0.2
 _MANY = 5
 """Coefficients and constants of an equation more than which may stand for a latent state, or for richer terms."""
 
+_SERIES = 3
+"""One in so many terms of higher degree more than which an equation may be a truncated series."""
+
 _FEW = 3
 """Coefficients of an equation of higher order more than which may stand for richer terms of a lower order."""
 
@@ -519,9 +522,9 @@ class _Found:
             return False
         if self.has_richer:
             return True
-        # Of the highest degree that is needed, a law of many terms stands for no shorter one
-        may_be_shorter = not self.is_of_higher_degree and may_be_simpler(self.search, _MANY)
-        return not (may_be_shorter or may_be_series(self.search))
+        # A sum of few of the terms of higher degree stands for no shorter law, as a series has most of them
+        sparse = int(self.is_of_higher_degree) * len(self.search.template.terms) // _SERIES
+        return not (may_be_simpler(self.search, max(_MANY, sparse)) or may_be_series(self.search))
 
     @cached_property
     def evidence(self) -> float:

@@ -2,14 +2,21 @@
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState, promised
 from commonlaw.library import with_rates
 from commonlaw.likelihood import variance_of_rates
 
-_TURNED, _EXACT = 4.0, 1e-3
-"""How far a state that has turned moves back: in standard deviations of its noise, and as a share of its range."""
+_SAME_STATE, _OTHER_TIME, _OTHER_RATE = 0.03, 0.1, 0.5
+"""Distances, as shares of the range, up to which states are the same, and from which times and rates are not."""
+
+_OFTEN = 0.25
+"""Share of samples at the same state whose rates differ, from which that is no noise."""
+
+_MOST_COMPARED = 500
+"""Samples of an object that are compared."""
 
 
 def evidence_of_order(problem: SearchProblem, state: SearchState) -> float:
@@ -51,17 +58,30 @@ def may_be_of_lower_order(found: LawSearch) -> bool:
 
 
 def may_be_of_first_order(found: LawSearch) -> bool:
-    """Return whether rates may be a function of the states, by what was measured.
+    """Return whether rates may be a function of the states and inputs: no object has two rates at the same state.
 
-    A single state without inputs does not turn back then.
+    An oscillator, which passes a state in both directions, or balls that are thrown from one place at two speeds, are
+    of higher order. Smoothed states of all trials are compared, and of one trial at other times.
     """
-    problem = found.problem
-    if len(problem.noise) > 1 or problem.trials.schema.inputs:
-        return True
-    least = _TURNED * problem.noise[0]
-    for path in (each[:, 0] for own in problem.smoothed for each in own):
-        risen = np.max(path - np.minimum.accumulate(path))
-        fallen = np.max(np.maximum.accumulate(path) - path)
-        if min(risen, fallen) > max(least, _EXACT * np.ptp(path)):
+    problem, states = found.problem, len(found.problem.noise)
+    for name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
+        rows = list[Floats]()
+        for k, (trial, smooth) in enumerate(zip(problem.trials.of_object(name), curves, strict=True)):
+            path, own = smooth[:, :states], np.linspace(2 * k, 2 * k + 1, len(smooth))
+            if len(path) > 1:
+                rows.append(np.column_stack([own, path, trial.inputs, np.gradient(path, trial.times, axis=0)]))
+        if rows and _has_two_rates(np.concatenate(rows), states):
             return False
     return True
+
+
+def _has_two_rates(rows: Floats, states: int) -> bool:
+    """Whether rows of times (as shares of trials), states, inputs and rates have a state and input with two rates."""
+    from scipy.spatial import cKDTree
+
+    few = rows[np.isfinite(rows).all(axis=1)][:: -(-len(rows) // _MOST_COMPARED)]
+    scaled = few[:, 1:] / np.maximum(np.ptp(few[:, 1:], axis=0), np.finfo(float).tiny)
+    first, second = cKDTree(scaled[:, :-states]).query_pairs(_SAME_STATE, output_type="ndarray").T
+    others = np.abs(few[first, 0] - few[second, 0]) > _OTHER_TIME
+    apart = np.abs(scaled[first[others], -states:] - scaled[second[others], -states:]).max(axis=1)
+    return len(apart) > 0 and bool((apart > _OTHER_RATE).mean() > _OFTEN)
