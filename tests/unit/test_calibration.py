@@ -36,6 +36,20 @@ def test_many_trials_give_the_quantile_of_their_misses_at_each_horizon():
     assert np.mean(inside) == pytest.approx(0.95, abs=0.03)
 
 
+@pytest.mark.parametrize("correlated", [False, True])
+def test_twenty_trials_give_the_quantile_that_one_more_asks_for(correlated):
+    """Each with thirty errors: independent ones, or the same one throughout, by whose largest bands then go."""
+    inside, factors = [], []
+    for seed in range(200):
+        draws = np.random.default_rng(seed).standard_normal((21, 1 if correlated else 30, 1))
+        sizes = np.broadcast_to(abs(draws) / 1.96 * 1.5, (21, 30, 1))
+        found = widening_of([errors(AHEAD, each) for each in sizes[:20]])
+        inside.append(np.mean(sizes[20, :, 0] <= found.at(AHEAD)))
+        factors.append(found.factors.max())
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.03)
+    assert np.median(factors) == pytest.approx(1.5 * (1.15 if correlated else 1.05), rel=0.15)
+
+
 @pytest.mark.parametrize("count", [10, 100])
 def test_bands_are_never_made_narrower(count):
     narrow = [replace(each, sizes=each.sizes / 3) for each in (trial(AHEAD, 0.0, seed) for seed in range(count))]

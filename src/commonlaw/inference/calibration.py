@@ -83,8 +83,10 @@ class StandardizedErrors:
 def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
     """Return by how much intervals should be wider at each horizon; None if nothing was forecast.
 
-    Where as many trials were left out as a conformal prediction takes, the quantile of their errors about a horizon,
-    which holds for another trial without assumptions (Lei and others 2018). Where fewer were, the mean square of the
+    Where as many trials were left out as a conformal prediction takes, the quantile of their errors about a horizon, at
+    the level L (1 + 1/n) that holds for one more of n observations (Lei and others 2018): n is what the errors are
+    worth, from as many as there are trials to as many as errors, L (1 - L) over the variance of the share within the
+    quantile L, which is by that of the trials' shares. Where fewer were, the mean square of the
     errors, beside which what the law says of itself counts as two trials. Intervals are not made narrower: later
     times, and other starts, are seldom forecast better than what was learned from; nor are they widened less where they
     are farther ahead.
@@ -109,8 +111,14 @@ def _factor(trials: Sequence[Floats]) -> float:
         sizes = np.concatenate(trials)
         order, weights = np.argsort(sizes), np.concatenate([np.full(len(each), 1 / len(each)) for each in trials])
         share = np.cumsum(weights[order]) / count
-        wanted = _LEVEL * (1 + 1 / count)
-        return max(1.0, float(sizes[order][min(int(np.searchsorted(share, wanted)), len(sizes) - 1)]))
+
+        def quantile(level: float) -> float:
+            return float(sizes[order][min(int(np.searchsorted(share, level)), len(sizes) - 1)])
+
+        # Independent observations worth as much as these, which are correlated within a trial (Kish 1965)
+        scatter = np.var([np.mean(each <= quantile(_LEVEL)) for each in trials], ddof=1)
+        worth = np.clip(count * _LEVEL * (1 - _LEVEL) / max(scatter, np.finfo(float).tiny), count, len(sizes))
+        return max(1.0, quantile(_LEVEL * (1 + 1 / worth)))
     squares = np.array([np.mean(each**2) for each in trials]) * float(two_sided(_LEVEL)) ** 2
     return float(np.sqrt(max(1.0, (_TRUST + squares.sum()) / (_TRUST + count))))
 
