@@ -455,6 +455,9 @@ class TrajectoryLikelihood(AbstractMethod):
             progress("searching again with terms that were left out and improve the law")
             screened = more
             found = explained_on_finer_mesh(self._search_among(trials, more.structure, progress), progress)
+        if found.problem.least_variance >= 1 and not (found.lack_of_fit or found.is_determined):
+            # Of exact measurements a needless term may stand for the discretization error of a coarse mesh
+            found = resolved(found, progress)
         return found
 
     def _search_among(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> LawSearch:
