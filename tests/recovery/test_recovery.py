@@ -1,0 +1,21 @@
+"""Laws of small problems stay what they are: terms, parameters and score."""
+
+import numpy as np
+import pytest
+
+from tests.recovery.golden import recovered, stored
+from tests.recovery.problems import PROBLEMS
+
+_SAME, _OF_ERRORS, _OF_SCORES = 1e-8, 1e-4, 1e-3
+"""Differences by rounding on other machines: relative, in standard errors, and in twice the log-evidence."""
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_the_law_is_the_same(name, request):
+    if "measured" in name:
+        request.getfixturevalue("ball_drops_folder")
+    found, golden = recovered(name), stored()[name]
+    assert found.structure == golden.structure
+    parameters, errors = np.array(golden.parameters), np.nan_to_num(golden.errors)
+    assert (abs(found.parameters - parameters) <= _SAME * abs(parameters) + _OF_ERRORS * errors).all()
+    assert found.score == pytest.approx(golden.score, rel=_SAME, abs=_OF_SCORES)
