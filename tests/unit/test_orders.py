@@ -28,7 +28,7 @@ def simulated(rates, numbers, starts, times, noise, seed=0, columns=1):
             owners.append(f"object {i}")
     scale = noise * np.mean([each.std(axis=0) for each in states], axis=0)
     measured = [each + scale * generator.standard_normal(each.shape) for each in states]
-    return cl.Trials.from_arrays([times] * len(states), measured, object=owners, names=["x", "y"][:columns])
+    return cl.Trials.from_arrays([times] * len(states), measured, object=owners, names=["x", "y", "z"][:columns])
 
 
 relaxations = partial(
@@ -123,14 +123,19 @@ def test_of_states_without_measured_rates_the_evidence_says_the_order():
     assert law.structure() == ("x' = a y", "y' = b y + c sin(x)", "z' = d z")
 
 
-def test_the_rate_of_a_rate_is_no_state():
-    times = np.linspace(0, 6, 120)
-    random = np.random.default_rng(0)
-    path = np.column_stack([np.sin(3 * times), 3 * np.cos(3 * times), -9 * np.sin(3 * times)])
-    states = path + 0.01 * random.standard_normal(path.shape) * [1, 3, 9]
-    found = orders.possible_orders(cl.Trials.from_arrays(times, states, names=["x", "v", "a"]), "auto")
-    assert found.trials.schema.states == ("x", "v")
-    assert found.of_each == ((1,), (1,))
+def test_states_of_a_jerk_law_all_stay():
+    law = discover(
+        simulated(
+            lambda _, x, a: [x[1], x[2], 0.8 * x[0] - 1.1 * x[1] - a * x[2] - x[0] ** 3],
+            [(0.45,)],
+            [(0.1, -0.3, 0.2), (0.6, 0.2, -0.1)],
+            np.linspace(0, 20, 300),
+            0.005,
+            columns=3,
+        ),
+        library="poly:3",
+    )
+    assert law.structure() == ("x' = a y", "y' = b z", "z' = c x + d y + f z + g x^3")
 
 
 def test_richer_terms_of_a_law_of_first_order_come_before_many_terms_of_second_order():

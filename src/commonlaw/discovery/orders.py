@@ -88,15 +88,13 @@ def _is_among(order: object, known: Container[object]) -> bool:
 def _told_by_rates(trials: Trials) -> Orders:
     """Return the orders among which the evidence chooses: a state and its measured rate are of first order.
 
-    Both are measurements of the motion. A column that was computed from the state is none, nor is a rate of a rate:
-    these are left out, and their states are of second order.
+    Both are measurements of the motion. A column that was computed from the state is none: it is left out, and the
+    state is of second order.
     """
     rates = measured_rates(trials)
     if not rates:
         return Orders(trials, ((1, 2),) * len(trials.schema.states))
-    left_out = {
-        state: rate for state, rate in rates.items() if state in rates.values() or is_computed(trials, state, rate)
-    }
+    left_out = {state: rate for state, rate in rates.items() if is_computed(trials, state, rate)}
     second = {state: rate for state, rate in left_out.items() if state not in rates.values()}
     first = {name for pair in rates.items() if pair[0] not in left_out for name in pair}
     trials = without_rates(trials, left_out)
