@@ -354,7 +354,7 @@ def test_standard_deviations_are_left_out_by_the_options_that_the_message_names(
 
 
 def test_messages_are_in_the_words_of_the_command_line(run, tmp_path):
-    (tmp_path / "few.csv").write_text("ticker,U [V],wind speed\n0,3,1\n1,2,2\n2,1.5,1\n3,1.2,2\n4,1.1,1\n")
+    (tmp_path / "few.csv").write_text("ticker,U [V],wind speed\n0,3,1\n1,2,2\n2,1.5,1\n4,1.2,2\n5,1.1,1\n")
     code, _, err = run("discover", "few.csv")
     assert code == 1
     assert "Name it with --time ...; columns: ticker, U, wind speed" in err

@@ -19,7 +19,7 @@ def test_a_saved_law_is_given_the_drag_that_it_lacks_and_forecasts_with_it(run, 
     assert run("fit", "x'' = -g", "drops.csv", "--save", "law.json")[0] == 0
     given = ("law.json", "drops.csv", "--of", "v", "--noise", "x=0.05")
     code, out, err = run("discrepancy", *given, "--save", "with.json", "--plot", "discrepancy.svg")
-    assert (code, "property: drag;" in err) == (0, True)
+    assert (code, "property: drag." in err) == (0, True)
     assert out.startswith("Discrepancy: x'' = law + f(v), 2 log B = ")
     assert "Terms that would say the same" in out
     assert (tmp_path / "discrepancy.svg").stat().st_size > 0

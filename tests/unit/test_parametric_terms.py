@@ -142,7 +142,7 @@ def test_the_law_of_enzymes_is_found_among_plain_terms_and_families(law):
 
 
 def test_it_agrees_with_a_fit_of_its_terms(law, enzymes):
-    fitted = cl.fit("s' = -V s/(K + s)", enzymes, partial_pooling=True)
+    fitted = cl.fit("s' = -V s/(K + s)", enzymes)
     values, expected = law.letter_values()[0], fitted.letter_values()[0]
     np.testing.assert_allclose(values * [-1, 1], expected, rtol=1e-3)
 

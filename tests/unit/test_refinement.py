@@ -70,10 +70,7 @@ def test_refined_coefficients_are_those_of_shooting(prey, by_rates):
 
 
 def test_refined_coefficients_are_those_of_discovery_of_the_same_terms(prey, by_rates):
-    found, refined = (
-        cl.discover(prey, library="terms:x,y,x*y", order=1),
-        cl.refine(by_rates, prey, partial_pooling=True),
-    )
+    found, refined = cl.discover(prey, library="terms:x,y,x*y", order=1), cl.refine(by_rates, prey)
     np.testing.assert_array_equal(found.support, refined.support)
     gaps = (found.coefficients - refined.coefficients)[:, found.support]
     assert np.all(np.abs(gaps) < 0.02 * found.standard_errors[:, found.support])
