@@ -333,17 +333,18 @@ class TrajectoryLikelihood(AbstractMethod):
         return self._found(found.screened, found.followed, found.search, True, progress)
 
     def _of_higher_degree(self, found: "_Found", progress: ProgressCallback) -> "_Found":
-        """Return the law of largest evidence among more plain terms, too, where that of fewer may be wrong or simpler.
+        """Return the law among plain terms of higher degree where fewer may be wrong, if those explain the trials.
 
         They are a linear problem, so they come before terms with constants inside, latent states and other orders.
+        A law that leaves something unexplained, or is a truncated series, extrapolates worse than one of fewer terms.
         """
         whole = found.screened.whole
         if found.is_simple or found.has_richer or found.is_coarse or not (higher := whole.library.higher):
             return found
         progress("searching among terms of higher degree")
         screened = Screened.of(found.followed, replace(whole, library=higher))
-        more = self._found(screened, found.followed, None, False, progress)
-        return min(found, replace(more, is_of_higher_degree=True), key=lambda each: each.evidence)
+        more = replace(self._found(screened, found.followed, None, False, progress), is_of_higher_degree=True)
+        return more if more.is_simple and more.evidence < found.evidence else found
 
     def _found(
         self,
