@@ -85,7 +85,7 @@ def is_computed(trials: Trials, state: str, rate: str) -> bool:
     Its noise is then a linear function of the state's in neighbouring samples. Fourth differences, which hold noise
     rather than motion, of the rate are regressed on those of the state at up to ten samples to both sides: they explain
     all of it if it was computed, and hardly more than chance if it was measured. Where fourth differences of the state
-    are no noise (their sign hardly changes), nothing tells, and the rate counts as measured.
+    are no noise (their sign hardly changes), the data do not decide, and the rate counts as measured.
     """
     j, k = trials.schema.states.index(state), trials.schema.states.index(rate)
     both = [trial.states[np.isfinite(trial.states[:, [j, k]]).all(axis=1)][:, [j, k]] for trial in trials]

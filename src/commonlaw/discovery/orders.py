@@ -99,12 +99,12 @@ def _told_by_rates(trials: Trials) -> Orders:
     first = {name for pair in rates.items() if pair[0] not in left_out for name in pair}
     trials = without_rates(trials, left_out)
     of_each = tuple((2,) if name in second else (1,) if name in first else (1, 2) for name in trials.schema.states)
-    orders = [each[0] for each in of_each]
-    lacking = [name for name, own in zip(trials.schema.states, of_each, strict=True) if len(own) > 1]
+    known = {name: own[0] for name, own in zip(trials.schema.states, of_each, strict=True) if len(own) == 1}
+    lacking = [name for name in trials.schema.states if name not in known]
     why = rates_in_words(rates) + (f"; of {', '.join(lacking)} no rate was measured" if lacking else "")
-    told = [f"{name} {own[0]}" for name, own in zip(trials.schema.states, of_each, strict=True) if len(own) == 1]
-    alike = not lacking and len(set(orders)) == 1
-    return Orders(trials, of_each, (Step("order", str(orders[0]) if alike else ", ".join(told), why),))
+    alike = not lacking and len(set(known.values())) == 1
+    choice = str(of_each[0][0]) if alike else ", ".join(f"{name} {order}" for name, order in known.items())
+    return Orders(trials, of_each, (Step("order", choice, why),))
 
 
 def of_best_order(

@@ -53,7 +53,7 @@ class Banks:
     ) -> "Banks":
         """Return terms along curves at values of their constants at which they are finite and no others' repeats.
 
-        Which points were sampled, by default all, tells how fast periodic functions may be.
+        Periodic functions may be as fast as the points that were sampled resolve, by default all.
         """
         values, constants, columns = _above_zero(values), [], [np.empty((len(values), 0))]
         before, repeated = dict[bytes, int](), list[bool]()
