@@ -198,6 +198,9 @@ gompertz = partial(
     simulated, lambda _, x, r, k: -r * x * np.log(x / k), [(0.8, 5.0), (0.6, 4.0)], [(0.3,), (1.0,)],
     np.linspace(0, 6, 40),
 )  # fmt: skip
+arrhenius = partial(
+    simulated, lambda _, x, a, b: -a * np.exp(x / b), [(0.5, 1.5), (0.8, 2.0)], [(4.0,), (3.0,)], np.linspace(0, 4, 40)
+)  # fmt: skip
 torricelli = partial(
     simulated, lambda _, x, a, p: -a * np.abs(x) ** p, [(0.5, 0.6), (0.8, 0.6)], [(4.0,), (3.0,)], np.linspace(0, 2, 40)
 )  # fmt: skip
@@ -274,6 +277,7 @@ PROBLEMS: dict[str, Callable[[], cl.Law]] = {
     "enzymes, ratios": lambda: discover(enzymes(white(0.01)), order=1, library="poly:1 + ratio(poly:1, poly:1)"),
     "cooperative, ratios": lambda: discover(cooperative(white(0.01)), order=1, library="ratio(poly:2, poly:2)"),
     "gompertz, auto": lambda: discover(gompertz(white(0.005)), order=1),
+    "exponential, auto": lambda: discover(arrhenius(white(0.005)), order=1),
     "power, auto": lambda: discover(torricelli(white(0.002)), order=1),
     # Inputs and forcing
     "heated, held": lambda: discover(heated(white(0.01)), order=1, library="poly:2"),
