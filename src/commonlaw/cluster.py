@@ -63,30 +63,22 @@ class Cluster:
     def check(self) -> None:
         """Refuse a client that is closed, a cluster without a worker, and workers of other versions."""
         if self.client.status != "running":
-            raise CommonlawError(
-                f"the client is {self.client.status}: connect it to a scheduler, Client('tcp://host:8786')"
-            )
+            raise CommonlawError("cluster-client", status=self.client.status)
         with self._lost_in_words():
             try:
                 self.client.wait_for_workers(1, timeout=_PATIENCE)
             except TimeoutError:
-                raise CommonlawError(
-                    f"no worker has come to the scheduler at {self._address} in {_PATIENCE:g} s: start some"
-                ) from None
+                raise CommonlawError("cluster-without-workers", address=self._address, seconds=_PATIENCE) from None
             found = self.client.run(_versions, on_error="return")
         here = _versions()
         for address, there in found.items():
             if isinstance(there, Exception):
-                raise CommonlawError(
-                    f"the worker {address} cannot load commonlaw ({there}): install it there, as it is here"
-                )
+                raise CommonlawError("cluster-worker-cannot-load", address=address, reason=there)
             if there != here:
                 differ = ", ".join(
                     f"{name} {there[name]} (here {own})" for name, own in here.items() if own != there[name]
                 )
-                raise CommonlawError(
-                    f"the worker {address} has {differ}: install the same versions, or results would differ"
-                )
+                raise CommonlawError("cluster-worker-versions", address=address, versions=differ)
 
     def each(
         self, function: Callable[[T], R], items: Sequence[T]
@@ -191,10 +183,7 @@ class Cluster:
             raise self._lost() from error
 
     def _lost(self) -> CommonlawError:
-        return CommonlawError(
-            f"the connection to the cluster at {self._address} was lost: is the scheduler still there? Start it, and "
-            "do the same again"
-        )
+        return CommonlawError("cluster-lost", address=self._address)
 
     def _failure(self, future: Any) -> Exception | None:
         """Return what a piece of work raised, if it did; a worker that ended is told of in words.
@@ -210,9 +199,7 @@ class Cluster:
             raise self._lost()
         failure: Exception | None = future.exception()
         if isinstance(failure, KilledWorker):
-            return CommonlawError(
-                "workers ended by themselves, again and again, over one piece of work: is there enough memory in each?"
-            )
+            return CommonlawError("cluster-workers-died")
         return failure
 
 
@@ -251,9 +238,7 @@ def on_cluster(client: "Client | None") -> Iterator[None]:
 def refuse_client(client: "Client | None") -> None:
     """Refuse a dask client where there are no files for its workers to read."""
     if client is not None:
-        raise CommonlawError(
-            "client=... is for files, which its workers read: give TrialStream.from_parquet(...), or leave it out"
-        )
+        raise CommonlawError("cluster-client-without-files")
 
 
 def current_cluster() -> Cluster | None:
@@ -286,9 +271,7 @@ def connected(address: str) -> Iterator["Client"]:
             raise
         except (OSError, ValueError, RuntimeError, TypeError) as error:
             raise CommonlawError(
-                f"no cluster at {address!r} ({str(error) or f'no scheduler answers in {_ANSWER:g} s'}): give the "
-                "address that the scheduler shows, such as tcp://host:8786, or local:4 for four processes of this "
-                "machine"
+                "cluster-not-found", address=address, reason=str(error) or f"no scheduler answers in {_ANSWER:g} s"
             ) from None
         try:
             yield client
@@ -329,8 +312,7 @@ def _started(distributed: Any, count: str) -> Any:
     cores = os.cpu_count() or 1
     if int(count) > _PER_CORE * cores:
         raise CommonlawError(
-            f"local:{count} asks for {count} processes, and at most {_PER_CORE * cores} are started on this machine of "
-            f"{counted(cores, 'core')} ({_PER_CORE} a core): give local:{cores}"
+            "cluster-too-many-processes", count=count, limit=_PER_CORE * cores, cores=cores, per_core=_PER_CORE
         )
     import dask.config
 

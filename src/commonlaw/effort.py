@@ -7,6 +7,7 @@ from contextvars import ContextVar
 from time import monotonic
 from typing import TypeVar
 
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 
 MOST_MEMORY = 4 * 2**30
@@ -26,21 +27,23 @@ T = TypeVar("T")
 class LongWorkWarning(UserWarning):
     """Work has begun that will take minutes; the message says how many, and what makes it less."""
 
+    def __init__(self, diagnostic: Diagnostic) -> None:
+        super().__init__(diagnostic)
+        self.diagnostic = diagnostic
+
 
 def check_memory(what: str, size: float, remedy: str) -> None:
     """Refuse work that would take so many bytes."""
     if size > MOST_MEMORY:
-        raise CommonlawError(
-            f"{what} would take {size / 2**30:.1f} GiB of memory, and at most {MOST_MEMORY / 2**30:g} are used: "
-            f"{remedy}"
-        )
+        raise CommonlawError("too-much-memory", task=what, size=size / 2**30, limit=MOST_MEMORY / 2**30, remedy=remedy)
 
 
-def announce(what: str, seconds: float, remedy: str) -> None:
+def announce(what: str, seconds: float, remedy: str | Diagnostic) -> None:
     """Warn of work that will take about so many seconds, if these are many."""
     if seconds > PATIENCE and _announcing.get():
         length = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
-        warnings.warn(f"{what} will take about {length}: to have it sooner, {remedy}", LongWorkWarning, stacklevel=2)
+        warning = Diagnostic("long-work", {"work": what, "length": length, "remedy": remedy})
+        warnings.warn(LongWorkWarning(warning), stacklevel=2)
 
 
 @contextmanager

@@ -1,16 +1,75 @@
 """The one kind of error that a user of commonlaw can cause and mend."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
+from commonlaw.diagnostics import Diagnostic, Dialect
 from commonlaw.names import in_line
 
 
 class CommonlawError(ValueError):
-    """Input that cannot be used; the message says in one line what is wrong, where, and what to do."""
+    """Input that cannot be used; the message says in one line what is wrong, where, and what to do.
 
-    def __init__(self, message: str) -> None:
-        super().__init__(in_line(message))
+    Parameters
+    ----------
+    code
+        Names the sentence of the catalogue, see `commonlaw.diagnostics`.
+    where
+        The file, object or trial concerned.
+    parameters
+        Fill in the sentence.
+    """
+
+    def __init__(self, code: str, /, where: str = "", **parameters: object) -> None:
+        super().__init__(code)
+        self.diagnostic = Diagnostic(code, {name: _plain(value) for name, value in parameters.items()}, where)
+
+    @classmethod
+    def of(cls, diagnostic: Diagnostic) -> "CommonlawError":
+        """Return the error that says this."""
+        return cls(diagnostic.code, diagnostic.where, **diagnostic.parameters)
+
+    @property
+    def code(self) -> str:
+        """Names the sentence of the catalogue."""
+        return self.diagnostic.code
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """This code, and those of the messages that it holds."""
+        return self.diagnostic.codes
+
+    @property
+    def parameters(self) -> Mapping[str, object]:
+        """What fills in the sentence."""
+        return self.diagnostic.parameters
+
+    def at(self, where: str) -> "CommonlawError":
+        """Return the same error, with a further place before it."""
+        return self.of(self.diagnostic.at(where))
+
+    def sentence(self, dialect: Dialect = str) -> str:
+        """Return the message in one line, in the dialect of a front end; by default as Python."""
+        return in_line(self.diagnostic.sentence(dialect))
+
+    def __str__(self) -> str:
+        return self.sentence()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self).of, (self.diagnostic,)
+
+
+def _plain(value: object) -> object:
+    """Return a parameter as a message holds it: without what cannot be sent between processes or changes later."""
+    if isinstance(value, CommonlawError):
+        return value.diagnostic
+    if isinstance(value, str | int | float | bool | Diagnostic | None):
+        return value
+    if isinstance(value, list):
+        return [*map(_plain, value)]
+    if isinstance(value, Iterable) and not isinstance(value, Mapping):
+        return tuple(map(_plain, value))
+    return value if isinstance(value, Mapping) else str(value)
 
 
 def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:
@@ -23,7 +82,7 @@ def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:
     folded = {each.casefold(): each for each in reversed(names)}
     near = get_close_matches(str(name).casefold(), folded, n=1, cutoff=0.6)
     hint = f"did you mean {folded[near[0]]!r}? " if near else ""
-    return CommonlawError(f"unknown {kind} {str(name)!r}: {hint}Known: {', '.join(names) or 'none'}")
+    return CommonlawError("unknown-name", kind=kind, name=str(name), hint=hint, known=names or ["none"])
 
 
 def check_choice(name: str, value: object, choices: Iterable[object]) -> None:

@@ -22,4 +22,4 @@ def optional_import(module: str, feature: str, extra: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.split(".")[0] != package:
             raise
-        raise CommonlawError(f"{feature} needs {package.replace('_', '-')}: pip install 'commonlaw[{extra}]'") from None
+        raise CommonlawError("extra-missing", feature=feature, package=package.replace("_", "-"), extra=extra) from None

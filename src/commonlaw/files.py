@@ -100,7 +100,7 @@ def check_targets(paths: Iterable[AnyPath], inputs: Iterable[AnyPath] = ()) -> "
         identity = _identity(path) or target.file
         if not target.is_stream:
             if identity in taken:
-                raise CommonlawError(f"cannot write {path}: {taken[identity]}; choose another name")
+                raise CommonlawError("output-twice", path=path, reason=taken[identity])
             taken[identity] = f"it is the same file as {path}"
         targets.append(target)
     return tuple(targets)
@@ -117,9 +117,7 @@ def make_folder(folder: AnyPath) -> None:
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise CommonlawError(
-            f"cannot make the folder {str(folder)!r}: {_reason(error)}; choose one that you may write to"
-        ) from error
+        raise CommonlawError("folder-not-made", folder=str(folder), reason=_reason(error)) from error
 
 
 def mark_as_used(file: Path) -> None:
@@ -181,7 +179,7 @@ def _target(path: AnyPath) -> _Target:
         status = None
     target = _Target(path, Path(os.path.realpath(path)), status)
     if reason := _obstacle(target):
-        raise CommonlawError(f"cannot write {path}: {reason}")
+        raise CommonlawError("output-refused", path=path, reason=reason)
     return target
 
 
@@ -223,7 +221,7 @@ def _refused(path: AnyPath) -> Iterator[None]:
         raise
     except (OSError, ValueError) as error:
         remedy = _REMEDIES.get(getattr(error, "errno", 0), "choose a folder that you may write to and that has space")
-        raise CommonlawError(f"cannot write {path}: {_reason(error)}; {remedy}") from error
+        raise CommonlawError("output-failed", path=path, reason=_reason(error), remedy=remedy) from error
 
 
 def _reason(error: OSError | ValueError) -> str:

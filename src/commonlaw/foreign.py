@@ -54,18 +54,15 @@ def checked_file(path: str | os.PathLike[str], largest: float = LARGEST_FILE) ->
     try:
         found = file.stat()
     except FileNotFoundError:
-        raise CommonlawError(_no_file(file)) from None
+        raise _no_file(file) from None
     except (OSError, ValueError) as error:
         raise _unreadable(file, error) from None
     if stat.S_ISDIR(found.st_mode):
-        raise CommonlawError(f"{file} is a folder: name a file in it")
+        raise CommonlawError("file-is-folder", file=file)
     if not stat.S_ISREG(found.st_mode):
-        raise CommonlawError(f"{file} is a device or a pipe: write what comes out of it to a file, and name that")
+        raise CommonlawError("file-is-device", file=file)
     if found.st_size > largest:
-        raise CommonlawError(
-            f"{file} has {found.st_size} bytes, and at most {largest:.0f} are read: split it, or write it as Parquet "
-            "and read it with TrialStream.from_parquet"
-        )
+        raise CommonlawError("file-too-large", file=file, bytes=found.st_size, limit=largest)
     return file
 
 
@@ -92,10 +89,7 @@ def check_size(source: str, rows: int, columns: int) -> None:
         (rows * columns, MOST_CELLS, f"cells, {rows} rows of {columns}"),
     ):
         if count > most:
-            raise CommonlawError(
-                f"{source} has {count} {what}, and at most {most} are read: leave out what is not needed, or write it "
-                "as Parquet and read it with TrialStream.from_parquet"
-            )
+            raise CommonlawError("table-too-large", source=source, count=count, cells=what, limit=most)
 
 
 def unpacked(source: str, content: bytes) -> bytes:
@@ -115,17 +109,12 @@ def unpacked(source: str, content: bytes) -> bytes:
         for part in _parts(content):  # Counted first, as a small file may unpack to more than the memory holds
             size += len(part)
             if size > LARGEST_FILE:
-                raise CommonlawError(
-                    f"{source} unpacks to more than {LARGEST_FILE} bytes, and no more are read: split it"
-                )
+                raise CommonlawError("unpacked-too-large", source=source, limit=LARGEST_FILE)
         return b"".join(_parts(content))
     except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
         if "Memory usage limit" in str(error):
-            raise CommonlawError(
-                f"{source} has a dictionary of more than {LARGEST_FILE} bytes, and no more are held in memory: pack it "
-                "again, with xz -9"
-            ) from None
-        raise CommonlawError(f"{source} cannot be unpacked ({error}): it is damaged; pack it again") from None
+            raise CommonlawError("dictionary-too-large", source=source, limit=LARGEST_FILE) from None
+        raise CommonlawError("not-unpacked", source=source, error=error) from None
 
 
 def _parts(content: bytes) -> Iterator[bytes]:
@@ -172,7 +161,7 @@ def decoded(source: str, content: bytes) -> tuple[str, str]:
         if not (_CONTROL.search(text) if encoding == "Windows-1252" else "\0" in text):
             return text.replace("\r\n", "\n").replace("\r", "\n"), encoding.removesuffix("-sig").replace("UTF-8", "")
         break
-    raise CommonlawError(f"{source} is neither text nor a workbook nor Parquet: save the table as CSV in UTF-8")
+    raise CommonlawError("not-a-table", source=source)
 
 
 def check_text(source: str, content: bytes) -> None:
@@ -181,9 +170,7 @@ def check_text(source: str, content: bytes) -> None:
         content.decode()
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise CommonlawError(
-            f"{source}, line {line}: byte {content[error.start]:#x} is not UTF-8 text; save the file in UTF-8"
-        ) from None
+        raise CommonlawError("not-utf-8", source=source, line=line, byte=content[error.start]) from None
 
 
 def read_json(content: bytes, kind: type[T]) -> T:
@@ -198,29 +185,29 @@ def read_json(content: bytes, kind: type[T]) -> T:
     import msgspec
 
     if len(content) > LARGEST_JSON:
-        raise CommonlawError(f"JSON has {len(content)} bytes, and at most {LARGEST_JSON} are read")
+        raise CommonlawError("json-too-large", bytes=len(content), limit=LARGEST_JSON)
     check_text("JSON", content)
     brackets = np.frombuffer(_STRING.sub(b"", content).translate(None, _NO_BRACKETS), dtype=np.uint8)
     depth = int(np.cumsum(np.where(np.isin(brackets, list(b"[{")), 1, -1), dtype=np.int32).max(initial=0))
     if depth > DEEPEST:
-        raise CommonlawError(f"JSON is nested {depth} levels deep, and at most {DEEPEST} are read")
+        raise CommonlawError("json-too-deep", depth=depth, limit=DEEPEST)
     try:
         return msgspec.json.decode(content, type=kind)
     except msgspec.DecodeError as error:
-        raise CommonlawError(str(error)) from None
+        raise CommonlawError("json-syntax", problem=error) from None
 
 
 def _unreadable(file: Path, error: Exception) -> CommonlawError:
     reason = getattr(error, "strerror", None) or error
-    return CommonlawError(f"cannot read {str(file)[:200]}: {reason}; check the file and who may read it")
+    return CommonlawError("file-unreadable", file=str(file)[:200], reason=reason)
 
 
-def _no_file(file: Path) -> str:
+def _no_file(file: Path) -> CommonlawError:
     folder = file.parent
     if file.is_symlink():
-        return f"{file} is a link to {str(file.readlink())!r}, which is not there: repair the link, or name a file"
+        return CommonlawError("link-broken", file=file, target=str(file.readlink()))
     if not folder.is_dir():
-        return f"there is no file {str(file)!r}, nor a folder {str(folder)!r}: check the path"
+        return CommonlawError("folder-missing", file=str(file), folder=str(folder))
     try:
         where = str(folder.absolute())
         names = {each.name.casefold(): each.name for each in islice(folder.iterdir(), _LISTED)}
@@ -228,4 +215,4 @@ def _no_file(file: Path) -> str:
         where, names = str(folder), {}
     near = get_close_matches(file.name.casefold(), names, n=1)
     hint = f"did you mean {names[near[0]]!r}?" if near else "check the name"
-    return f"there is no file {file.name!r} in {where!r}: {hint}"
+    return CommonlawError("file-missing", file=file.name, folder=where, hint=hint)

@@ -79,7 +79,7 @@ def in_parallel(
 def check_n_jobs(n_jobs: int) -> None:
     """Refuse what is no number of jobs."""
     if isinstance(n_jobs, bool) or not isinstance(n_jobs, int) or n_jobs < -1 or not n_jobs:
-        raise CommonlawError(f"n_jobs={n_jobs!r}: give how many jobs run at a time, or -1 for one for each core")
+        raise CommonlawError("n-jobs", value=n_jobs)
 
 
 def cores() -> int:

@@ -37,9 +37,9 @@ def parse_spec(kind: str, text: str, makers: Mapping[str, Callable[..., T]]) -> 
             raise TypeError("an argument is given twice")
         return makers[name](*positional, **{key: _value(value) for key, value in named})
     except CommonlawError as error:
-        raise CommonlawError(f"{kind} {text!r}: {error}") from None
+        raise error.at(f"{kind} {text!r}") from None
     except (TypeError, ValueError, OverflowError) as error:
-        raise CommonlawError(f"{kind} {text!r} does not fit: write it as {_usage(name, makers[name])}") from error
+        raise CommonlawError("spec-syntax", kind=kind, text=text, usage=_usage(name, makers[name])) from error
 
 
 def format_spec(name: str, settings: object) -> str:

@@ -17,7 +17,7 @@ def check_whole_number(
     upper = np.inf if most is None else most
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= upper:
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
-        raise CommonlawError(f"{name} is {value!r}: give a whole number {bounds}")
+        raise CommonlawError("whole-number", name=name, value=value, bounds=bounds)
 
 
 def check_number(name: str, value: object, least: float, *, above: bool = False, optional: bool = False) -> None:
@@ -28,4 +28,6 @@ def check_number(name: str, value: object, least: float, *, above: bool = False,
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         size = float(value)
     if not np.isfinite(size) or size < least or (above and size == least):
-        raise CommonlawError(f"{name} is {value!r}: give a finite number {'above' if above else 'of at least'} {least}")
+        raise CommonlawError(
+            "finite-number-bounded", name=name, value=value, bound="above" if above else "of at least", least=least
+        )

@@ -155,7 +155,7 @@ def test_forecasts_go_beyond_what_was_measured(run, tmp_path):
 @pytest.mark.usefixtures("table")
 def test_a_check_that_fails_does_not_cost_the_law(run, tmp_path, monkeypatch):
     def fails(*_, **__):
-        raise cl.CommonlawError("the weather was bad; wait")
+        raise cl.CommonlawError("other", text="the weather was bad; wait")
 
     monkeypatch.setattr(cl.Law, "predict", fails)
     outputs = "--save", "law.json", "--plot", "law.svg"
@@ -320,7 +320,7 @@ def test_options_make_the_method_that_has_them(run, monkeypatch, options, method
 
     def discover(*_, **parameters):
         asked.append(parameters["method"])
-        raise cl.CommonlawError("enough")
+        raise cl.CommonlawError("other", text="enough")
 
     monkeypatch.setattr("commonlaw.discover", discover)
     run("discover", "--dataset", "linear-drag", *options)
@@ -364,7 +364,9 @@ def test_messages_are_in_the_words_of_the_command_line(run, tmp_path):
     assert "U: 0.03 V" in out
     assert "as given" in out
     solver = ["--method", "trajectory-likelihood", "--solver", "best-subset:1"]
-    assert run("discover", *named, *solver)[2].endswith("use --method derivative-regression --solver ...\n")
+    assert run("discover", *named, *solver)[2].endswith(
+        "use --method derivative-regression --solver ... [solver-with-value]\n"
+    )
     assert run("data", "check", *named)[1].endswith("or give it with --unit ...\n")
 
 

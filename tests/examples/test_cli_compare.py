@@ -70,7 +70,7 @@ def test_a_data_set_stands_for_the_file(run, monkeypatch):
 
     def fit(text, *_, **__):
         asked.append(text)
-        raise cl.CommonlawError("enough")
+        raise cl.CommonlawError("other", text="enough")
 
     monkeypatch.setattr("commonlaw.fit", fit)
     assert run("compare", "--dataset", "linear-drag", *LAWS)[0] == 1

@@ -139,7 +139,7 @@ def test_conditions_on_the_same_name_all_count(run, tmp_path, monkeypatch, optio
 
     def discover(training, **_):
         learned.append({each.name for each in training})
-        raise cl.CommonlawError("enough")
+        raise cl.CommonlawError("other", text="enough")
 
     monkeypatch.setattr("commonlaw.discover", discover)
     run("discover", "drops.csv", option, "trial=3", option, "trial=2")
@@ -175,7 +175,7 @@ def test_a_line_now_and_then_says_how_far_work_has_come(run, monkeypatch):
     def discover(*_, progress, **__):
         progress(Stage("choosing terms", 0.5))
         assert said.wait(60)
-        raise cl.CommonlawError("enough")
+        raise cl.CommonlawError("other", text="enough")
 
     def say(line, **_):
         lines.append(line)
@@ -194,7 +194,7 @@ def test_a_line_now_and_then_says_how_far_work_has_come(run, monkeypatch):
 def test_every_step_is_said_when_asked_for(run, monkeypatch, option):
     def discover(*_, progress, **__):
         progress("choosing terms")
-        raise cl.CommonlawError("enough")
+        raise cl.CommonlawError("other", text="enough")
 
     monkeypatch.setattr("commonlaw.discover", discover)
     _, _, err = run("discover", "--dataset", "linear-drag", option)

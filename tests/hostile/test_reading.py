@@ -11,6 +11,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.foreign import read_file
+from tests.refusals import refused
 
 FRAME = pd.DataFrame({"t": [0.0, 1.0, 2.0], "x": [0.0, 1.0, 4.0]})
 
@@ -24,7 +25,7 @@ def pipe(tmp_path: Path) -> Path:
 
 def test_pipes_and_devices_are_refused(pipe: Path) -> None:
     for path in (pipe, Path("/dev/zero")):
-        with pytest.raises(cl.CommonlawError, match="is a device or a pipe"):
+        with refused("file-is-device"):
             read_file(path)
 
 
@@ -33,5 +34,5 @@ def test_a_pipe_that_a_parquet_file_names_is_not_opened(pipe: Path, monkeypatch:
     kept = json.dumps({"roles": {"properties": pipe.name}}).encode()
     pq.write_table(pa.Table.from_pandas(FRAME).replace_schema_metadata({b"commonlaw": kept}), "drops.parquet")
     for read in (cl.Trials.read, cl.TrialStream.from_parquet):
-        with pytest.raises(cl.CommonlawError, match=r"drops.parquet: what the file says .* damaged .*; write the file"):
+        with refused("json-syntax"):
             read(Path("drops.parquet"))

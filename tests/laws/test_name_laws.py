@@ -65,4 +65,7 @@ def test_latex_of_a_name_is_one_line_that_opens_no_group_and_runs_no_command(tex
 
 @given(TEXTS)
 def test_an_error_is_one_line_whatever_it_names(text):
-    assert str(CommonlawError(f"unknown ball {text}: name another")) == f"unknown ball {in_line(text)}: name another"
+    assert (
+        str(CommonlawError("other", text=f"unknown ball {text}: name another"))
+        == f"unknown ball {in_line(text)}: name another"
+    )

@@ -7,6 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law.population import with_objects_of
+from tests.refusals import refused
 
 DRAGS = (-0.1, -0.2, -0.3, -0.5, -0.7, -0.4)
 
@@ -76,10 +77,10 @@ def test_known_objects_learn_from_more_trials(drops):
 
 def test_laws_that_cannot_weigh_new_trials_are_refused(drops, law):
     noiseless = replace(law, uncertainty=replace(law.uncertainty, noise=None))
-    with pytest.raises(cl.CommonlawError, match="does not know its noise, by which it would weigh new trials"):
+    with refused("weights-unknown", lacking="does not know its noise"):
         noiseless.adapt(drops)
     walking = replace(law.uncertainty.error_model, walk=np.array([0.1, 0.1]))
-    with pytest.raises(cl.CommonlawError, match="has errors beside white noise"):
+    with refused("weights-unknown", lacking="has errors beside white noise"):
         replace(law, uncertainty=replace(law.uncertainty, error_model=walking)).adapt(drops)
-    with pytest.raises(cl.CommonlawError, match="the law has the states x, the trials have y"):
+    with refused("columns-differ", kind="states"):
         law.adapt(cl.Trials.from_arrays(np.arange(9.0), np.arange(9.0), names=["y"], object="Ball 1"))

@@ -15,7 +15,7 @@ from commonlaw.progress import Stage
 def fails(show):
     show("counting")
     yield 1
-    raise CommonlawError("name it with time=...")
+    raise CommonlawError("time-missing", columns=["a"])
 
 
 def dies(show):
@@ -28,7 +28,12 @@ def dies(show):
 @pytest.mark.parametrize(
     ("task", "failure", "done", "stages"),
     [
-        (fails, "name it with 'time' under Columns", None, ["starting", "counting"]),
+        (
+            fails,
+            "which column holds the time? Name it with 'time' under Columns; columns: a",
+            None,
+            ["starting", "counting"],
+        ),
         (dies, "ended by itself, with code 3", 0.5, ["starting", "counting", "counting again"]),
     ],
 )

@@ -10,9 +10,9 @@ from scipy.optimize import brentq
 from scipy.stats import norm, t
 
 import commonlaw as cl
-from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, PlausibleLaw, Uncertainty
 from commonlaw.law.quantiles import mixture_interval, two_sided
+from tests.refusals import refused
 
 TIMES = np.linspace(0.0, 2.0, 9)
 NOISE = 0.01
@@ -172,11 +172,11 @@ def test_what_else_it_could_be_goes_with_a_law_through_every_change(law):
 
 def test_laws_of_other_objects_or_without_a_probability_are_refused(law):
     other = law.other_laws[0].law
-    with pytest.raises(CommonlawError, match="of the same objects and states"):
+    with refused("averaged-law-differs"):
         law.with_others((PlausibleLaw(0.3, other.select(["mug"])),))
-    with pytest.raises(CommonlawError, match="has the probability 0"):
+    with refused("averaged-law-probability", probability=0.0):
         law.with_others((PlausibleLaw(0.0, other),))
-    with pytest.raises(CommonlawError, match="leave none for the law"):
+    with refused("averaged-laws-probability"):
         law.with_others((PlausibleLaw(0.6, other), PlausibleLaw(0.4, other)))
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.errors import CommonlawError
 from commonlaw.inference import calibration
 from commonlaw.inference.calibration import StandardizedErrors, widening_of
 from commonlaw.law.widening import Widening
+from tests.refusals import refused
 
 
 def trial(ahead: np.ndarray, growth: float, seed: int) -> StandardizedErrors:
@@ -91,7 +91,7 @@ def test_a_band_is_wider_by_the_factor_of_its_horizon(drops, law):
 )
 def test_a_widening_that_is_none_is_refused(law, horizons, factors):
     wrong = Widening(np.array(horizons), np.array(factors))
-    with pytest.raises(CommonlawError, match="increasing horizons"):
+    with refused("interval-inflation"):
         replace(law, uncertainty=replace(law.uncertainty, widening=wrong))
 
 

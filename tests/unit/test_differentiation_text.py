@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import (
     AbstractDifferentiator,
     CenteredDifference,
@@ -21,7 +22,7 @@ from commonlaw.differentiation import (
     format_differentiation,
     parse_differentiation,
 )
-from commonlaw.errors import CommonlawError
+from tests.refusals import refused
 
 TEXTS = {
     "centered": CenteredDifference(),
@@ -77,16 +78,16 @@ def test_a_method_of_the_users_own_has_no_text(method):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("savgl:35", "unknown differentiation 'savgl': did you mean 'savgol'"),
-        ("savgol:34", "differentiation 'savgol:34': window is 34, an even number"),
-        ("savgol:35:forwrd", "polynomial is 'forwrd': give a whole number"),
-        ("tv", "write it as 'tv:STRENGTH'"),
-        ("finite:2:3", r"write it as 'finite:\[ACCURACY=2\]'"),
-        ("centered:forward", "'centered' is a whole method and 'forward' cannot follow"),
+        ("savgl:35", Diagnostic("unknown-name", {"kind": "differentiation", "name": "savgl"})),
+        ("savgol:34", Diagnostic("window-even", {"window": 34}, "differentiation 'savgol:34'")),
+        ("savgol:35:forwrd", Diagnostic("whole-number", {"name": "polynomial", "value": "forwrd"})),
+        ("tv", Diagnostic("spec-syntax", {"text": "tv", "usage": "'tv:STRENGTH'"})),
+        ("finite:2:3", Diagnostic("spec-syntax", {"usage": "'finite:[ACCURACY=2]'"})),
+        ("centered:forward", Diagnostic("differentiation-chain", {"head": "centered", "rest": "forward"})),
     ],
 )
 def test_a_text_that_does_not_fit_is_refused_with_the_way_out(text, message):
-    with pytest.raises(CommonlawError, match=message):
+    with refused(message):
         parse_differentiation(text)
 
 

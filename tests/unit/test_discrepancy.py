@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw import CommonlawError, Law, Trials
+from commonlaw import Law, Trials
 from commonlaw.datasets.sphere_drag import drag_force, reynolds_number
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.posterior import SharedRows, posterior
 from commonlaw.discrepancy.prior import Samples, factors, meaning
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
+from tests.refusals import refused
 
 BASIS = SmoothBasis("v", "1", 0.0, 5.0)
 
@@ -42,7 +44,7 @@ def test_the_drag_that_a_law_lacks_is_found_and_gravity_keeps_its_meaning(withou
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
 def test_values_that_are_not_finite_are_refused(without_drag: Discrepancy[Law], value: float) -> None:
     for function in (without_drag, without_drag.std):
-        with pytest.raises(CommonlawError, match=f"a value of {without_drag.basis.coordinate} is {value:g}: "):
+        with refused("discrepancy-outside", coordinate=without_drag.basis.coordinate):
             function([1.0, value])
 
 
@@ -128,17 +130,17 @@ def test_terms_that_no_function_of_the_coordinate_can_say_are_left_alone() -> No
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"of": "mass*v"}, "unknown variable 'mass'"),
-        ({"of": "0*v"}, "0.v is 0 at all samples: a discrepancy is a function of what changes"),
-        ({"of": "log(v)"}, "not finite where x = "),
-        ({"of": "v", "equation": "y"}, "unknown equation 'y'"),
-        ({"of": "v", "times": "2*v"}, "leave out the 2"),
+        ({"of": "mass*v"}, Diagnostic("unknown-name", {"kind": "variable", "name": "mass"})),
+        ({"of": "0*v"}, "several"),
+        ({"of": "log(v)"}, "several"),
+        ({"of": "v", "equation": "y"}, Diagnostic("unknown-name", {"kind": "equation", "name": "y"})),
+        ({"of": "v", "times": "2*v"}, Diagnostic("term-with-factor", {"factor": "2"})),
     ],
 )
 def test_what_cannot_be_a_discrepancy_is_refused(
     drops: Trials, without_drag: Discrepancy[Law], options: dict[str, str], message: str
 ) -> None:
-    with pytest.raises(CommonlawError, match=message):
+    with refused(message):
         without_drag.law.discrepancy(drops, **options)
 
 
@@ -146,7 +148,7 @@ def test_a_law_that_carries_no_discrepancy_or_was_changed_is_not_forecast_with_o
     drops: Trials, without_drag: Discrepancy[Law]
 ) -> None:
     law = without_drag.law
-    with pytest.raises(CommonlawError, match="carries no discrepancy"):
+    with refused("discrepancy-missing"):
         replace(law, provenance=replace(law.provenance, with_discrepancy=None)).predict(drops, discrepancy=True)
-    with pytest.raises(CommonlawError, match="was changed after its discrepancy was found"):
+    with refused("discrepancy-outdated"):
         replace(law, coefficients=2 * law.coefficients).predict(drops, discrepancy=True)

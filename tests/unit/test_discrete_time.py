@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from tests.refusals import refused
 
 
 @pytest.fixture
@@ -35,7 +36,7 @@ def test_a_law_in_discrete_time_refuses_uneven_steps(populations):
     times = trial.times.copy()
     times[20:] += 0.5
     uneven = populations.with_trials([cl.Trial(trial.object, trial.name, times, trial.states)])
-    with pytest.raises(cl.CommonlawError, match=r"fast, trial 1: the step from sample 20 to sample 21 is 1.5"):
+    with refused("discrete-uneven", sample="20", next_sample="21", step=1.5, median=1.0, where="fast, trial 1"):
         cl.discover(uneven, order=0, method=cl.DiscreteTimeRegression(solver="stlsq:0.5"), library="poly:3")
 
 

@@ -11,12 +11,12 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 import commonlaw as cl
-from commonlaw.errors import CommonlawError
 from commonlaw.inference.first_noise import noise_floor
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.law_search import choose_errors, fit_terms
 from commonlaw.law import Uncertainty
 from commonlaw.likelihood import ErrorModel
+from tests.refusals import refused
 
 TIMES = np.linspace(0, 12, 241)
 STEP = TIMES[1]
@@ -179,10 +179,10 @@ def test_noise_is_no_less_than_that_of_rounded_values():
 
 
 def test_a_kind_of_errors_that_there_is_not_is_refused():
-    with pytest.raises(CommonlawError, match="unknown errors 'pink'"):
+    with refused("unknown-name", kind="errors", name="pink"):
         cl.TrajectoryLikelihood(errors="pink")
     law = discover(white)
-    with pytest.raises(CommonlawError, match="share of errors"):
+    with refused("law-array-range"):
         replace(law, uncertainty=replace(law.uncertainty, error_model=ErrorModel(proportional=np.array([-1.0]))))
 
 

@@ -9,11 +9,11 @@ from scipy.optimize import least_squares
 
 from commonlaw import datasets
 from commonlaw.differentiation import default_differentiation, parse_differentiation
-from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
+from tests.refusals import refused
 
 
 def measured(law, noise, differentiation=None):
@@ -236,23 +236,23 @@ def test_what_no_start_can_be_fitted_to_is_refused_by_name():
     states = np.ones((20, 2))
     states[:8, 1] = np.nan
     trials = trials_of(law, states, times=times)
-    with pytest.raises(CommonlawError, match=r"y is missing in sample 1, .*fit it to the first samples with start=15"):
+    with refused("initial-value-missing", state="y"):
         law.predict(trials, start=1)
-    with pytest.raises(CommonlawError, match=r"trial 0: y was measured in 0 of the first 8 samples, .* 1 or more"):
+    with refused("initial-values-too-few", name="y", measured=0, samples=8, least=1):
         law.predict(trials, start=8)
-    with pytest.raises(CommonlawError, match="start is 0: give how many first samples tell the start, 1 or more"):
+    with refused("forecast-start-count", start=0):
         law.predict(trials, start=0)
-    with pytest.raises(CommonlawError, match="start is 'first': give a number of first samples, 1 or more, or 'all'"):
+    with refused("forecast-start", start="first"):
         law.predict(trials, start="first")
-    with pytest.raises(CommonlawError, match=r"does not know the noise of the measurements, .*or use start=1"):
+    with refused("initial-values-without-noise", lacking="does not know the noise of the measurements"):
         replace(law, uncertainty=replace(law.uncertainty, noise=None)).predict(trials, start=15)
-    with pytest.raises(CommonlawError, match=r"says that a state has no noise, .*above zero"):
+    with refused("initial-values-without-noise", lacking="says that a state has no noise"):
         replace(law, uncertainty=replace(law.uncertainty, noise=[0.1, 0.0])).predict(trials, start=15)
     discrete = replace(law, order=0)
-    with pytest.raises(CommonlawError, match="discrete time starts at the first sample: use start=1"):
+    with refused("discrete-start"):
         discrete.predict(trials, start="all")
     roots = law_of("terms:sqrt(x)", ("x",), [[1.0]], [0.1])
-    with pytest.raises(CommonlawError, match="tank, trial 0: the law is not finite on a curve through the first 15"):
+    with refused("initial-value-not-fitted", samples=15, where="tank, trial 0"):
         roots.predict(trials_of(roots, -1 - times, times=times), start=15)
 
 
@@ -314,7 +314,7 @@ def test_a_forecast_has_more_times_than_samples():
     np.testing.assert_array_equal(
         start_of(law.predict(trials, times=[0.25, 5.0], start=8)), start_of(law.predict(trials, start=8))
     )
-    with pytest.raises(CommonlawError, match="times to forecast are finite"):
+    with refused("forecast-times"):
         law.predict(trials, times=[np.inf])
 
 

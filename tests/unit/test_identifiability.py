@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError
 from commonlaw.inference.identifiability import stand_ins
+from tests.refusals import refused
 
 _BALLS = {"golf": (0.05, 0.004), "tennis": (0.1, 0.012)}
 """Linear and quadratic drag."""
@@ -109,5 +109,5 @@ def test_the_data_check_says_what_trials_from_one_height_cannot_tell() -> None:
     assert "x alone or v alone fits (RMS residual 0.0" in said
     assert said.endswith("vary the initial x")
     assert not any("confounded" in each for each in trials.check(order=0).findings)
-    with pytest.raises(CommonlawError, match="order 3 is not supported"):
+    with refused("order-unsupported", order=3):
         trials.check(order=3)

@@ -7,11 +7,11 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import trajectory_likelihood
-from commonlaw.errors import CommonlawError
 from commonlaw.inference.input_interpolation import _left_out, supported_interpolation
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
 from commonlaw.likelihood import meshes
 from commonlaw.likelihood.collocation import defects
+from tests.refusals import refused
 from tests.unit.trajectories import terms_of, trial
 
 TIMES = np.linspace(0, 20, 81)
@@ -83,7 +83,7 @@ def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
             "strong",
         )
     ]
-    with pytest.raises(CommonlawError, match="unknown input_between 'steps'"):
+    with refused("unknown-name", kind="input_between", name="steps"):
         cl.TrajectoryLikelihood(input_between="steps")
 
 

@@ -8,11 +8,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from commonlaw.errors import CommonlawError
 from commonlaw.integration import Inputs, base, simulation
 from commonlaw.law import Law, Uncertainty
 from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
+from tests.refusals import refused
 
 METHODS = ["scipy"] + (["heyoka"] if find_spec("heyoka") else [])
 TIMES = np.cumsum(np.random.default_rng(0).uniform(0.2, 1.5, 25)) + 100
@@ -51,7 +51,7 @@ def test_an_input_that_stays_as_it_is_has_no_knot():
 
 
 def test_an_unknown_interpolation_of_inputs_is_refused():
-    with pytest.raises(CommonlawError, match=r"unknown interpolation of inputs between samples 'lineer'.*'linear'"):
+    with refused("unknown-name", kind="interpolation of inputs between samples", name="lineer"):
         Inputs.of(TIMES, VALUES, "lineer")
 
 

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw import CommonlawError, Law, Trials
+from commonlaw import Law, Trials
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.library.tracing import summands, traced
+from tests.refusals import refused
 
 SETTINGS = {"order": 2, "library": "poly:1"}
 
@@ -62,16 +64,16 @@ def test_traced_functions_are_sums_of_numbers_and_terms():
 @pytest.mark.parametrize(
     ("known", "message"),
     [
-        (lambda v: v if v > 0 else -v, "chooses by the value"),
-        (lambda v: np.arccosh(v), "calls numpy.arccosh"),
-        (lambda v: f"{v}", "gives str, and is to give one number"),
-        (lambda v, weight: v * weight, "takes 'weight', which is no number for Ball 1"),
-        (lambda v: 0 * v, "says nothing"),
-        ("x' = -9.8", "are of order 1, and a law of order 2"),
-        ("weight v", "takes 'weight'"),
-        (Law.from_text("x' = -k x", {"k": 1.0}), "is of order 1 for x"),
+        (lambda v: v if v > 0 else -v, "known-function-branches"),
+        (lambda v: np.arccosh(v), "known-function-numpy"),
+        (lambda v: f"{v}", Diagnostic("known-function-result", {"result": "str"})),
+        (lambda v, weight: v * weight, Diagnostic("known-physics-names", {"name": "weight", "object": "Ball 1"})),
+        (lambda v: 0 * v, "known-physics-empty"),
+        ("x' = -9.8", Diagnostic("known-physics-order-given", {"order": "1", "sought": "2"})),
+        ("weight v", Diagnostic("known-physics-names", {"name": "weight"})),
+        (Law.from_text("x' = -k x", {"k": 1.0}), Diagnostic("known-physics-order", {"order": "1"})),
     ],
 )
 def test_what_cannot_be_a_base_is_refused(drops, known, message):
-    with pytest.raises(CommonlawError, match=message):
+    with refused(message):
         cl.discover(drops, known=known, **SETTINGS)

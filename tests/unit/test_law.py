@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import sympy
 
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
-from commonlaw.errors import CommonlawError
 from commonlaw.integration import Event
 from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema, Trial, Trials
+from tests.refusals import refused
 
 HEIGHT = Schema(("x",), object="ball", trial="drop", units={"x": "m", "t": "s"})
 
@@ -111,9 +112,9 @@ def test_simulation_from_each_objects_own_initial_state(drag):
     found = drag.simulate([0.0, 1.0], {"light": [10.0, 2.0]})
     assert list(found) == ["light"]
     assert found["light"].states[0].tolist() == [10.0, 2.0]
-    with pytest.raises(CommonlawError, match="heavy: the initial state has 1 numbers, expected 2: x, v"):
+    with refused("initial-state-size", given=1, expected=2, names="x, v", where="heavy"):
         drag.simulate([0.0, 1.0], {"heavy": [10.0]})
-    with pytest.raises(CommonlawError, match="unknown object of this law 'hevy': did you mean 'heavy'"):
+    with refused("unknown-name", kind="object of this law", name="hevy"):
         drag.simulate([0.0, 1.0], {"hevy": [10.0, 0.0]})
 
 
@@ -144,7 +145,7 @@ def test_a_law_with_inputs_is_driven_by_the_measured_inputs():
     exact = (np.sin(times) - np.cos(times) + 3 * np.exp(-times)) / 2
     trials = Trials((Trial("tank", "1", times, exact, np.sin(times)),), law.schema)
     np.testing.assert_allclose(law.predict(trials).trajectories[0].states[:, 0], exact, atol=2e-5)
-    with pytest.raises(CommonlawError, match="this law has inputs"):
+    with refused("simulate-with-inputs"):
         law.simulate([0, 1], [1.0])
 
 
@@ -173,29 +174,33 @@ def test_a_saved_law_comes_back_whole(tmp_path, rule):
 def test_a_law_of_another_version_or_damaged_is_refused_with_its_file(drag, tmp_path):
     path, text = tmp_path / "law.json", drag.to_json()
     for damage, message in (
-        (text.replace('"version": 4', '"version": 9'), "law.json: the law is of version 9 .* reads versions up to 4"),
-        (text[:200], "law.json: this is not a law or it is damaged"),
-        ("[1, 2]", "law.json: this is not a law or it is damaged"),
-        (text.replace("-9.8", "null"), "law.json: this is not a law or it is damaged"),
-        (text.replace('"x*v"', '"__import__"'), "law.json: unknown variable|law.json: .*__import__"),
-        (re.sub(r'"heavy": \[\s*\[', '"heavy": [[1.5, ', text), "the coefficients of 'heavy' are not 1 x 6 numbers"),
+        (text.replace('"version": 4', '"version": 9'), Diagnostic("law-version", {"version": 9, "supported": 4})),
+        (text[:200], "not-a-law"),
+        ("[1, 2]", "not-a-law"),
+        (text.replace("-9.8", "null"), "not-a-law"),
+        (text.replace('"x*v"', '"__import__"'), "unknown-name"),
+        (
+            re.sub(r'"heavy": \[\s*\[', '"heavy": [[1.5, ', text),
+            Diagnostic("law-table-size", {"rows": 1, "columns": 6}),
+        ),
     ):
         assert damage != text
         path.write_text(damage)
-        with pytest.raises(CommonlawError, match=message):
+        with refused(message) as raised:
             Law.load(path)
-    with pytest.raises(CommonlawError, match=r"there is no file 'nowhere.json'"):
+        assert raised.value.diagnostic.where.endswith("law.json")
+    with refused("file-missing", file="nowhere.json"):
         Law.load(tmp_path / "nowhere.json")
 
 
 def test_trials_with_other_variables_are_refused(drag):
     trials = Trials((Trial("heavy", "1", [0, 1, 2], [1.0, 2.0, 3.0]),), Schema(("height",)))
-    with pytest.raises(CommonlawError, match="the law has the states x, the trials have height"):
+    with refused("columns-differ", kind="states"):
         drag.predict(trials)
 
 
 def test_coefficients_are_checked_and_cannot_be_changed(drag):
     with pytest.raises(ValueError, match="read-only"):
         drag.coefficients[0, 0, 0] = 1
-    with pytest.raises(CommonlawError, match=r"expected \(objects, equations, terms\) = \(1, 1, 6\)"):
+    with refused("law-array-shape", axes="objects, equations, terms"):
         Law(drag.terms, HEIGHT, 2, ("one",), np.zeros((1, 2, 6)))

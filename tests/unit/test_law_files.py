@@ -1,7 +1,6 @@
 """Law files of strangers: what contradicts itself is refused, and what is a law comes back."""
 
 import json
-import re
 
 import numpy as np
 import pandas as pd
@@ -9,9 +8,11 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.cli.later import LaterSteps
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import Law, Uncertainty
 from commonlaw.law.file import law_bytes
 from commonlaw.trials.parquet import parquet_bytes, parquet_columns
+from tests.refusals import refused
 
 LAW = cl.datasets.linear_drag.truth()
 
@@ -21,29 +22,29 @@ def changed(**changes):
 
 
 REFUSED = {
-    "no object": (changed(coefficients={}), "a law of no object says nothing"),
-    "no term": (changed(terms=[], coefficients={"Ball 1": [[]]}), "a law of no term says nothing"),
+    "no object": (changed(coefficients={}), Diagnostic("law-empty", {"part": "object"})),
+    "no term": (changed(terms=[], coefficients={"Ball 1": [[]]}), Diagnostic("law-empty", {"part": "term"})),
     "rates in first order": (
         changed(order=1),
-        "law of order 1 for x are over x, v, t; expected states and 0",
+        Diagnostic("law-terms-variables", {"order": "1", "rates": 0}),
     ),
-    "two rates for one state": (changed(rates=["v", "w"]), "over x, v, w, t; expected states and 1 rates"),
-    "no rate": (changed(rates=[], terms=["1", "x"]), "over x, t; expected states and 1 rates"),
+    "two rates for one state": (changed(rates=["v", "w"]), Diagnostic("law-terms-variables", {"rates": 1})),
+    "no rate": (changed(rates=[], terms=["1", "x"]), Diagnostic("law-terms-variables", {"rates": 1})),
     "a rate called like time": (
         changed(rates=["t"], terms=["1", "x"]),
-        "the name 't' stands for two variables",
+        Diagnostic("variable-twice", {"name": "t"}),
     ),
-    "nested without end": ("[" * 1_000_000, "not a law or it is damaged: JSON is nested 1000000 levels deep"),
-    "nested in a field": (changed(schema=json.loads("[" * 99 + "]" * 99)), "nested 100 levels deep"),
-    "no UTF-8": (LAW.to_json().encode().replace(b"Ball 1", b"Ball \xff"), r"JSON, line \d+: byte 0xff is not UTF-8"),
-    "a number that is too large": ('{"format": "commonlaw law", "version": 1e999}', "Number out of range"),
-    "nothing": ("", "not a law or it is damaged"),
+    "nested without end": ("[" * 1_000_000, Diagnostic("json-too-deep", {"depth": 1000000})),
+    "nested in a field": (changed(schema=json.loads("[" * 99 + "]" * 99)), Diagnostic("json-too-deep", {"depth": 100})),
+    "no UTF-8": (LAW.to_json().encode().replace(b"Ball 1", b"Ball \xff"), Diagnostic("not-utf-8", {"source": "JSON"})),
+    "a number that is too large": ('{"format": "commonlaw law", "version": 1e999}', "json-syntax"),
+    "nothing": ("", "json-syntax"),
 }
 
 
 @pytest.mark.parametrize(("content", "message"), REFUSED.values(), ids=REFUSED)
 def test_a_law_that_cannot_be_is_refused(content, message):
-    with pytest.raises(cl.CommonlawError, match=message):
+    with refused(message):
         Law.from_json(content)
 
 
@@ -106,9 +107,7 @@ def test_a_number_that_cannot_be_computed_with_is_refused_by_its_place(explained
     document = json.loads(explained_law.to_json())
     document["with_discrepancy"] = json.loads(explained_law.to_json()) | {"other_laws": []}
     content, where = edited(document, place, value)
-    with pytest.raises(
-        cl.CommonlawError, match=rf"{re.escape(where)} is {re.escape(f'{float(value):g}')}, .* 1.3e\+154"
-    ):
+    with refused("law-number-too-large", place=where.removeprefix("$")):
         Law.from_json(content)
 
 
@@ -116,7 +115,7 @@ def test_a_number_that_cannot_be_computed_with_is_refused_by_its_place(explained
 def test_a_law_that_would_be_refused_is_not_written(tmp_path, name):
     law = Law(LAW.terms, LAW.schema, 2, LAW.objects, 1e308 * np.sign(LAW.coefficients))
     (tmp_path / name).write_text("before")
-    with pytest.raises(cl.CommonlawError, match=r"\$\['coefficients'\]\['Ball 1'\]\[0\]\[\d\] is .* 1.3e\+154"):
+    with refused("law-number-too-large"):
         law.save(tmp_path / name)
     assert (tmp_path / name).read_text() == "before"
 
@@ -126,7 +125,7 @@ def test_estimates_too_unlike_to_be_compared_are_refused(explained_law):
         content, _ = edited(
             json.loads(explained_law.to_json()), ("uncertainty", "unpooled", "covariance", "Ball 1", 2), value
         )
-        with pytest.raises(cl.CommonlawError, match=rf"own coefficients are \S+ to {re.escape(f'{value**0.5:.1e}')};"):
+        with refused("relations-not-comparable", most=value**0.5):
             Law.from_json(content).explain()
 
 
@@ -134,7 +133,7 @@ def test_estimates_too_unlike_to_be_compared_are_refused(explained_law):
 def test_exponents_that_are_no_fractions_are_refused(explained_law, exponent):
     document = json.loads(explained_law.to_json())
     document["explanation"]["relations"][0]["exponents"] = [exponent]
-    with pytest.raises(cl.CommonlawError, match="are no fractions"):
+    with refused("law-exponents"):
         Law.from_json(json.dumps(document))
 
 
@@ -149,7 +148,7 @@ def test_a_law_in_parquet_is_the_law(tmp_path, explained_law):
 
 def test_a_law_that_json_is_too_large_for_is_refused_in_python_and_goes_beside_it_in_commands(tmp_path, monkeypatch):
     monkeypatch.setattr("commonlaw.law.file.LARGEST_JSON", 1000)
-    with pytest.raises(cl.CommonlawError, match=r"a law of 5 objects would be too large .* name the file .parquet"):
+    with refused("law-too-large-for-json", objects=5):
         LAW.save(tmp_path / "law.json")
     later = LaterSteps()
     later.write_law(str(tmp_path / "law.json"), LAW)
@@ -183,17 +182,18 @@ def loaded(tmp_path, columns, rest):
 def test_a_damaged_law_in_parquet_is_refused(tmp_path, shape, message):
     columns, rest = parts_of_file()
     rest["coefficients"]["shape"] = shape
-    with pytest.raises(cl.CommonlawError, match=rf"law\.parquet: this is not a law or it is damaged: .*{message}"):
+    with refused("not-a-law") as raised:
         loaded(tmp_path, columns, rest)
+    assert message in raised.value.parameters["error"]
 
 
 def test_an_object_in_two_rows_is_refused(tmp_path):
     columns, rest = parts_of_file()
-    with pytest.raises(cl.CommonlawError, match="an object stands in two rows"):
+    with refused("not-a-law", error="an object stands in two rows"):
         loaded(tmp_path, {name: [*own, own[0]] for name, own in columns.items()}, rest)
 
 
 def test_measurements_in_parquet_are_no_law(tmp_path):
     cl.datasets.linear_drag().to_parquet(tmp_path / "drops.parquet")
-    with pytest.raises(cl.CommonlawError, match=r"drops.parquet: this Parquet file holds measurements"):
+    with refused("not-a-law-but-measurements"):
         Law.load(tmp_path / "drops.parquet")

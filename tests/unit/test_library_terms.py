@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import sympy
 
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.library import (
     Expression,
@@ -20,6 +21,7 @@ from commonlaw.library import (
     term_unit,
 )
 from commonlaw.trials.units import parse_unit
+from tests.refusals import refused
 
 XV = Variables(("x", "v"))
 ODD = Variables(("wind speed", "a`b", "lambda", "θ"))
@@ -136,24 +138,24 @@ def test_latex(names, text, latex):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x*", r"cannot read the term 'x\*': it goes wrong"),
-        ("x+*v", r"near '\*v'"),
-        ("2x", "near '2x'"),
-        ("", "at its end"),
-        ("vv*x", "unknown variable 'vv': did you mean 'v'"),
-        ("sine(x)", "unknown function 'sine': did you mean 'sin'.*Known: abs, sqrt"),
-        ("x(v)", r"x is a variable, not a function: write products with '\*'"),
-        ("2*x", r"term '2\*x'.*no numeric factor.*leave out the 2"),
-        ("x/3", "leave out the 3"),
-        ("-x", "leave out the minus sign"),
-        ("x**v", r"exponent must be a number; write exp\(v\*log\(x\)\)"),
-        ("1 + x/(2-2)", "divides by zero"),
-        ("x, v", "the character ',' has no place"),
-        ("1 + sqrt(-1)*x", r"'sqrt\(-1\)' is not finite"),
+        ("x*", Diagnostic("expression-syntax", {"term": "x*"})),
+        ("x+*v", Diagnostic("expression-syntax", {"place": "near '*v'"})),
+        ("2x", Diagnostic("expression-syntax", {"term": "2x", "place": "near '2x'"})),
+        ("", Diagnostic("expression-syntax", {"place": "at its end"})),
+        ("vv*x", Diagnostic("unknown-name", {"kind": "variable", "name": "vv"})),
+        ("sine(x)", Diagnostic("unknown-name", {"kind": "function", "name": "sine"})),
+        ("x(v)", Diagnostic("variable-called", {"variable": "x"})),
+        ("2*x", Diagnostic("term-with-factor", {"term": "2*x", "factor": "2"})),
+        ("x/3", Diagnostic("term-with-factor", {"factor": "3"})),
+        ("-x", Diagnostic("term-with-factor", {"factor": "minus sign"})),
+        ("x**v", "exponent-not-a-number"),
+        ("1 + x/(2-2)", "division-by-zero"),
+        ("x, v", Diagnostic("character-unknown", {"character": ","})),
+        ("1 + sqrt(-1)*x", Diagnostic("number-too-large", {"number": "sqrt(-1)"})),
     ],
 )
 def test_what_is_not_a_term_is_refused_with_its_place_and_remedy(text, message):
-    with pytest.raises(CommonlawError, match=message):
+    with refused(message):
         parse_term(text, XV)
 
 
@@ -201,7 +203,7 @@ def test_hostile_texts_are_refused_at_once(text):
 def test_a_number_that_hides_behind_variables_cannot_hang_the_symbolic_form(text):
     start = time.perf_counter()
     symbols = sympy.symbols("x v t", real=True)
-    with pytest.raises(CommonlawError, match="not finite or beyond"):
+    with refused("number-in-term"):
         parse_term(text, XV).sympy(symbols)
     assert time.perf_counter() - start < 5
 
@@ -239,11 +241,15 @@ def test_values_that_are_not_defined_give_no_warning():
 def test_a_value_that_is_not_finite_is_named_with_its_term_sample_and_variables():
     values = np.array([[1.0, 2.0, 0.0], [4.0, -5.0, 0.1], [0.0, 3.0, 0.2]])
     terms = ExpressionLibrary("1", "v/x", "x").bind(XV)
-    message = "Golf Ball, trial 1: term v/x is infinite at sample 3, where x = 0, v = 3: leave the term out"
-    with pytest.raises(CommonlawError, match=message):
+    message = Diagnostic(
+        "term-not-finite",
+        {"term": "v/x", "value": "infinite", "sample": "3", "point": "x = 0, v = 3"},
+        "Golf Ball, trial 1",
+    )
+    with refused(message):
         terms.check_finite(terms.evaluate(values), values, "Golf Ball, trial 1")
     roots = ExpressionLibrary("sqrt(v)").bind(XV)
-    with pytest.raises(CommonlawError, match=r"^term sqrt\(v\) is not a number at sample 2, where v = -5: "):
+    with refused("term-not-finite", term="sqrt(v)", value="not a number", sample="2", point="v = -5"):
         roots.check_finite(roots.evaluate(values), values)
 
 
@@ -296,5 +302,5 @@ def test_unit_of_a_term(text, units, unit):
 
 
 def test_a_unit_that_cannot_be_read_is_refused_with_the_variable():
-    with pytest.raises(CommonlawError, match="variable 'x': unknown unit 'mters'"):
+    with refused("unit-unknown", unit="mters", where="variable 'x'"):
         term_unit(parse_term("x", XV), XV, {"x": "mters"})

@@ -10,6 +10,7 @@ from scipy.signal import savgol_filter
 import commonlaw as cl
 from commonlaw.discovery.measured_rates import is_computed, measured_rates
 from commonlaw.law.meeting import matched
+from tests.refusals import refused
 
 TRUTH = {"a": (9.0, 0.2), "b": (6.0, 0.1)}
 TIMES, NOISE = np.linspace(0, 6, 120), 0.005
@@ -77,7 +78,7 @@ def test_samples_that_have_the_rate_alone_are_left_out(found):
     given = trials.with_trials([replace(trials[0], states=states)])
     assert len(matched(law, given)[0]) == 61  # Every second one, of which the last is to be forecast, and the first
     lacking = replace(trials[0], states=trials[0].states * [np.nan, 1.0])
-    with pytest.raises(cl.CommonlawError, match="a, trial 1: theta was measured in no sample"):
+    with refused("state-not-in-trial", where="a, trial 1"):
         matched(law, trials.with_trials([lacking]))
 
 

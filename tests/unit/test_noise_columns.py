@@ -7,8 +7,9 @@ import pytest
 from scipy.optimize import curve_fit
 
 import commonlaw as cl
-from commonlaw.errors import CommonlawError
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.likelihood import meshes
+from tests.refusals import refused
 
 TIMES = np.linspace(0, 10, 60)
 LEVELS = np.where(np.arange(60) % 3 == 0, 0.02, 0.3)
@@ -139,21 +140,33 @@ def test_points_between_samples_have_no_deviation():
 @pytest.mark.parametrize(
     ("content", "roles", "message"),
     [
-        (cells("0"), {}, "cups.csv: column 's', row 2 .line 3., cups, trial 1: the standard deviation is 0; give one"),
-        (cells("-1"), {}, "row 2 .*the standard deviation is -1; give one above zero"),
-        (cells(""), {}, "row 2 .*the standard deviation is missing; give one above zero"),
-        (cells("inf"), {}, "row 2 .*the value is infinite"),
-        (cells("few"), {}, "row 2 .*'few' is not a number"),
-        (cells(), {"noise_columns": {"x": "s"}}, "cups.csv: noise_columns=...: unknown state 'x'"),
-        (cells(), {"noise_columns": {"T": "sd"}}, "cups.csv: unknown column 'sd'"),
-        (cells(), {"noise_columns": "s"}, "noise_columns are 's': name them by state"),
-        (cells(), {"states": ["T", "s"]}, "column 's' is given two roles"),
-        (cells(), {"units": {"T": "mK"}}, "column 's' is in K, and T, whose standard deviations it holds, in mK"),
+        (cells("0"), {}, Diagnostic("cell-deviation", {"value": "0"})),
+        (cells("-1"), {}, Diagnostic("cell-deviation", {"value": "-1"})),
+        (cells(""), {}, Diagnostic("cell-deviation", {"value": "missing"})),
+        (cells("inf"), {}, Diagnostic("cell-value", {"value": "is infinite"})),
+        (cells("few"), {}, Diagnostic("cell-not-a-number", {"cell": "few"})),
+        (
+            cells(),
+            {"noise_columns": {"x": "s"}},
+            Diagnostic("unknown-name", {"kind": "state", "name": "x"}, "cups.csv: noise_columns=..."),
+        ),
+        (
+            cells(),
+            {"noise_columns": {"T": "sd"}},
+            Diagnostic("unknown-name", {"kind": "column", "name": "sd"}, "cups.csv"),
+        ),
+        (cells(), {"noise_columns": "s"}, Diagnostic("noise-columns-not-by-state", {"value": "s"})),
+        (cells(), {"states": ["T", "s"]}, Diagnostic("role-twice", {"column": "s"})),
+        (
+            cells(),
+            {"units": {"T": "mK"}},
+            Diagnostic("noise-column-unit", {"column": "s", "unit": "K", "state": "T", "state_unit": "mK"}),
+        ),
     ],
 )
 def test_columns_that_do_not_fit_are_refused(tmp_path, content, roles, message):
     (tmp_path / "cups.csv").write_text(content)
-    with pytest.raises(CommonlawError, match=message):
+    with refused(message):
         cl.Trials.read(tmp_path / "cups.csv", **({"noise_columns": {"T": "s"}} | roles))
 
 
@@ -169,25 +182,37 @@ def test_a_sample_that_was_not_measured_needs_no_deviation(tmp_path):
 def test_what_does_not_go_together_is_refused():
     trials, bare = cups(), cups().without_noise()
     cases = [
-        (lambda: replace(trials[0], noise=0 * trials[0].noise), "cup, trial 1: the standard deviation of state 1 is 0"),
-        (lambda: replace(trials[0], noise=[0.1]), "standard deviations of shape"),
-        (lambda: bare.with_trials(trials.trials), "cup, trial 1 has standard deviations of T: name their column"),
-        (lambda: trials.with_trials(bare.trials), "cup, trial 1 lacks standard deviations of T, column T noise"),
-        (lambda: cl.Schema(("x",), noise_columns={"y": "s"}), "unknown state 'y'"),
-        (lambda: cl.Schema(("x",), noise_columns={"x": "x"}), "the name 'x' stands for two columns"),
+        (
+            lambda: replace(trials[0], noise=0 * trials[0].noise),
+            Diagnostic("deviation-not-positive", {"state": "1", "value": 0.0, "sample": "1"}, "cup, trial 1"),
+        ),
+        (lambda: replace(trials[0], noise=[0.1]), "deviations-shape"),
+        (
+            lambda: bare.with_trials(trials.trials),
+            Diagnostic("deviations-without-column", {"trial": "cup, trial 1", "state": "T"}),
+        ),
+        (
+            lambda: trials.with_trials(bare.trials),
+            Diagnostic("deviations-missing", {"trial": "cup, trial 1", "state": "T", "column": "T noise"}),
+        ),
+        (
+            lambda: cl.Schema(("x",), noise_columns={"y": "s"}),
+            Diagnostic("unknown-name", {"kind": "state", "name": "y"}),
+        ),
+        (lambda: cl.Schema(("x",), noise_columns={"x": "x"}), Diagnostic("column-name-twice", {"name": "x"})),
         (
             lambda: cl.discover(trials, method=cl.TrajectoryLikelihood(noise={"T": 1.0}), order=1, library="poly:3"),
-            "'T' is given twice",
+            Diagnostic("noise-given-twice", {"name": "T"}),
         ),
         (
             lambda: cl.discover(trials, method=cl.DerivativeRegression(), order=1, library="poly:3"),
-            r"do not go with DerivativeRegression: .*noise_columns={}, states=\['T'\], or use method=Trajectory",
+            Diagnostic("noise-columns-unsupported", {"method": "DerivativeRegression"}),
         ),
         (
             lambda: cl.discover(trials, order=0),  # No other method takes this order
-            r"do not go with DiscreteTimeRegression: .*noise_columns={}, states=\['T'\]$",
+            Diagnostic("noise-columns-unsupported", {"method": "DiscreteTimeRegression"}),
         ),
     ]
     for case, message in cases:
-        with pytest.raises(CommonlawError, match=message):
+        with refused(message):
             case()

@@ -79,7 +79,7 @@ def test_names_of_strangers_are_shown_as_they_stand(drops):
 
 def test_a_law_without_formulas_shows_its_text(law, monkeypatch):
     def missing(_):
-        raise cl.CommonlawError("needs latex2mathml")
+        raise cl.CommonlawError("other", text="needs latex2mathml")
 
     monkeypatch.setattr(notebook, "law_markdown", missing)
     monkeypatch.setattr(notebook, "plot_intervals", lambda _: Figure())

@@ -52,7 +52,7 @@ def test_a_law_of_copied_trials_says_so(method):
 def test_a_choice_that_other_units_may_change_says_so(solver, is_said):
     method = cl.DerivativeRegression(solver=solver, rule="bic", n_resamples=0)
     outcomes = [str(each) for each in cl.discover(DROPS, order=2, library="poly:1", method=method).outcomes]
-    assert any("other units of measurement list others; take solver=" in each for each in outcomes) == is_said
+    assert any("other units of measurement list others; take `solver=" in each for each in outcomes) == is_said
 
 
 def test_what_the_word_on_units_recommends_does_not_depend_on_them():

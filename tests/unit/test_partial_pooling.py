@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import informative, shrink
 from commonlaw.law.population import with_objects_of
 from commonlaw.library import PolynomialLibrary, Variables
+from tests.refusals import refused
 from tests.unit.estimates import measured
 
 
@@ -44,7 +44,7 @@ def test_pooling_is_recorded_and_kept():
     assert "v in x''" in found.history[-1].choice
     again = cl.Law.from_json(found.to_json())
     np.testing.assert_array_equal(again.uncertainty.shared_factor, found.uncertainty.shared_factor)
-    with pytest.raises(CommonlawError, match="pooled already"):
+    with refused("already-pooled"):
         again.partial_pooling()
 
 
@@ -57,7 +57,7 @@ def test_what_is_known_and_single_objects_stay():
     np.testing.assert_array_equal(fixed.standard_errors[:, 0, 0], 0)
     single = law.select(["ball 3"])
     assert single.partial_pooling() is single
-    with pytest.raises(CommonlawError, match="does not know how accurate"):
+    with refused("uncertainty-unknown"):
         replace(law, uncertainty=replace(law.uncertainty, covariance=None)).partial_pooling()
 
 

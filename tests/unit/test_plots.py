@@ -13,7 +13,6 @@ from matplotlib.patches import Rectangle
 
 from commonlaw import datasets
 from commonlaw.differentiation import parse_differentiation
-from commonlaw.errors import CommonlawError
 from commonlaw.forecast import fitted
 from commonlaw.formulation import StrongForm, law_variables
 from commonlaw.law import Law, Provenance, Uncertainty
@@ -21,6 +20,7 @@ from commonlaw.law.widening import Widening
 from commonlaw.library import PolynomialLibrary
 from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render
 from commonlaw.trials import Schema, Trial, Trials
+from tests.refusals import refused
 
 DRAG = tuple(np.linspace(-0.1, -0.7, 10))
 FORM = StrongForm(parse_differentiation("savgol:35:3"), order=2)
@@ -129,11 +129,11 @@ def test_each_state_has_a_panel_and_a_state_without_unit_its_name_alone() -> Non
 
 
 def test_unknown_states_and_objects_are_named() -> None:
-    with pytest.raises(CommonlawError, match="unknown state 'y': Known: x"):
+    with refused("unknown-name", kind="state", name="y"):
         plot_trials(drops(1), state="y")
-    with pytest.raises(CommonlawError, match="unknown object 'ball 1': did you mean 'Ball 1'"):
+    with refused("unknown-name", kind="object", name="ball 1"):
         plot_trials(drops(1), objects=["ball 1"])
-    with pytest.raises(CommonlawError, match="unknown object 'Bal 1': did you mean 'Ball 1'"):
+    with refused("unknown-name", kind="object", name="Bal 1"):
         plot_forecast(law_of(drops(1)).predict(drops(1)), objects=["Bal 1"])
 
 
@@ -174,7 +174,7 @@ def test_heat_maps_show_all_terms_or_those_of_the_law_one_panel_for_each_equatio
         assert [len(panel.get_xticks()) for panel in panels] == [columns] * 3
     assert panels[0].get_title(loc="left") == r"terms of $\dot{x}$"
     assert panels[1].get_title(loc="left") == r"terms of $\dot{y}$: none is there"
-    with pytest.raises(CommonlawError, match="unknown choice of terms 'some': Known: all, support"):
+    with refused("unknown-name", kind="choice of terms", name="some"):
         plot_coefficients(law, "some")
 
 

@@ -9,8 +9,9 @@ from scipy.optimize import least_squares
 
 import commonlaw as cl
 from commonlaw import datasets
-from commonlaw.errors import CommonlawError
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference import covariance
+from tests.refusals import refused
 
 NOISE = 0.3
 OWN = {"partial_pooling": False}
@@ -134,23 +135,23 @@ def test_known_coefficients_stay_and_other_objects_are_left_out():
 
 
 def test_what_cannot_be_refined_is_refused(prey, by_rates):
-    with pytest.raises(CommonlawError, match="discrete time"):
+    with refused("discrete-not-refined"):
         cl.refine(replace(by_rates, order=0), prey)
-    with pytest.raises(CommonlawError, match="unknown object of this law"):
+    with refused("unknown-name", kind="object of this law"):
         cl.refine(by_rates.select(by_rates.objects[:1]), prey)
     for setting, message in (
-        ({"covariance": "guess"}, "unknown covariance"),
-        ({"huber_threshold": 0.0}, "above zero"),
+        ({"covariance": "guess"}, Diagnostic("unknown-name", {"kind": "covariance"})),
+        ({"huber_threshold": 0.0}, "huber-threshold"),
     ):
-        with pytest.raises(CommonlawError, match=message):
+        with refused(message):
             cl.refine(by_rates, prey, **setting)
-    with pytest.raises(CommonlawError, match="the law has the states x, y, the trials have x; name"):
+    with refused("columns-differ", kind="states"):
         cl.refine(by_rates, datasets.linear_drag())
     own = by_rates.coefficients.copy()
     own[1, 0, by_rates.terms.index("x")] = 0
-    with pytest.raises(CommonlawError, match="terms of their own"):
+    with refused("refine-own-terms"):
         cl.refine(replace(by_rates, coefficients=own), prey)
-    with pytest.raises(CommonlawError, match="noise of y is missing"):
+    with refused("noise-missing"):
         cl.refine(by_rates, prey, noise={"x": 1.0})
 
 

@@ -5,6 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.differentiation import RobustSpline, SmoothingSpline
+from tests.refusals import refused
 
 DRAWS = 6
 
@@ -105,9 +106,7 @@ def test_in_gaps_stands_the_natural_spline_through_the_measured_values():
 def test_too_few_values_are_refused_by_the_number_of_the_state():
     times, states = oscillator()
     short = np.where(np.arange(150)[:, np.newaxis] < [150, 4], states, np.nan)
-    with pytest.raises(
-        cl.CommonlawError, match="state 2 has 4 measured values, fewer than the 5 that smoothing splines"
-    ):
+    with refused("too-few-values", state=2, measured=4, least=5):
         RobustSpline().differentiate(times, short, 1)
 
 

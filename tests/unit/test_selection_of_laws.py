@@ -5,12 +5,12 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.differentiation import parse_differentiation
-from commonlaw.errors import CommonlawError
 from commonlaw.formulation import StrongForm, differentiation_bias, effective_share, law_variables, merge
 from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
 from commonlaw.selection import RULES, ForecastError, choose, make_folds
 from commonlaw.solvers import STLSQ
+from tests.refusals import refused
 
 
 class Problem:
@@ -134,5 +134,5 @@ def test_known_terms_keep_their_coefficients_in_forecasts():
 
 def test_a_single_trial_cannot_be_held_out_and_forecast():
     pairs = Problem(cl.datasets.lotka_volterra(trials=1), 1, "finite:6")
-    with pytest.raises(CommonlawError, match="Pair 1 has a single trial"):
+    with refused("one-trial-to-forecast", object="Pair 1"):
         forecasts(pairs, 0)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from commonlaw.errors import CommonlawError
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers import (
     L1,
@@ -17,6 +17,7 @@ from commonlaw.solvers import (
     StepwiseSelection,
     parse_solver,
 )
+from tests.refusals import refused
 
 MAGNITUDES = np.array([[3.0, 0.0], [4.0, 0.2], [0.0, 0.1], [1.0, 0.3]])
 
@@ -80,24 +81,30 @@ def test_solvers_are_named_by_text(text, solver):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("stlqs:1", "unknown solver 'stlqs': did you mean 'stlsq'"),
-        ("stlsq:-1", "threshold is -1: give a finite number of at least 0"),
-        ("stlsq:nan", "threshold is nan: give a finite number"),
-        ("stlsq:big", "threshold is 'big': give a finite number"),
-        ("group-stlsq:1:l3", "unknown importance 'l3': Known: l1, l2, mean"),
-        ("group-stlsq:1:l1:3", "importance 'l1' takes no level"),
-        ("group-stlsq:1:quantile:2", "quantile level 2 does not fit: give a number from 0 to 1"),
-        ("group-stlsq:1:count:0", "magnitude 0 of a vote does not fit"),
-        ("stlsq:1:2:3:4:5", "write it as 'stlsq:"),
-        ("best-subset:0", "terms is 0: give a whole number of at least 1"),
-        ("best-subset:2.5", "terms is 2.5: give a whole number"),
-        ("best-subset:nodes=0", "nodes is 0: give a whole number"),
-        ("forward:True", "terms is True: give a whole number"),
-        ("forward:3:yes", "shared is 'yes': give True"),
-        ("lasso:-0.1", "penalty is -0.1: give a finite number of at least 0"),
-        ("sr3:1:nu=0", "nu is 0: give a finite number above 0"),
+        ("stlqs:1", Diagnostic("unknown-name", {"kind": "solver", "name": "stlqs"})),
+        (
+            "stlsq:-1",
+            Diagnostic("finite-number-bounded", {"name": "threshold", "value": -1, "bound": "of at least", "least": 0}),
+        ),
+        ("stlsq:nan", Diagnostic("finite-number-bounded", {"name": "threshold"})),
+        ("stlsq:big", Diagnostic("finite-number-bounded", {"name": "threshold", "value": "big"})),
+        ("group-stlsq:1:l3", Diagnostic("unknown-name", {"kind": "importance", "name": "l3"})),
+        ("group-stlsq:1:l1:3", Diagnostic("importance-without-level", {"importance": "l1"})),
+        ("group-stlsq:1:quantile:2", Diagnostic("quantile-level", {"level": 2})),
+        ("group-stlsq:1:count:0", Diagnostic("vote-magnitude", {"magnitude": 0})),
+        ("stlsq:1:2:3:4:5", "spec-syntax"),
+        ("best-subset:0", Diagnostic("whole-number", {"name": "terms", "value": 0, "bounds": "of at least 1"})),
+        ("best-subset:2.5", Diagnostic("whole-number", {"name": "terms", "value": 2.5})),
+        ("best-subset:nodes=0", Diagnostic("whole-number", {"name": "nodes", "value": 0})),
+        ("forward:True", Diagnostic("whole-number", {"name": "terms"})),
+        ("forward:3:yes", Diagnostic("shared-not-a-choice", {"shared": "yes"})),
+        (
+            "lasso:-0.1",
+            Diagnostic("finite-number-bounded", {"name": "penalty", "value": -0.1, "bound": "of at least", "least": 0}),
+        ),
+        ("sr3:1:nu=0", Diagnostic("finite-number-bounded", {"name": "nu", "value": 0, "bound": "above", "least": 0})),
     ],
 )
 def test_solvers_that_do_not_exist_or_fit_are_refused(text, message):
-    with pytest.raises(CommonlawError, match=message):
+    with refused(message):
         parse_solver(text)

@@ -12,5 +12,7 @@ NUMBERS = [(method, each.name) for method in METHODS for each in fields(method) 
 
 @pytest.mark.parametrize(("method", "name"), NUMBERS, ids=[f"{method.__name__} {name}" for method, name in NUMBERS])
 def test_text_is_no_number(method, name):
-    with pytest.raises(cl.CommonlawError, match=f"{name}( is |=)'2'"):
+    with pytest.raises(cl.CommonlawError) as raised:
         method(**{name: "2"})
+    assert "'2'" in str(raised.value)
+    assert name in str(raised.value).replace(" ", "_") or raised.value.code == name.replace("_", "-")

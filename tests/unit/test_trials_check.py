@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials
+from tests.refusals import refused
 
 T = np.arange(30) / 15
 
@@ -59,7 +59,7 @@ def test_what_is_irregular_does_not_depend_on_the_unit_of_the_times(unit):
     late = ball(fall(np.append(T, 2.0)), times=times)
     assert [len(each) for each in late.clip_irregular()] == [30]
     (finding, *_) = late.check().findings
-    assert finding == "ball, trial 1: irregular frame: clip_irregular() would keep 30 of 31 samples"
+    assert finding == "ball, trial 1: irregular frame: `clip_irregular()` would keep 30 of 31 samples"
 
 
 def test_what_is_odd_knows_its_trial_sample_and_column():
@@ -79,7 +79,7 @@ def test_trials_that_are_irregular_throughout_are_not_to_be_clipped():
 
 @pytest.mark.parametrize("tolerance", [0, -1, float("nan")])
 def test_a_tolerance_that_is_no_time_is_refused(drops, tolerance):
-    with pytest.raises(CommonlawError, match=f"tolerance of a step is {tolerance}, and must be a positive time"):
+    with refused("step-tolerance", tolerance=tolerance):
         drops.clip_irregular(tolerance)
 
 
@@ -92,7 +92,7 @@ def test_the_check_has_the_figures_of_every_trial(drops):
     assert row.median_step == pytest.approx(1 / 15)
     assert row.largest_deviation == pytest.approx(1 / 30, abs=1e-6)
     assert (row.first, row.last) == ({"Height": trial.states[0, 0]}, {"Height": trial.states[-1, 0]})
-    assert "Golf Ball, trial 1: irregular frame: clip_irregular() would keep 42 of 43 samples" in report.findings
+    assert "Golf Ball, trial 1: irregular frame: `clip_irregular()` would keep 42 of 43 samples" in report.findings
     assert [len(drops[i]) - row.clipped for i, row in enumerate(report.trials)] == [*map(len, drops.clip_irregular())]
 
 

@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
+from tests.refusals import refused
 
 
 def absorbed(_, state, ka, volume, k):
@@ -118,9 +119,9 @@ def test_the_command_line_asks_for_it(tmp_path, swallowed):
 
 
 def test_what_asks_for_it_in_vain_is_refused(swallowed):
-    with pytest.raises(cl.CommonlawError, match="unmeasured=1 does not go with DerivativeRegression"):
+    with refused("use-trajectory-likelihood", count=1, method="DerivativeRegression"):
         cl.discover(swallowed[1], method=cl.DerivativeRegression(), unmeasured=1, order=1, library="poly:3")
-    with pytest.raises(cl.CommonlawError, match=r"does not go with DiscreteTimeRegression: leave it out$"):
+    with refused("leave-out", method="DiscreteTimeRegression"):
         cl.discover(swallowed[1], unmeasured=1, order=0)
-    with pytest.raises(cl.CommonlawError, match="unmeasured"):
+    with refused("whole-number", name="unmeasured"):
         cl.TrajectoryLikelihood(unmeasured=2)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from commonlaw.app.words import in_page
+from commonlaw.app.words import text_in_page
 from commonlaw.trials.check import Finding, Report
 from commonlaw.trials.columns import Codes, Table
 
@@ -30,7 +30,7 @@ def finding_kinds(check: Report, table: Table, row_indices: Sequence[Codes]) -> 
         (each.object, each.trial): own for each, own in zip(check.trials, row_indices, strict=True)
     }
     return [
-        {"text": in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:_CASES]]}
+        {"text": text_in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:_CASES]]}
         for text, same in check.kinds().items()
     ]
 
@@ -41,7 +41,7 @@ def _case(found: Finding, table: Table, rows: Mapping[_Labels, Codes]) -> dict[s
     Which of the rows and columns is meant comes with it; neither if it is the trial as a whole.
     """
     own = rows.get((found.object, found.trial))
-    case: dict[str, Any] = {"text": in_page(found.text), "rows": [], "row": None, "column": None}
+    case: dict[str, Any] = {"text": text_in_page(found.text), "rows": [], "row": None, "column": None}
     if own is None:
         return case
     sample, columns = found.sample or 0, table.columns.values()

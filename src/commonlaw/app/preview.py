@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.app.data_checks import cell_text, finding_kinds
 from commonlaw.app.question import Columns, Table, shown_roles
 from commonlaw.app.result import Found, numbers
-from commonlaw.app.words import in_page
+from commonlaw.app.words import in_page, text_in_page
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.forecast import forecast_from
 from commonlaw.law import Law
@@ -69,11 +69,11 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
     try:
         rows = columns.rows(held)
     except CommonlawError as error:
-        return found | {"recognised": columns.recognised(held), "problem": in_page(str(error))}
+        return found | {"recognised": columns.recognised(held), "problem": error.sentence(in_page)}
     trials = Trials(*rows.data)
     check = trials.check()
     found |= {"recognised": shown_roles(rows.columns), "guessed": rows.columns.guessed and rows.columns.sentence}
-    notes = [in_page(each) for each in check.notes if not each.startswith(GUESSED)]
+    notes = [text_in_page(each) for each in check.notes if not each.startswith(GUESSED)]
     return found | _of_trials(trials) | {"checks": finding_kinds(check, held, rows.row_indices), "notes": notes}
 
 
@@ -112,7 +112,7 @@ def _every(samples: int) -> int:
 def _of_own_object(law: Law, asked: Sample) -> Law:
     """Return the law of an object that has these properties."""
     if law.explanation is None:
-        raise CommonlawError("this candidate does not say what properties do: choose the law, explained, or an object")
+        raise CommonlawError("candidate-without-relations")
     trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.states))))
     trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})
     return with_objects_of(law, trials)[0]
@@ -122,7 +122,7 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
     """Return the trajectory from a start, by a candidate of the law."""
     law = found.candidate(asked.candidate)
     if not (np.isfinite(asked.duration) and asked.duration > 0 and np.isfinite(asked.start).all()):
-        raise CommonlawError("a start and how long to forecast must be finite numbers, and the time above 0")
+        raise CommonlawError("forecast-settings")
     if asked.properties:
         law = _of_own_object(law, asked)
     law.index(asked.object)

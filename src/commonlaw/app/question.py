@@ -81,7 +81,7 @@ class HoldOut(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             try:
                 return trials.until(float(self.value))
             except ValueError:
-                raise CommonlawError(f"hold out what was measured after which time? {self.value!r} is none") from None
+                raise CommonlawError("hold-out-time", value=self.value) from None
         return trials.split(**{self.kind: [self.value]})[1]
 
     @property

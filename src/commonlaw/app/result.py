@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from commonlaw.app.words import in_page
+from commonlaw.app.words import text_in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast import fitted
@@ -79,7 +79,7 @@ class Found:
             If there is none.
         """
         if not 0 <= index < len(self.candidates):
-            raise CommonlawError(f"there is no candidate {index}: choose one of {len(self.candidates)}")
+            raise CommonlawError("candidate-index", index=index, candidates=len(self.candidates))
         return self.candidates[index].law
 
     def of_candidate(self, index: int) -> "Found":
@@ -101,7 +101,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
     law = findings.law
     schema = findings.trials.schema
     about = {
-        "verdict": [in_page(each) for each in findings.sentences],
+        "verdict": [text_in_page(each) for each in findings.sentences],
         "objects": law.objects,
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.states],
         "orders": order_of_each(law.order, len(law.states)),
@@ -121,9 +121,9 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
             }
             for view in _views(findings)
         ],
-        "lacking": [in_page(each) for each in findings.lacking],
-        "outcomes": [in_page(str(each)) for each in law.outcomes],
-        "history": [[each.stage, each.choice, in_page(each.reason)] for each in law.history],
+        "lacking": [text_in_page(each) for each in findings.lacking],
+        "outcomes": [text_in_page(str(each)) for each in law.outcomes],
+        "history": [[each.stage, each.choice, text_in_page(each.reason)] for each in law.history],
     }
     made = Found(findings, about)
     for each in candidates_in_turn(law, findings.training, _CANDIDATES, part(show, SEARCHED, 1.0)):
@@ -134,7 +134,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
 def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:
     """Return which terms of its library a law has if each equation has those of these names."""
     if len(terms) != len(law.states):
-        raise CommonlawError(f"terms of {counted(len(law.states), 'equation')} are needed, not of {len(terms)}")
+        raise CommonlawError("equation-count", equations=len(law.states), given=len(terms))
     for name in chain.from_iterable(terms):
         check_choice("term", name, law.terms.names)
     return np.array([[name in own for name in law.terms.names] for own in terms])

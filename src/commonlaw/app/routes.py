@@ -23,7 +23,7 @@ from commonlaw.app.result import Found
 from commonlaw.app.searching import Search
 from commonlaw.app.sessions import Sessions
 from commonlaw.app.suggested import Budget, suggested
-from commonlaw.app.words import in_page
+from commonlaw.app.words import in_page, text_in_page
 from commonlaw.app.working import prepare
 from commonlaw.errors import CommonlawError
 from commonlaw.foreign import read_json
@@ -128,7 +128,7 @@ def _mended(
             async with turn:
                 return await answer(request.app.state.sessions, request)
         except CommonlawError as error:
-            return _json({"error": in_page(str(error))}, 422)
+            return _json({"error": error.sentence(in_page)}, 422)
         except TooLargeError:
             return _json({"error": "the file is too large for the app: use the command commonlaw discover"}, 413)
         except TooSlowError:
@@ -220,7 +220,7 @@ async def _file(sessions: Sessions, request: Request) -> Response:
     search = sessions.searches.get(request.path_params["name"])
     name, candidate = request.path_params["file"], request.query_params.get("candidate", "")
     if name not in _MAKERS:
-        raise CommonlawError(f"there is no file {name!r}: take one of {', '.join(_MAKERS)}")
+        raise CommonlawError("download-name", name=name, files=_MAKERS)
     content = await run_in_threadpool(_made, search, name, candidate)
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type="application/octet-stream", headers=headers)
@@ -236,13 +236,13 @@ def _made(search: Search, name: str, candidate: str) -> str | bytes:
 def _number_in(text: str) -> int:
     """Return the number of a candidate in an address."""
     if not _NUMBER.fullmatch(text):
-        raise CommonlawError(f"there is no candidate {text[:20]!r}: name one by its number")
+        raise CommonlawError("candidate-name", text=text[:20])
     return int(text)
 
 
 def _script(found: Found, source: Source | None) -> str:
     if source is None:
-        raise CommonlawError("a program is there for the law that was chosen: take law.json of a candidate")
+        raise CommonlawError("candidate-program")
     return found.law.to_script(source)
 
 
@@ -250,7 +250,7 @@ def _report(found: Found, source: Source | None) -> str:
     fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
     rivals = sorted(fitted, key=lambda each: each.size)
     with _one_draws:
-        made = law_report(found.findings, table=source or "", words=in_page, rivals=rivals)
+        made = law_report(found.findings, table=source or "", words=text_in_page, rivals=rivals)
         return to_page(made).decode()
 
 
@@ -265,7 +265,7 @@ def _curves(kind: str, found: Found, _: Source | None) -> str:
 
 def _given(found: Found, curves: Forecast | None) -> Forecast:
     if curves is None:
-        raise CommonlawError("; ".join(found.findings.lacking) or "a law in discrete time has no fitted curves")
+        raise CommonlawError("curves-missing", reasons=found.findings.lacking or ["a law in discrete time has none"])
     return curves
 
 

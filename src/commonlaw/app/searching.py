@@ -53,13 +53,13 @@ class Search:
             If there is no law yet.
         """
         if self._work.made is None:
-            raise CommonlawError("the search has found no law yet: wait for it")
+            raise CommonlawError("no-law-yet")
         return self._work.made.with_laws(each.made for each in self.fits if not each.is_running and each.made)
 
     def fit_terms(self, terms: Sequence[Sequence[str]]) -> None:
         """Begin to fit the law of these terms, those of each equation, in place of one that is being fitted."""
         if self._work.is_running:
-            raise CommonlawError("other candidates are being fitted: wait for them, or cancel it")
+            raise CommonlawError("candidates-running")
         found = self.found
         support = support_of(found.law, terms)
         self.cancel_fit()
@@ -88,7 +88,7 @@ class Search:
     def fit_state(self) -> dict[str, Any]:
         """Return what the page is told of the law of other terms asked for last; when it is there, where it stands."""
         if not self.fits:
-            raise CommonlawError("no law of other terms was asked for")
+            raise CommonlawError("no-other-terms")
         return self.fits[-1].state() | {"at": len(self.found.candidates) - 1}
 
 

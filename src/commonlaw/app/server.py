@@ -109,5 +109,5 @@ def _listening(port: int) -> socket.socket:
         opened.listen()
     except (OSError, OverflowError) as error:
         opened.close()
-        raise CommonlawError(f"cannot listen at port {port}: {error}; leave the port out to take a free one") from None
+        raise CommonlawError("port-taken", port=port, error=error) from None
     return opened

@@ -42,7 +42,7 @@ class Kept(Generic[T]):
             If it is not kept, or no longer.
         """
         if name not in self.values:
-            raise CommonlawError(f"this {self.what} is no longer here: open the table again")
+            raise CommonlawError("session-gone", part=self.what)
         return self.values[name]
 
 
@@ -95,9 +95,9 @@ class Sessions:
     def _check_room(self, but: Sequence[Search]) -> None:
         running = [each for each in self.searches.values.values() if each not in but and each.is_running]
         if len(running) >= _AT_ONCE:
-            raise CommonlawError(f"{_AT_ONCE} searches run already: wait for one of them, or cancel it")
+            raise CommonlawError("too-many-searches", limit=_AT_ONCE)
         if not self._is_open:
-            raise CommonlawError("the app is ending: start it again")
+            raise CommonlawError("app-ending")
 
     def close(self) -> None:
         """End all that goes on, and begin nothing more."""

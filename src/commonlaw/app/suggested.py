@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from commonlaw.app.result import Found
-from commonlaw.app.words import in_page
+from commonlaw.app.words import text_in_page
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
 
@@ -28,19 +28,17 @@ def suggested(found: Found, asked: Budget) -> dict[str, Any]:
         If the budget is none that the page offers, or nothing can be suggested.
     """
     if not 1 <= asked.trials <= _MOST:
-        raise CommonlawError(f"a budget of {asked.trials} trials: choose 1 to {_MOST}")
+        raise CommonlawError("design-budget", trials=asked.trials, limit=_MOST)
     made = suggestions(found.law, found.findings.training, asked.trials)
     if not made:
-        raise CommonlawError(
-            "nothing can be suggested: that takes a law of continuous time that knows how accurate its coefficients are"
-        )
+        raise CommonlawError("design-needs-uncertain-law")
     return {
         "suggestions": [
             {
-                "purpose": in_page(each.purpose),
-                "experiments": [in_page(own.text) for own in each.design.experiments],
+                "purpose": text_in_page(each.purpose),
+                "experiments": [text_in_page(own.text) for own in each.design.experiments],
                 "trials": each.design.cost,
-                "settles": [in_page(own) for own in each.design.sentences],
+                "settles": [text_in_page(own) for own in each.design.sentences],
             }
             for each in made
         ]

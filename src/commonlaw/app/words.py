@@ -2,7 +2,7 @@
 
 import re
 
-_ROLES = {
+_COLUMNS = {
     "object": "object",
     "trial": "trial",
     "time": "time",
@@ -10,30 +10,35 @@ _ROLES = {
     "inputs": "input",
     "properties": "property",
 }
-_PARTS = {
-    ", or give it with units=...": "",
-    "Name it with ": "Choose ",
-    ", or method=DerivativeRegression()": "",
-    "say restarts='trials' if a trial begins": "tick under Columns that a trial begins",
-    "give the decimal mark, decimal='.' or decimal=','": "choose the decimal mark under Columns",
-    "read them with wide='value', or the name of what was measured": "say under Columns what they measured",
-    "clip_irregular() would keep": "the option --clip of the command would keep",
+"""What the page calls the settings that choose columns."""
+
+_READING = {
+    "dates": "the form of dates",
+    "decimal": "the decimal mark",
+    "missing": "a mark of missing values",
+    "units": "the unit",
+    "wide": "what the columns measure",
+    "restarts": "what begins where the time goes back",
 }
+"""The same of other settings of how a table is read."""
 
 
-def in_page(text: str) -> str:
-    """Return a message in which arguments of functions are what the page calls them.
+def in_page(code: str) -> str:
+    """Return a setting, written as an argument of a function, as the page calls it; the dialect of the page.
 
-    >>> in_page("Name it with time=...; columns: a, b")
-    "Choose 'time' under Columns; columns: a, b"
-    >>> in_page("say trial='run'")
-    "say trial 'run'"
+    >>> in_page("time=..."), in_page("trial='run'"), in_page("decimal=','")
+    ("'time' under Columns", "trial 'run'", "',' as the decimal mark under Columns")
     """
-    for part, words in _PARTS.items():
-        text = text.replace(part, words)
-    roles = rf"\b({'|'.join(_ROLES)})=(\.\.\.|\[\.\.\.\])"
-    text = re.sub(r"say which with dates='.+", "choose under Columns how they are written", text)
-    text = re.sub(r"missing=('.+?') reads", r"\1 under Columns, as a mark of missing values, reads", text)
-    text = re.sub(r"or read it as missing: missing='.*'", "or name it under Columns as a mark of missing values", text)
-    text = re.sub(roles, lambda found: f"{_ROLES[found[1]]!r} under Columns", text)
-    return re.sub(rf"\b({'|'.join(_ROLES)})=('[^']*')", r"\1 \2", text)
+    name, _, value = code.partition("=")
+    if code == "clip_irregular()":
+        return "the option --clip of the command"
+    if name in _COLUMNS:
+        return f"{_COLUMNS[name]!r} under Columns" if value in ("...", "[...]") else f"{_COLUMNS[name]} {value}"
+    if name in _READING:
+        return f"{_READING[name]} under Columns" if value == "..." else f"{value} as {_READING[name]} under Columns"
+    return code
+
+
+def text_in_page(text: str) -> str:
+    """Return a text whose code, between backticks, is in the words of the page."""
+    return re.sub(r"`(\w+=[^`]*|clip_irregular\(\))`", lambda found: in_page(found[1]), text)

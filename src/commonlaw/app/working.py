@@ -14,7 +14,7 @@ from threading import Lock, Thread
 from time import time
 from typing import Any, Generic, TypeVar
 
-from commonlaw.app.words import in_page
+from commonlaw.app.words import in_page, text_in_page
 from commonlaw.ending import deaf_to_interrupts, end_with_parent
 from commonlaw.errors import CommonlawError
 
@@ -170,7 +170,7 @@ def _work(connection: Connection, modules: Sequence[str]) -> None:
     def show(stage: str) -> None:
         connection.send(("stage", (str(stage), time(), getattr(stage, "done", None))))
 
-    warnings.showwarning = lambda message, *_, **__: show(in_page(str(message)))
+    warnings.showwarning = lambda message, *_, **__: show(text_in_page(str(message)))
     try:
         for made in connection.recv()(show):
             connection.send(("made", made))
@@ -178,6 +178,6 @@ def _work(connection: Connection, modules: Sequence[str]) -> None:
     except (EOFError, ConnectionError):  # nobody waits for it any more
         pass
     except CommonlawError as error:
-        connection.send(("end", in_page(str(error))))
+        connection.send(("end", error.sentence(in_page)))
     except MemoryError:
         connection.send(("end", "there is not enough memory for this: take fewer trials or a smaller library"))

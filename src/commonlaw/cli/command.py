@@ -2,15 +2,33 @@
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import IO, Any
 
 import click
 
+from commonlaw.cli.options import dialect
+from commonlaw.cli.output import say
 from commonlaw.cli.paths import check_files, check_order, check_text
 from commonlaw.cli.working import verbose_option
+from commonlaw.errors import CommonlawError
 
 _OTHERS = "Options"
 """The heading of options that have none."""
+
+
+class Refusal(click.ClickException):
+    """An error that a user can mend, in the words of the command that ran, with the code of its message."""
+
+    def __init__(self, error: CommonlawError, command: click.Command) -> None:
+        code = "" if error.code == "several" else f" [{error.code}]"  # Which says nothing of its own
+        super().__init__(f"{error.sentence(dialect(command))}{code}")
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Write the message as one line."""
+        if file is None:
+            say(f"commonlaw: {self.message}", err=True)
+        else:
+            file.write(f"commonlaw: {self.message}\n")
 
 
 class Command(click.Command):
@@ -40,7 +58,10 @@ class Command(click.Command):
         """Do what the command does once its files are found to be right."""
         check_order(ctx.params)
         check_files(self.params, ctx.params)
-        return super().invoke(ctx)
+        try:
+            return super().invoke(ctx)
+        except CommonlawError as error:
+            raise Refusal(error, self) from error
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings."""

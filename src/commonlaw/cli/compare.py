@@ -10,7 +10,6 @@ from commonlaw.cli.command import command
 from commonlaw.cli.comparing import compared, load, print_compared
 from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.methods import with_comparison
-from commonlaw.cli.options import in_options
 from commonlaw.cli.output import print_json, say
 from commonlaw.cli.paths import ReadLaw, WrittenFile, is_law_file
 from commonlaw.cli.source import Source, with_source
@@ -89,7 +88,7 @@ def _naming(law: str, work: Callable[..., T], *given: Any, **settings: Any) -> T
     try:
         return work(law, *given, **settings)
     except CommonlawError as error:
-        raise CommonlawError(f"{law}: {in_options(str(error))}") from error
+        raise error.at(law) from error
 
 
 def _sentences(frame: "pd.DataFrame") -> list[str]:

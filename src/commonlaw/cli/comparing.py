@@ -60,13 +60,10 @@ def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), s
     try:
         return replace(source, states=states, inputs=source.inputs or inputs).load()
     except CommonlawError as error:
-        lacking = [name for name in states if f"'{name}'" in str(error) and "unknown column" in str(error)]
-        if not lacking:
+        name = error.parameters.get("name")
+        if name not in states or error.parameters.get("kind") != "column":
             raise
-        raise CommonlawError(
-            f"{error}; if nobody measured {lacking[0]}, say where trials start: "
-            f"commonlaw fit --start {lacking[0]}=VALUE, or {lacking[0]}=free"
-        ) from None
+        raise CommonlawError("column-of-latent-state", error=error, name=name) from None
 
 
 def _occurs(name: str, equations: str) -> bool:

@@ -103,7 +103,7 @@ def _zero(text: str) -> float | Literal["auto"] | None:
     try:
         return float(text)
     except ValueError:
-        raise CommonlawError(f"--zero-at {text}: give a number, 'none' or 'auto'") from None
+        raise CommonlawError("zero-at", text=text) from None
 
 
 def _show(found: "Discrepancy[Law]") -> None:

@@ -5,6 +5,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
 from commonlaw.cli.output import print_notes, say
+from commonlaw.diagnostics import marked
 from commonlaw.errors import CommonlawError
 from commonlaw.files import write_whole
 
@@ -32,7 +33,7 @@ class LaterSteps:
         try:
             return step()
         except CommonlawError as error:
-            self.failures.append(f"{failure}: {error}")
+            self.failures.append(f"{failure}: {error.sentence(marked)}")
         except MemoryError:
             self.failures.append(f"{failure}: there is not enough memory")
         except Exception as error:  # A fault of ours or of others is no reason to lose what was found
@@ -82,4 +83,4 @@ class LaterSteps:
             say(f"Wrote {path}")
         print_notes([*notes, *(each for each in self.failures if each not in reasons)])
         if refused := [*self._unwritten, *reasons]:
-            raise CommonlawError("; ".join(refused))
+            raise CommonlawError("several", messages=refused)

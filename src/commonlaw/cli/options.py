@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from commonlaw.diagnostics import Dialect
+
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
 
@@ -48,25 +50,42 @@ def as_one(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     return decorate
 
 
+def dialect(command: click.Command) -> Dialect:
+    """Return what writes settings as the options of a command: ``time='t'`` is ``--time t``.
+
+    A list is an option that is repeated, a mapping one of ``NAME=VALUE``; what is no option stays Python.
+    """
+    options = {each.name: max(each.opts, key=len) for each in command.params}
+
+    def write(code: str) -> str:
+        name, _, value = code.partition("=")
+        if code == "clip_irregular()":
+            return "--clip"
+        return " ".join(f"{options[name]} {text}" for text in _texts(value, write)) if name in options else code
+
+    return write
+
+
+def _texts(value: str, write: Dialect) -> list[str]:
+    """Return the texts that an option takes for a value in Python; settings within it are written by `write`."""
+    if value.startswith("["):
+        return value[1:-1].split(", ")
+    if value.startswith("{"):
+        return re.sub(r"'([^']*)': ", r"\1=", value[1:-1]).split(", ") if value != "{}" else ["''"]
+    if made := re.fullmatch(r"(\w+(?:Regression|Likelihood))\((.*)\)", value):
+        words = re.sub(r"(?<!^)(?=[A-Z])", "-", made[1]).lower()
+        return [" ".join([words, *(write(each) for each in made[2].split(", ") if each)])]
+    return [value]
+
+
 def in_options(text: str) -> str:
-    """Return a message of the library in the words of the command that runs: ``time=...`` becomes ``--time ...``.
+    """Return a message whose code, between backticks, is in the words of the command that runs.
 
     In threads of its own a command is not known, and a message stays as it is.
     """
     context = click.get_current_context(silent=True)
-    if context is None:
-        return text
-    params = context.command.params
-    words = {f"{each.name}=": f"{max(each.opts, key=len)} " for each in params} | {"clip_irregular()": "--clip"}
-    text = re.sub(rf"(?<![\w:'-])({'|'.join(map(re.escape, words))})", lambda found: words[found[1]], text)
-    text = re.sub(r"(--\S+ )\[(.*?)\]", lambda found: found[1] + found[2].replace(", ", f" {found[1]}"), text)
-    text = re.sub(r"(--\S+ )\{\}", r"\1''", re.sub(r"(--\S+ )\{'(.*?)': (.*?)\}", r"\1\2=\3", text))
-    return re.sub(r"(\w+)(Regression|Likelihood)\((.*?)\)", _method, text)
-
-
-def _method(found: re.Match[str]) -> str:
-    name = re.sub(r"(?<!^)(?=[A-Z])", "-", f"{found[1]}{found[2]}")
-    return f"{name} {found[3]}".lower().rstrip()
+    write = dialect(context.command) if context else str
+    return re.sub(r"`(\w+=[^`]*|clip_irregular\(\))`", lambda found: write(found[1]), text)
 
 
 def pairs(name: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:

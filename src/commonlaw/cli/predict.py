@@ -214,7 +214,7 @@ def _times(trials: Trials, first: float | None, until: float | None, step: float
     """Return the times that ``--until`` and ``--step`` ask for, from the first time on or that of all samples."""
     for name, value in (("--until", until), ("--step", step)):
         if value is not None and not isfinite(value):
-            raise CommonlawError(f"{name} {value}: give a finite number")
+            raise CommonlawError("finite-number", name=name, value=value)
     first = min(each.times[0] for each in trials) if first is None else first
     last = max(each.times[-1] for each in trials)
     span = (last if until is None else until) - first

@@ -1,18 +1,17 @@
 """Where trials come from: the options that every command on a table shares."""
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial, reduce, wraps
+from functools import partial, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from commonlaw.cli.options import as_one, by_name, in_options, number_or_text, option, pairs
+from commonlaw.cli.options import as_one, by_name, number_or_text, option, pairs
 from commonlaw.cli.paths import ReadDataset, ReadFile
-from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.dates import DateOrder
@@ -309,23 +308,10 @@ def guesses(trials: Trials) -> list[str]:
     return [note for note in trials.notes if note.startswith(GUESSED)]
 
 
-def _in_its_words(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command whose errors name options in place of arguments."""
-
-    @wraps(command)
-    def wrapped(**values: Any) -> None:
-        try:
-            command(**values)
-        except CommonlawError as error:
-            raise CommonlawError(in_options(str(error))) from error
-
-    return wrapped
-
-
-with_source = as_one("source", Source, (*_OPTIONS, _in_its_words))
+with_source = as_one("source", Source, _OPTIONS)
 """Adds the file argument and the shared options to a command, which receives them as `source`."""
 
-with_training_source = as_one("source", Source, (*_OPTIONS, *_HELD_OUT, _in_its_words))
+with_training_source = as_one("source", Source, (*_OPTIONS, *_HELD_OUT))
 """Adds what tells trials to learn from from those to check the law on, too."""
 
 

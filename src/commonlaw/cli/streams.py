@@ -42,9 +42,7 @@ def standard_streams() -> Iterator[None]:
         if error.filename is not None or error.errno not in _TAKES_NOTHING:  # of something else
             raise
         silence(sys.stdout)
-        raise CommonlawError(
-            f"cannot write to standard output: {error.strerror}; leave it open, and send it to where there is space"
-        ) from error
+        raise CommonlawError("standard-output", reason=error.strerror) from error
 
 
 def silence(stream: TextIO) -> None:

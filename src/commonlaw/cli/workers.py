@@ -6,6 +6,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
+from commonlaw.diagnostics import marked
 from commonlaw.ending import deaf_to_interrupts, end_with_parent
 from commonlaw.errors import CommonlawError
 from commonlaw.parallel import threads
@@ -114,7 +115,7 @@ def _done(work: Callable[[Any], object], piece: object) -> tuple[object, str]:
 def in_words(error: Exception) -> str:
     """Return why a piece of work gave nothing."""
     if isinstance(error, CommonlawError):
-        return str(error)
+        return error.sentence(marked)
     if isinstance(error, MemoryError):
         return "there is not enough memory for this: take fewer trials or a smaller library"
     return f"{type(error).__name__}: {error}"

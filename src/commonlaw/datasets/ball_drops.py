@@ -106,15 +106,10 @@ def _checked(path: Path, whose: str) -> Path:
     try:
         content = read_file(path)
     except CommonlawError as error:
-        raise CommonlawError(
-            f"cannot read {path.name} in {whose}: {error}; put the file from {_SOURCE} there, or name another folder"
-        ) from None
+        raise CommonlawError("dataset-file", name=path.name, folder=whose, error=error, source=_SOURCE) from None
     found = hashlib.sha256(content).hexdigest()
     if found != _SHA256[path.name]:
-        raise CommonlawError(
-            f"{path} is not the published file: its sha256 is {found}, expected {_SHA256[path.name]}; "
-            f"put the file from {_SOURCE} there"
-        )
+        raise CommonlawError("dataset-checksum", path=path, found=found, sha256=_SHA256[path.name], source=_SOURCE)
     return path
 
 
@@ -128,8 +123,14 @@ def _downloaded(name: str) -> Path:
             return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache, downloader=patient))
     except (OSError, ValueError) as error:  # no connection, no space, or another file than the published one
         raise CommonlawError(
-            f"cannot download {_SOURCE}{name} to {str(cache)!r}: {_cause(error)}; download {_HEIGHTS} and {_BALLS} "
-            f"from there, and name their folder in the environment variable {_VARIABLE} or as the option folder"
+            "dataset-download",
+            source=_SOURCE,
+            name=name,
+            cache=str(cache),
+            cause=_cause(error),
+            heights=_HEIGHTS,
+            balls=_BALLS,
+            variable=_VARIABLE,
         ) from None
 
 

@@ -61,7 +61,7 @@ class Dataset(Generic[P]):
             If it is not known, or an option cannot be.
         """
         if self.law is None:
-            raise CommonlawError(f"the law behind the data set {self.name!r} is not known: it was measured")
+            raise CommonlawError("dataset-without-law", name=self.name)
         options = signature(self.load).bind(*args, **kwargs)
         options.apply_defaults()
         return self.law(**{name: options.arguments[name] for name in signature(self.law).parameters})

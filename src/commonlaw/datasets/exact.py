@@ -24,9 +24,7 @@ def trajectory(field: Callable[[float, Floats], Floats], initial: ArrayLike, tim
 
     result = integrate(field, np.asarray(initial, dtype=np.float64), times, relative_tolerance=_TOLERANCE, where=name)
     if result.outcome is not None:
-        raise CommonlawError(
-            f"cannot simulate {name}: {result.outcome.text}; choose other coefficients or a shorter time"
-        )
+        raise CommonlawError("simulation-failed", name=name, reason=result.outcome.text)
     return result.states
 
 

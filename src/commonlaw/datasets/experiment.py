@@ -49,7 +49,7 @@ def measure(
     """
     check_whole_number("trials", trials, 1)
     if numbers("noise", noise)[0] < 0:
-        raise CommonlawError(f"noise is {noise:g}: give its standard deviation, 0 or positive")
+        raise CommonlawError("noise-negative", noise=noise)
     if not hasattr(seed, "standard_normal"):
         check_whole_number("seed", seed, 0)
     size = trials * len(paths) * (_BYTES_A_TRIAL + _BYTES_A_VALUE * len(times) * len(schema.states))
@@ -85,12 +85,14 @@ def numbers(name: str, values: PerObject, *, positive: bool = False) -> tuple[fl
     try:
         found = tuple(float(each) for each in np.atleast_1d(values))
     except (TypeError, ValueError):
-        raise CommonlawError(f"{name} is {values!r}: give a number") from None
+        raise CommonlawError("experiment-not-a-number", name=name, values=values) from None
     if not found:
-        raise CommonlawError(f"{name} is empty: give a number for each object")
+        raise CommonlawError("experiment-empty", name=name)
     for each in found:
         if not np.isfinite(each) or (positive and each <= 0):
-            raise CommonlawError(f"{name} is {each:g}: it must be finite{' and positive' if positive else ''}")
+            raise CommonlawError(
+                "experiment-not-positive", name=name, value=each, condition=" and positive" if positive else ""
+            )
     return found
 
 
@@ -101,6 +103,6 @@ def objects(kind: str, *, positive: bool = False, **coefficients: PerObject) -> 
     for name, column in columns.items():
         if len(column) not in (1, longest):
             sizes = ", ".join(f"{len(each)} {key}" for key, each in columns.items())
-            raise CommonlawError(f"{name} does not fit the other options ({sizes}): give one number, or one per object")
+            raise CommonlawError("experiment-sizes", name=name, sizes=sizes)
     rows = zip(*(column * (longest // len(column)) for column in columns.values()), strict=True)
     return {f"{kind} {i}": row for i, row in enumerate(rows, 1)}

@@ -136,5 +136,5 @@ def _checked(name: str, values: ArrayLike, *, positive: bool = True) -> Floats:
     good = np.isfinite(array) & ((array > 0) if positive else (array >= 0))
     if not np.all(good):
         rule = "be positive" if positive else "not be negative"
-        raise CommonlawError(f"{name} is {array[~good].flat[0]:g}: it must be finite and {rule}")
+        raise CommonlawError("not-in-range", name=name, value=array[~good].flat[0], rule=rule)
     return array

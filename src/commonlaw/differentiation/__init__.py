@@ -106,10 +106,7 @@ def parse_differentiation(text: str) -> AbstractDifferentiator:
     if isinstance(method, AbstractSmoother):
         return SmoothedDifference(method, parse_differentiation(rest) if rest else CenteredDifference())
     if rest:
-        raise CommonlawError(
-            f"differentiation {text!r}: {head!r} is a whole method and {rest!r} cannot follow; "
-            f"write one of them, or a smoother first, as in 'savgol:35:3:{rest}'"
-        )
+        raise CommonlawError("differentiation-chain", text=text, head=head, rest=rest)
     return method
 
 

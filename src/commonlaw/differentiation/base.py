@@ -88,9 +88,7 @@ class AbstractSmoother(ABC):
 def need_samples(count: int, needed: int, method: str) -> None:
     """Refuse a trial of fewer samples than the method's formula takes."""
     if count < needed:
-        raise CommonlawError(
-            f"{count} samples are fewer than the {needed} that {method} take; drop the trial or choose another method"
-        )
+        raise CommonlawError("too-few-samples", count=count, needed=needed, method=method)
 
 
 def check_uniform(times: Floats, tolerance: float, method: str) -> None:
@@ -101,7 +99,11 @@ def check_uniform(times: Floats, tolerance: float, method: str) -> None:
     if len(far):
         i = int(far[0])
         raise CommonlawError(
-            f"the step from sample {i + 1} to sample {i + 2} is {steps[i]:g}, the median step {median:g}: {method} "
-            f"assumes uniform sampling (steps within {tolerance:.0%} of the median); cut the trial there, resample it, "
-            "or choose a method for any grid, such as 'finite' or 'spline'"
+            "uneven-sampling",
+            sample=i + 1,
+            next_sample=i + 2,
+            step=steps[i],
+            median=median,
+            method=method,
+            tolerance=tolerance,
         )

@@ -128,7 +128,7 @@ class FiniteDifference(AbstractDifferentiator):
     def __post_init__(self) -> None:
         check_whole_number("accuracy", self.accuracy, 2)
         if self.accuracy % 2:
-            raise CommonlawError(f"accuracy is {self.accuracy}; give an even number: centred windows reach no odd one")
+            raise CommonlawError("accuracy-odd", accuracy=self.accuracy)
 
     def reach(self, order: int) -> int | None:
         return ((order - 1) // 2 * 2 + self.accuracy + 1) // 2

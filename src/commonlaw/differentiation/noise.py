@@ -110,20 +110,14 @@ def noise_degrees_of_freedom(samples: int) -> float:
 
 def _check(times: Floats, states: Floats) -> None:
     if times.ndim != 1 or states.ndim != 2 or len(states) != len(times):
-        raise CommonlawError(
-            f"times of shape {times.shape} and states of shape {states.shape} do not fit; give times of shape (n,) and "
-            "states of shape (n, number of states)"
-        )
+        raise CommonlawError("shapes-of-times-and-states", times=times.shape, states=states.shape)
     need_samples(len(times), _LEAST, "estimates of the noise")
     wrong = np.flatnonzero(~(np.isfinite(times) & np.isfinite(states).all(axis=1)))
     if len(wrong):
-        raise CommonlawError(f"sample {wrong[0] + 1} has a value that is not finite; remove or repair it")
+        raise CommonlawError("value-not-finite", sample=wrong[0] + 1)
     late = np.flatnonzero(np.diff(times) <= 0)
     if len(late):
-        raise CommonlawError(
-            f"the time of sample {late[0] + 2} does not come after the one before; sort the samples and keep one for "
-            "each time"
-        )
+        raise CommonlawError("times-not-increasing", sample=late[0] + 2)
 
 
 def differences(times: Floats, states: Floats, highest: int) -> Iterator[Floats]:

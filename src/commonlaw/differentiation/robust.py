@@ -83,10 +83,7 @@ class RobustSpline(AbstractDifferentiator):
         for j, column in enumerate(states.T):
             measured = np.flatnonzero(~np.isnan(column))
             if len(measured) < _LEAST:
-                raise CommonlawError(
-                    f"state {j + 1} has {len(measured)} measured values, fewer than the {_LEAST} that smoothing "
-                    "splines take; drop the trial or choose another method"
-                )
+                raise CommonlawError("too-few-values", state=j + 1, measured=len(measured), least=_LEAST)
             known, values = times[measured], column[measured]
             if len(times) > _SHORT or order > 2:
                 columns.append(self._curve(known, values, times, order))

@@ -43,8 +43,7 @@ class SavitzkyGolay(AbstractSmoother):
         check_whole_number("polynomial", self.polynomial, 0)
         if self.polynomial >= self.window:
             raise CommonlawError(
-                f"a polynomial of degree {self.polynomial} passes through every sample of a window of {self.window}; "
-                f"choose a degree of at most {self.window - 1}"
+                "polynomial-fills-window", degree=self.polynomial, window=self.window, limit=self.window - 1
             )
 
     @property
@@ -192,7 +191,7 @@ def _check_window(window: int) -> None:
     """Refuse a window that is not an odd number of samples, three or more: it has to have a sample in its middle."""
     check_whole_number("window", window, 3)
     if window % 2 == 0:
-        raise CommonlawError(f"window is {window}, an even number: give an odd one, such as {window + 1}")
+        raise CommonlawError("window-even", window=window, odd=window + 1)
 
 
 def _check_fit(count: int, window: int) -> None:
@@ -200,4 +199,4 @@ def _check_fit(count: int, window: int) -> None:
     if count < window:
         largest = count - 1 + count % 2
         way_out = f"choose a window of at most {largest}" if largest >= 3 else "drop the trial"
-        raise CommonlawError(f"{count} samples are fewer than the window of {window}; {way_out}")
+        raise CommonlawError("window-too-long", count=count, window=window, remedy=way_out)

@@ -50,7 +50,7 @@ class SmoothingSpline(AbstractDifferentiator):
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 5, "smoothing splines")
         if order > 2:
-            raise CommonlawError(f"a cubic spline has no smooth derivative of order {order}; ask for at most 2")
+            raise CommonlawError("spline-order", order=order)
         step = (times[-1] - times[0]) / (len(times) - 1)
         steps = np.diff(times) / step
         columns = []

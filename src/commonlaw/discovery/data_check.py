@@ -30,9 +30,7 @@ def variables_not_told_apart(
     """
     order = (2 if len(trials.schema.states) == 1 else 1) if order is None else order
     if order not in (0, 1, 2):
-        raise CommonlawError(
-            f"order {order!r} is not supported: give 1 (x' = ...), 2 (x'' = ...), or 0 for no such check"
-        )
+        raise CommonlawError("order-unsupported", order=order)
     if order == 0:
         return ()
     asked, _ = without_measured_rates(trials, trials.schema.states if order == 2 else ())

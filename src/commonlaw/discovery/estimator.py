@@ -130,10 +130,7 @@ class LawDiscovery:
             trial and says what to do.
         """
         if not isinstance(trials, Trials | TrialStream):
-            raise CommonlawError(
-                f"trials are given as {type(trials).__name__}; make them with Trials.from_frame, Trials.from_arrays or "
-                "Trials.read"
-            )
+            raise CommonlawError("not-trials", type=type(trials).__name__)
         if isinstance(trials, Trials):
             refuse_client(self.client)
         question = {name: getattr(self, name) for name in _PARAMETERS if name not in _CHANGE_NOTHING}
@@ -157,7 +154,7 @@ class LawDiscovery:
         known = self.known or {}
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
-                raise CommonlawError("of a stream, known coefficients are given by term: known={'1': -9.8}")
+                raise CommonlawError("known-of-stream")
             if isinstance(known, Law) and known.states == trials.schema.states:
                 trials = matched(known, trials, inputs="any")
             if self.order == "auto":
@@ -246,7 +243,7 @@ class LawDiscovery:
 
     def _fitted(self) -> Law:
         if not hasattr(self, "law_"):
-            raise CommonlawError("no law was found yet: call fit first")
+            raise CommonlawError("not-fitted")
         return self.law_
 
 
@@ -307,7 +304,7 @@ def _without_evidence(
     what = "in a stream" if is_stream else f"by {type(method).__name__}"
     order = one_order([each for (each,) in chosen])
     text = f"order {order} was taken: {what} no evidence compares laws of different orders"
-    return chosen, (Outcome(OutcomeKind.METHOD, "", text, "give order=2 where forces act: x'' = ..."),)
+    return chosen, (Outcome(OutcomeKind.METHOD, "", text, "give `order=2` where forces act: x'' = ..."),)
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
@@ -396,7 +393,7 @@ def _nested_parameters(name: str, value: object) -> Iterator[tuple[str, object]]
 def _with_parameter(name: str, value: Any, path: str, new: object) -> Any:
     """Return the parameter of this name, a dataclass, with the field at a path changed: ``"solver__threshold"``."""
     if not is_dataclass(value) or isinstance(value, type):
-        raise CommonlawError(f"{name} is {value!r} and has no parameter {path!r}: set {name} first")
+        raise CommonlawError("no-parameter", name=name, value=value, path=path)
     first, _, rest = path.partition("__")
     known = [field.name for field in fields(value) if field.init]
     check_choice(f"parameter of {name}", first, known)

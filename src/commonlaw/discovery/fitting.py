@@ -136,14 +136,12 @@ def fit(
     with v = x', g [m/s²] = 9.8000 ± 0.0010, c [1/s] = 0.380000 ± 0.000093
     """
     if isinstance(equations, Trials | TrialStream):
-        raise CommonlawError("the equations come first, then the trials: cl.fit(equations, trials)")
+        raise CommonlawError("arguments-swapped")
     for name in settings:
         check_choice("setting", name, list(inspect.signature(fit).parameters)[2:])
     if isinstance(trials, TrialStream):
         if starts or doses or universal or guesses:
-            raise CommonlawError(
-                "starts, doses, universal and guesses do not go with a stream: give stream.read(), if the trials fit"
-            )
+            raise CommonlawError("not-for-streams")
         return _of_stream(equations, trials, **settings)
     refuse_client(settings.pop("client", None))
     asked = split_equations(equations)
@@ -182,10 +180,7 @@ def fit(
     if given.order == 0:
         if given.terms.constants:
             names = ", ".join(given.terms.variables.constants)
-            raise CommonlawError(
-                f"in laws of discrete time constants inside of terms are not fitted: give {names} as numbers, or "
-                f"correct them; variables: {', '.join(given.terms.variables.measured)}"
-            )
+            raise CommonlawError("discrete-with-parameters", names=names, variables=given.terms.variables.measured)
         law = _next_samples(given, trials, settings | ({"universal": universal} if universal else {}))
         # Of what a search says, only this concerns terms that were given
         ill_conditioned = (each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
@@ -202,9 +197,9 @@ def fit(
         check_choice("coefficient", name, unfitted.letters)
         within = [each for each in given.bounds if each.name == name]
         if not np.isfinite(value) or value == 0 or not all(each.holds(np.array(value)) for each in within):
-            raise CommonlawError(f"the guess of {name} is {value}: give a number within its bounds, not zero")
+            raise CommonlawError("guess-out-of-bounds", name=name, value=value)
     if guesses and starts:
-        raise CommonlawError("guesses do not go with states that nobody measured: leave them out")
+        raise CommonlawError("guess-with-latent-states")
     begun = with_constants_found(unfitted, trials, given.bounds, guesses, **settings)
     shared = _coefficients_of(universal, begun)
     others = bool(settings.get("partial_pooling", False))
@@ -230,10 +225,7 @@ def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
     for letter in letters:
         check_choice("coefficient", letter, [*named])
         if len(named[letter].parts) > 1:
-            raise CommonlawError(
-                f"{letter} is a quotient or product of what stands before several terms, and cannot be common to all "
-                "objects alone: multiply the equation out, and name the coefficients of terms"
-            )
+            raise CommonlawError("parameter-is-quotient", parameter=letter)
         found[named[letter].equation, named[letter].term] = True
     return found
 
@@ -244,7 +236,7 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
     chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
     if not chosen or not law.letters:
         return ()
-    remedy = "errors='white' gives least squares"
+    remedy = "`errors='white'` gives least squares"
     try:
         white = under_white_noise()
     except CommonlawError as error:
@@ -273,7 +265,7 @@ def _of_stream(
     given = read_equations(equations, stream.schema)
     if given.terms.constants or given.order == 0:
         what = "a law in discrete time is" if given.order == 0 else "constants inside of terms are"
-        raise CommonlawError(f"{what} not fitted file by file: give stream.read(), if the trials fit")
+        raise CommonlawError("not-file-by-file", what=what)
     one = partial(_of_part, equations, {"errors": "white", **settings})
     with on_cluster(client):
         fitted = done_in_parts(one, stream.parts or (stream,), "fitting objects", progress or on_terminal())
@@ -313,8 +305,7 @@ def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
     """Return a law, refused if a coefficient is outside of its bound."""
     for name, bound, as_found in _outside(law, bounds):
         raise CommonlawError(
-            f"{name}: the fit ends at {bound.name} = {as_found}, outside of {bound.text}: leave the bound out, or give "
-            f"{bound.name} as a number"
+            "estimate-out-of-bounds", name=name, parameter=bound.name, value=as_found, bound=bound.text
         )
     return law
 
@@ -402,25 +393,17 @@ def _with_unmeasured(
     for name in starts:
         check_choice("state of the equations", name, states)
         if name in schema.states:
-            raise CommonlawError(
-                f"{name} was measured, so that its start is found with the law: leave it out of starts=..."
-            )
+            raise CommonlawError("initial-value-of-measured", name=name)
         if name in schema.inputs:
-            raise CommonlawError(f"{name} is an input of the trials: read them without it, or leave its equation out")
+            raise CommonlawError("equation-of-input", name=name)
     lacking = [name for name in states if name not in (*schema.states, *schema.inputs, *starts)]
     if starts and lacking:
-        raise CommonlawError(
-            f"{lacking[0]} has an equation, but neither a column nor a start: name its column, or give where trials "
-            f"start, starts={{{lacking[0]!r}: ...}}, by a number or a property of the objects"
-        )
+        raise CommonlawError("equation-without-column", name=lacking[0])
     for each in asked:
         if each.state in starts and each.order != 1:
-            raise CommonlawError(
-                f"{each.state} was not measured, and starts go with equations of first order: write its rate as a "
-                "state with an equation of its own"
-            )
+            raise CommonlawError("latent-of-second-order", state=each.state)
     if starts_at is not None and not starts:
-        raise CommonlawError("starts_at is the time of starts, and there are none: give starts=... too")
+        raise CommonlawError("initial-time-without-values")
     return with_starts(trials, starts, starts_at)
 
 
@@ -458,11 +441,7 @@ def _known(given: GivenEquations, trials: Trials) -> Floats:
         taken = [name for name in names if name in properties]
         others = [name for name in names if name not in properties]
         if taken and others:
-            raise CommonlawError(
-                f"{taken[0]} is a property of the objects and stands beside {others[0]}, a coefficient to be found: "
-                f"fit one coefficient for both and explain it by the property, law.explain(['{taken[0]}']), or give "
-                f"the coefficient {taken[0]} another name"
-            )
+            raise CommonlawError("property-beside-parameter", property=taken[0], parameter=others[0])
         if taken:
             found[:, product.equation, product.term] = [product_of(product, trials, name) for name in trials.objects]
     return found
@@ -471,9 +450,7 @@ def _known(given: GivenEquations, trials: Trials) -> Floats:
 def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:
     """Return the law in discrete time whose coefficients are those of least squares."""
     if refused := ", ".join(each for each in settings if each not in ("n_jobs", "progress")):
-        raise CommonlawError(
-            f"a law in discrete time is fitted to the next samples, which takes no {refused}: leave it out"
-        )
+        raise CommonlawError("discrete-without-option", refused=refused)
     names, terms, values = given.terms.variables.names, given.terms.terms, _known(given, trials)
     library = ExpressionLibrary(*(each.expression(names) for each in terms))
     known: Known = {

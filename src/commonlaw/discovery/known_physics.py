@@ -44,7 +44,7 @@ def with_base(library: AbstractLibrary, base: Base, order: Order, trials: Trials
         found = _of_text(base, order, trials)
     texts = list(dict.fromkeys(term for _, term in found))
     if not texts:
-        raise CommonlawError("what is known says nothing: it has no summand other than zero")
+        raise CommonlawError("known-physics-empty")
     variables = law_variables(trials.schema, order)
     whole = Numbers()
     for (state, text), values in found.items():
@@ -67,19 +67,16 @@ def order_of_base(base: str | Law | Callable[..., Any], trials: Trials) -> Order
         return base.order
     if isinstance(base, str) and "=" in base:
         return read_equations(base, trials.schema).order
-    raise CommonlawError("known physics does not say its order here: give it, order=1 or order=2")
+    raise CommonlawError("known-physics-order-missing")
 
 
 def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
     states = trials.schema.states
     if law.order != order or law.states != states:
         own, sought = order_in_words(law.order, law.states), order_in_words(order, states)
-        raise CommonlawError(
-            f"the known law is of order {own} for {', '.join(law.states)}, and one of order {sought} for "
-            f"{', '.join(states)} is sought: give one of the same"
-        )
+        raise CommonlawError("known-physics-order", order=own, known_states=law.states, sought=sought, states=states)
     if law.terms.constants:
-        raise CommonlawError("the known law has constants inside of its terms: give its equations with numbers")
+        raise CommonlawError("known-physics-parameters")
     law, names = with_objects_of(law, trials)[0], law.terms.variables.names
     texts = [each.expression(names) for each in law.terms.terms]
     return {
@@ -97,12 +94,13 @@ def _of_text(text: str, order: Order, trials: Trials) -> Numbers:
     given = read_equations(text, schema)
     if given.terms.constants:
         raise CommonlawError(
-            f"{', '.join(given.terms.variables.constants)} inside of the terms that are known are no variables: give "
-            f"them as numbers; variables: {', '.join(given.terms.variables.measured)}"
+            "known-physics-variables",
+            constants=given.terms.variables.constants,
+            variables=given.terms.variables.measured,
         )
     if given.order != order:
         both = [order_in_words(each, schema.states) for each in (given.order, order)]
-        raise CommonlawError(f"the known equations are of order {both[0]}, and a law of order {both[1]} is sought")
+        raise CommonlawError("known-physics-order-given", order=both[0], sought=both[1])
     names, found = given.terms.variables.names, Numbers()
     texts = [each.expression(names) for each in given.terms.terms]
     products = {(each.equation, each.term): each for each in given.products}
@@ -139,7 +137,7 @@ def _by_state(result: Any, states: Sequence[str]) -> Iterable[Any]:
     if len(states) == 1:
         return [result]
     if not isinstance(result, Sequence) or len(result) != len(states):
-        raise CommonlawError(f"a known function gives one derivative for each of {', '.join(states)}, in this order")
+        raise CommonlawError("known-function-size", states=states)
     return result
 
 
@@ -148,4 +146,4 @@ def property_of(trials: Trials, owner: str, name: str) -> float:
     if isinstance(value, float):
         return value
     known = ", ".join((*law_variables(trials.schema, 2).names, *property_names(trials.properties)))
-    raise CommonlawError(f"what is known takes {name!r}, which is no number for {owner}: known are {known}")
+    raise CommonlawError("known-physics-names", name=name, object=owner, known=known)

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar, TypeVar
 
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import law_variables
@@ -58,28 +59,22 @@ def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStrea
     """Refuse what a method does not take, before work starts, and name one that takes it."""
     name, order = type(method).__name__, structure.order
     if isinstance(order, tuple) and not method.takes_mixed_orders:
-        raise CommonlawError(
-            f"equations of different orders do not go with {name}: use method=DerivativeRegression(), or give one order"
-        )
+        raise CommonlawError("mixed-orders-unsupported", method=name)
     if not {*order_of_each(order, 1)} <= {*method.orders}:
         other = "DiscreteTimeRegression" if order == 0 else "DerivativeRegression"
-        raise CommonlawError(f"order={order} does not go with {name}: use method={other}(), or another order")
+        raise CommonlawError("order-of-method", order=order, method=name, alternative=other)
     if isinstance(trials, TrialStream) and not method.takes_streams:
-        raise CommonlawError(
-            f"a stream does not go with {name}: use method=DerivativeRegression(), or read the trials into memory"
-        )
+        raise CommonlawError("stream-unsupported", method=name)
     inside = [each.text(law_variables(trials.schema, order)) for each in structure.parametric(trials.schema)]
     inside += ["ratios of sums"] if structure.ratios(trials.schema) else []
-    other = "" if order == 0 else ", or use method=TrajectoryLikelihood()"
+    others = [] if order == 0 else [Diagnostic("use-trajectory-likelihood")]
     if inside and not method.takes_constants:
         remedy = "take a library without ratios" if inside[0] == "ratios of sums" else "give constants as numbers"
-        raise CommonlawError(f"terms with constants inside, here {inside[0]}, do not go with {name}: {remedy}{other}")
+        raise CommonlawError("parametric-terms-unsupported", term=inside[0], method=name, remedies=[remedy, *others])
     columns = trials.schema.noise_columns
     if columns and not method.takes_noise_columns:
-        raise CommonlawError(
-            f"standard deviations of measurements, here in {', '.join(columns.values())}, do not go with {name}: read "
-            f"the table with noise_columns={{}}, states={[*trials.schema.measured]}{other}"
-        )
+        others = [Diagnostic("read-without-deviations", {"states": [*trials.schema.measured]}), *others]
+        raise CommonlawError("noise-columns-unsupported", columns=columns.values(), method=name, remedies=others)
 
 
 def parsed(value: T | str | None, parse: Callable[[str], T]) -> T | None:

@@ -50,10 +50,7 @@ class ModelStructure:
         """
         terms = self.library.bind(law_variables(schema, self.order))
         if not len(terms):
-            raise CommonlawError(
-                "the library has terms with constants inside alone: offer others beside them, as in "
-                '"poly:1 + saturating"'
-            )
+            raise CommonlawError("library-parametric-only")
         return terms
 
     def parametric(self, schema: Schema) -> tuple[ParametricTerm | TiedTerms, ...]:
@@ -79,10 +76,7 @@ class ModelStructure:
             values = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
             missing = [name for name in objects if name not in values]
             if missing:
-                raise CommonlawError(
-                    f"known term {terms.names[term]!r} has no coefficient for {', '.join(missing)}; give one for each "
-                    "object"
-                )
+                raise CommonlawError("known-coefficient-missing", term=terms.names[term], objects=missing)
             found[:, equation, term] = [_number(key, values[name]) for name in objects]
         return found
 
@@ -105,16 +99,13 @@ def _number(key: Key, value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
-        raise CommonlawError(
-            f"the known coefficient {key!r} is {str(value)[:60]!r}, which is not a number: give it in the units of the "
-            "trials, without its unit"
-        ) from None
+        raise CommonlawError("known-coefficient-not-a-number", key=key, value=str(value)[:60]) from None
 
 
 def _index_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
     """Return the indices of the equation and of the term that a key names."""
     if not isinstance(key, tuple) and len(states) > 1:
-        raise CommonlawError(f"term {key!r}: say of which equation, as ({states[0]!r}, {key!r})")
+        raise CommonlawError("known-term-ambiguous", key=key, state=states[0])
     state, term = key if isinstance(key, tuple) else (states[0], key)
     check_choice("state", state, states)
     return states.index(state), terms.index(term)

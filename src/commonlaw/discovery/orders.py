@@ -48,7 +48,7 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
     outcomes: tuple[Outcome, ...] = ()
     if isinstance(asked, tuple):
         if len(asked) != len(trials.schema.states):
-            raise CommonlawError(f"order {asked} is not one for each of {', '.join(trials.schema.states)}: give 1 or 2")
+            raise CommonlawError("order-per-state", order=asked, states=trials.schema.states)
         asked = dict(zip(trials.schema.states, asked, strict=True))
     if isinstance(asked, Mapping):
         if isinstance(trials, Trials):
@@ -57,10 +57,7 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
         own = _by_state(asked, trials.schema)
     else:
         if not _is_among(asked, (0, 1, 2)):
-            raise CommonlawError(
-                f"order {asked!r} is not supported: give the number 1 (x' = ...), 2 (x'' = ...), or 0 for a law in "
-                'discrete time (x[k+1] = ...), orders by state ({"x": 2, "y": 1}), or "auto" for 1 or 2'
-            )
+            raise CommonlawError("order-not-offered", order=asked)
         if isinstance(trials, Trials):
             trials, outcomes = without_measured_rates(trials, trials.schema.states if asked == 2 else ())
         own = [asked] * len(trials.schema.states)
@@ -71,12 +68,10 @@ def _by_state(asked: Mapping[str, int], schema: Schema) -> list[int]:
     for name, each in asked.items():
         check_choice("state", name, schema.states)
         if not _is_among(each, (1, 2)):
-            raise CommonlawError(
-                f"order {each!r} of {name} is not supported: give 1 ({name}' = ...) or 2 ({name}'' = ...)"
-            )
+            raise CommonlawError("order-of-state", order=each, name=name)
     lacking = [name for name in schema.states if name not in asked]
     if lacking:
-        raise CommonlawError(f"order says nothing of {', '.join(lacking)}: give 1 or 2 for each state")
+        raise CommonlawError("order-missing", states=lacking)
     return [asked[name] for name in schema.states]
 
 

@@ -187,7 +187,7 @@ def _unit_outcomes(solver: AbstractSolver | None) -> tuple[Outcome, ...]:
     if not isinstance(solver, STLSQ | SR3) or solver.normalize or solver.hyperparameter is not None:
         return ()
     text = "candidates were listed by the numbers of their coefficients, and other units of measurement list others"
-    remedy = "take solver='group-stlsq:normalize=True' or solver='best-subset', which no unit changes"
+    remedy = "take `solver='group-stlsq:normalize=True'` or `solver='best-subset'`, which no unit changes"
     return (Outcome(OutcomeKind.UNITS, "", text, remedy),)
 
 
@@ -215,8 +215,6 @@ def _forecast_scores(
 ) -> list[ForecastError]:
     """Return what scores the supports of each equation on forecasts of held-out trials, the others as in `law`."""
     if not isinstance(trials, Trials) or any(len(trials.of_object(name)) > MOST_GROUPS for name in trials.objects):
-        raise CommonlawError(
-            f"scoring='forecasts' needs trials in memory, at most {MOST_GROUPS} of an object; use scoring='residuals'"
-        )
+        raise CommonlawError("scoring-of-stream", limit=MOST_GROUPS)
     folds = make_folds(data.groups)
     return [ForecastError(folds, target, law, free, trials) for target in range(len(law.states))]

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 
 from commonlaw.array_types import Bools
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
 from commonlaw.discovery.many_objects import Fitting, law_of_parts
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
@@ -165,10 +166,7 @@ class TrajectoryLikelihood(AbstractMethod):
         ObservationModel(np.ones(1), self.huber_threshold)  # Refuses thresholds that do not fit
         solver = parsed(self.solver, parse_solver)
         if solver is not None and solver.hyperparameter is not None:
-            raise CommonlawError(
-                f"a solver with a value of its hyperparameter, {solver}, does not go with TrajectoryLikelihood, which "
-                "chooses by evidence: leave the value out, or use method=DerivativeRegression(solver=...)"
-            )
+            raise CommonlawError("solver-with-value", solver=solver)
         object.__setattr__(self, "solver", solver)
 
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
@@ -185,7 +183,7 @@ class TrajectoryLikelihood(AbstractMethod):
         inside = structure.parametric(trials.schema) or structure.ratios(trials.schema)
         if inside or self.unmeasured:
             what = "unmeasured=1" if self.unmeasured else "a term with constants inside"
-            raise CommonlawError(f"{what} does not go with a stream: leave it out, or read the trials into memory")
+            raise CommonlawError("stream-with-option", what=what)
         errors = "white" if self.errors == "auto" else self.errors
         return law_of_parts(
             trials,
@@ -483,8 +481,9 @@ def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
     if not count:
         return method
     if not isinstance(method, TrajectoryLikelihood):
-        remedy = "leave it out" if 0 in method.orders else "use method=TrajectoryLikelihood()"
-        raise CommonlawError(f"unmeasured={count} does not go with {type(method).__name__}: {remedy}")
+        name = type(method).__name__
+        remedy = Diagnostic("leave-out" if 0 in method.orders else "use-trajectory-likelihood")
+        raise CommonlawError("latent-states-unsupported", count=count, method=name, remedy=remedy)
     return replace(method, unmeasured=count)
 
 
@@ -565,4 +564,4 @@ def _check_effort(trials: Trials, terms: int, most_samples: int) -> None:
     size = 8 * (_FACTORS * objects * (terms * len(trials.schema.states)) ** 2 + _ARRAYS * samples * terms)
     check_memory(what, size, "take a smaller library")
     seconds = _SECONDS_AN_OBJECT * objects + _SECONDS_A_TRIAL * len(trials) + _SECONDS_A_SAMPLE * samples
-    announce(what, seconds, "take fewer trials, or method=DerivativeRegression()")
+    announce(what, seconds, Diagnostic("fewer-trials-or-regression"))

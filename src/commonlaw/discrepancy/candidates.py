@@ -33,11 +33,11 @@ def candidates(
         try:
             basis = basis_of(setting.visited, coordinate, times)
         except CommonlawError as error:
-            reasons.append(str(error))
+            reasons.append(error)
             continue
         found += [CandidateFunction(basis, equation, 0.0) for equation in equations]
     if not found:
-        raise CommonlawError("; ".join(reasons))
+        raise CommonlawError("several", messages=reasons)
     if len(found) == 1:
         return found
     alone = best(annealed(setting.problem, setting.alone))

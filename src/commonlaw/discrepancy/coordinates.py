@@ -57,7 +57,7 @@ class Visited:
         if not np.isfinite(found).all():
             at = self.values[np.argmin(np.isfinite(found))]
             point = ", ".join(f"{name} = {value:g}" for name, value in zip(self.variables.names, at, strict=True))
-            raise CommonlawError(f"{text} is not finite where {point}: give another coordinate")
+            raise CommonlawError("coordinate-not-finite", coordinate=text, point=point)
         return found
 
     def steps(self, values: Floats) -> Floats:
@@ -83,7 +83,7 @@ def basis_of(visited: Visited, coordinate: str, times: str) -> SmoothBasis:
     values = visited.evaluate(coordinate)
     low, high = float(values.min()), float(values.max())
     if not high - low > 1e-9 * max(abs(low), abs(high)):
-        raise CommonlawError(f"{coordinate} is {low:g} at all samples: a discrepancy is a function of what changes")
+        raise CommonlawError("coordinate-constant", coordinate=coordinate, value=low)
     return SmoothBasis(coordinate, times, low, high)
 
 

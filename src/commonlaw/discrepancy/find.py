@@ -37,10 +37,7 @@ def discrepancy(
     called = call(discrepancy, locals(), "law.discrepancy", "trials") + ".law"
     if law.terms.constants:
         inside = ", ".join(law.terms.variables.constants)
-        raise CommonlawError(
-            f"beside constants inside of terms, here {inside}, no discrepancy is sought: give them as numbers in the "
-            "equations of commonlaw.fit"
-        )
+        raise CommonlawError("discrepancy-with-parameters", parameters=inside)
     trials = with_known_properties(trials, law)
     setting = Setting.of(law, trials, [times, *([of] if of else [])], noise, huber_threshold)
     names = setting.law.terms.variables.names

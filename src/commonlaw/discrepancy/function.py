@@ -120,8 +120,11 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
         if not np.isfinite(values).all():
             wrong = values[~np.isfinite(values)].flat[0]
             raise CommonlawError(
-                f"a value of {self.basis.coordinate} is {wrong:g}: the discrepancy is a function of finite values; "
-                f"{self.basis.low:g} to {self.basis.high:g} were visited"
+                "discrepancy-outside",
+                coordinate=self.basis.coordinate,
+                value=wrong,
+                low=self.basis.low,
+                high=self.basis.high,
             )
         return values
 

@@ -82,7 +82,7 @@ def check_stream(
     from scipy.stats import false_discovery_control
 
     if not isinstance(stream, TrialStream):
-        raise CommonlawError(f"{type(stream).__name__} is no stream: check trials in memory by law.residuals(trials)")
+        raise CommonlawError("residuals-not-a-stream", type=type(stream).__name__)
     refuse_discrete_time(law)
     parts, progress = stream.parts or (stream,), progress or on_terminal()
     with on_cluster(client):

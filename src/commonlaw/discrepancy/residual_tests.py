@@ -139,9 +139,7 @@ def _memory(sums: StateSums, spent: float) -> Tested:
     found = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
     size = pairs + trials
     total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
-    alike = (
-        "neighbours err alike: a force that the law lacks, or errors of measurement with a memory (errors='correlated')"
-    )
+    alike = "neighbours err alike: a force that the law lacks, or errors with a memory (`errors='correlated'`)"
     unlike = "neighbours err to opposite sides: samples were rounded or differenced, or steps are too coarse"
     return Tested("correlation of neighbours", float(found), float(chi2.sf(total, 1)), alike if found > 0 else unlike)
 
@@ -165,7 +163,7 @@ def _growth(sums: StateSums, name: str, spent: float) -> Tested:
     found = float(np.clip(counts @ (first * second) / scale, -1.0, 1.0))
     free = sums.count - 2
     odds = free / ((1 + found) * (1 - found)) if abs(found) < 1 else np.inf
-    meaning = f"noise changes with {name}: errors='proportional', or a logarithmic scale if it is above zero"
+    meaning = f"noise changes with {name}: `errors='proportional'`, or a logarithmic scale if it is above zero"
     beyond = max(abs(found) - spent / 2, 0.0)
     return Tested("scatter with size", found, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
 

@@ -27,7 +27,7 @@ def residuals(law: Law, trials: Trials) -> Residuals:
 def refuse_discrete_time(law: Law) -> None:
     """Refuse a law that has no trajectories."""
     if law.order == 0:
-        raise CommonlawError("a law in discrete time has no trajectories that are fitted: score its forecasts instead")
+        raise CommonlawError("discrete-without-trajectories")
 
 
 def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals, Floats]:
@@ -88,5 +88,5 @@ def noise_of(parts: Sequence[tuple[int, Floats]]) -> Floats:
     """Return the noise of each state, shape (states,), from what `noise_squares` says of parts."""
     count = sum(each for each, _ in parts)
     if not count:
-        raise CommonlawError("this law does not know its noise, and no trial is complete to tell it: refine the law")
+        raise CommonlawError("noise-unknown-and-incomplete")
     return np.asarray(np.sqrt(sum(own for each, own in parts if each) / count))

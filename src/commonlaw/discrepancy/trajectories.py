@@ -104,10 +104,7 @@ def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
             found.append(fit_about(problem, model, followed(problem, first), model_error))
             estimates = found[-1].estimates
     if not found:
-        raise CommonlawError(
-            "the trajectories cannot be fitted with a discrepancy: the measurements may be too noisy or too far apart; "
-            "leave trials out, or give another coordinate"
-        )
+        raise CommonlawError("discrepancy-fit-failed")
     return found
 
 

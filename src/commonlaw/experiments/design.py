@@ -104,7 +104,7 @@ def design(
     True
     """
     if experiments < 1:
-        raise CommonlawError(f"{experiments} experiments are asked for: ask for one or more")
+        raise CommonlawError("design-count", count=experiments)
     plausible = _plausible([law] if isinstance(law, Law) else list(law))
     first, prior = plausible[0].law, np.array([each.probability for each in plausible])
     settings = Settings.of(first, vary or {}, usual(first, trials) if trials is not None else {})
@@ -144,7 +144,7 @@ def _limits(within: Mapping[str, object], law: Law) -> dict[str, Range]:
         if name not in states:
             raise unknown("state", name, states)
         if not isinstance(own, Range):
-            raise CommonlawError(f"{name} must stay within {value}: give a range, such as 0..100")
+            raise CommonlawError("design-range", name=name, value=value)
         found[name] = own
     return found
 
@@ -201,7 +201,7 @@ def _between(values: "np.typing.NDArray[np.float64]") -> Options:
 def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
     """Return all that several laws could be, each of them as probable as another."""
     if not laws or not all(isinstance(each, Law) for each in laws):
-        raise CommonlawError("experiments tell laws apart: give a law, or a list of laws")
+        raise CommonlawError("design-without-laws")
     first = laws[0]
     for each in laws[1:]:
         same = (each.terms.variables.measured, each.objects, each.schema.logarithmic) == (
@@ -210,6 +210,6 @@ def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
             first.schema.logarithmic,
         )
         if not same:
-            raise CommonlawError("the laws are of different variables, orders or objects: give laws of the same trials")
+            raise CommonlawError("design-different-laws")
     share = 1 / len(laws)
     return tuple(PlausibleLaw(share * own.probability, own.law) for each in laws for own in each.plausible)

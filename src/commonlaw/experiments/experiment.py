@@ -141,7 +141,7 @@ def check_prices(prices: Mapping[str, float], settings: Mapping[str, object], la
 def _number(settings: Mapping[str, Value], name: str, otherwise: float = 0.0) -> float:
     value = settings.get(name, otherwise)
     if not isinstance(value, float | int):
-        raise CommonlawError(f"{name} is {value!r}: give a number")
+        raise CommonlawError("experiment-number", name=name, value=value)
     return float(value)
 
 
@@ -150,12 +150,12 @@ def _times(settings: Mapping[str, Value]) -> Floats:
     if listed is not None:
         times = np.array(listed)
         if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
-            raise CommonlawError("the times of an experiment's samples increase, and are two or more")
+            raise CommonlawError("experiment-times")
         return times
     duration = _number(settings, "duration")
     count = _number(settings, "samples") if "samples" in settings else duration * _number(settings, "rate") + 1
     if count > _MOST_SAMPLES:
-        raise CommonlawError(f"an experiment has {count:.3g} samples: give a lower rate or a shorter duration")
+        raise CommonlawError("experiment-too-many-samples", count=count)
     return np.asarray(np.linspace(0.0, duration, max(2, round(count))))
 
 
@@ -164,9 +164,7 @@ def _start(law: Law, settings: Mapping[str, Value], name: str) -> float:
         return _number(settings, name)
     value = law.schema.starts[name]
     if not isinstance(value, float | int):
-        raise CommonlawError(
-            f"where {name} starts differs by object: say where it starts in the experiment, {name}=..."
-        )
+        raise CommonlawError("experiment-start", name=name)
     return float(value)
 
 
@@ -189,7 +187,7 @@ def dose_times(settings: Mapping[str, Value], name: str, times: Floats) -> list[
     if first >= last:
         return []
     if (last - first) / every > _MOST_SAMPLES:
-        raise CommonlawError(f"an experiment has {(last - first) / every:.3g} doses: give a longer {name}.every")
+        raise CommonlawError("experiment-too-many-doses", count=(last - first) / every, name=name)
     return [first, *(first + k * every for k in range(1, int(np.ceil((last - first) / every))))]
 
 

@@ -62,16 +62,11 @@ class Hypothesis:
             If the law does not know its noise or its covariance, or is one of discrete time.
         """
         if law.order == 0:
-            raise CommonlawError(
-                "a law of discrete time does not say what happens between samples: discover one of order 1 or 2"
-            )
+            raise CommonlawError("discrete-between-samples")
         known = law.uncertainty.select([law.index(name) for name in objects])
         own = known.known_covariance()
         if law.noise is None:
-            raise CommonlawError(
-                "this law does not know the noise of the measurements: discover it without naming a solver, "
-                "or refine it"
-            )
+            raise CommonlawError("noise-unknown")
         factor = known.shared_factor
         if factor is not None:
             own = own - np.matmul(factor, factor.transpose(0, 2, 1))

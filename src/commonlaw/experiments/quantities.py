@@ -66,7 +66,7 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
     forecast, coefficient = (form.fullmatch(text.strip()) for form in (_FORECAST, _COEFFICIENT))
     found = forecast or coefficient
     if found is None:
-        raise CommonlawError("nothing is named that is to be known: name a coefficient or a forecast")
+        raise CommonlawError("design-without-target")
     chosen, objects = found["object"], hypotheses[0].objects
     if chosen is not None and chosen not in objects:
         raise unknown("object of this law", chosen, objects)
@@ -107,15 +107,19 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
     if parts["state"] not in states:
         raise unknown("state", parts["state"], states)
     if law.schema.inputs:
-        raise CommonlawError("forecasts of laws with inputs need their course: ask for coefficients, or for the law")
+        raise CommonlawError("design-forecast-with-inputs")
     try:
         time, start = float(parts["time"]), [float(own) for own in parts["start"].split(",")]
     except ValueError as error:
-        raise CommonlawError(f"a forecast is asked for like 'x at t=10 from 100': {error}") from None
+        raise CommonlawError("design-forecast-syntax", error=error) from None
     if not (time > 0 and len(law.states) <= len(start) <= len(states)):
         raise CommonlawError(
-            f"a forecast at {time:g} from {len(start)} numbers: give a time above 0, and a start of "
-            f"{len(law.states)} to {len(states)}, {', '.join(states)}"
+            "design-forecast-numbers",
+            time=time,
+            given=len(start),
+            least=len(law.states),
+            most=len(states),
+            states=states,
         )
     initial = np.pad(np.array(start), (0, len(states) - len(start)))
     logs, column = list(law.terms.variables.logarithmic_columns), states.index(parts["state"])
@@ -130,7 +134,7 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
     )
     if any(own.outcome is not None for own in found):
         raise CommonlawError(
-            f"{'; '.join(law.structure())} diverges before {law.schema.time} = {time:g}: ask for an earlier forecast"
+            "design-forecast-diverges", structure=law.structure(), time_name=law.schema.time, time=time
         )
     values = np.array([own.states[-1, column] for own in found])
     slopes = np.array([own.sensitivities[-1, column, : -len(states)] for own in found if own.sensitivities is not None])

@@ -128,14 +128,8 @@ class Search:
         if not found:
             cheapest = min((each.experiment.cost for each in self._spread), default=np.nan)
             if not self._spread:
-                raise CommonlawError(
-                    "forecasts diverge in all these experiments: give narrower ranges, nearer to what the law was "
-                    "learned from"
-                )
-            raise CommonlawError(
-                f"no experiment costs {budget:g} or less, the cheapest {cheapest:.3g}: give a larger budget, or other "
-                "ranges"
-            )
+                raise CommonlawError("design-diverges")
+            raise CommonlawError("design-too-expensive", budget=budget, cheapest=cheapest)
         return self._exchanged(found, progress) if len(found) > 1 else found
 
     def _exchanged(self, found: list[Candidate], progress: Callable[[str], None]) -> list[Candidate]:

@@ -158,14 +158,14 @@ def read(name: str, value: object) -> Options:
     if name == "times" and values and not isinstance(values[0], list | tuple | np.ndarray):
         values = [values]
     if not values:
-        raise CommonlawError(f"{name} has no values: give a range, a list or a number")
+        raise CommonlawError("setting-empty", name=name)
     return tuple(_plain(name, each) for each in values)
 
 
 def _range(name: str, low: object, high: object) -> Range:
     first, last = _plain(name, low), _plain(name, high)
     if not (_is_number(first) and _is_number(last) and first < last):
-        raise CommonlawError(f"{name} goes from {low} to {high}: give two numbers, the smaller one first")
+        raise CommonlawError("setting-range", name=name, low=low, high=high)
     return Range(first, last)
 
 
@@ -177,9 +177,9 @@ def _plain(name: str, value: object) -> Value:
     try:
         number = float(str(value))
     except ValueError:
-        raise CommonlawError(f"{name} is {value!r}: give a number, a range such as 5..60, or a list") from None
+        raise CommonlawError("setting-syntax", name=name, value=value) from None
     if not np.isfinite(number):
-        raise CommonlawError(f"{name} is {value}: give a finite number")
+        raise CommonlawError("setting-not-finite", name=name, value=value)
     return number
 
 
@@ -204,7 +204,7 @@ def _words_of(options: Options) -> tuple[str, ...]:
 def check_amount(what: str, value: object) -> None:
     """Refuse what is no finite number from zero on."""
     if not (isinstance(value, float | int | np.floating | np.integer) and 0 <= value < np.inf):
-        raise CommonlawError(f"{what} {value}: give a number from zero on")
+        raise CommonlawError("setting-negative", name=what, value=value)
 
 
 def _replaced(name: str, given: Mapping[str, Options]) -> bool:
@@ -247,20 +247,17 @@ def _some(names: tuple[str, ...]) -> tuple[str, ...]:
 def _check_new(options: Mapping[str, Options], law: Law) -> None:
     """Refuse a new object whose coefficients nothing decides."""
     if "object" in options:
-        raise CommonlawError("object names one that is known, and object.<property> describes a new one: vary either")
+        raise CommonlawError("setting-object-twice")
     properties = law.explanation.properties if law.explanation else ()
     for name in options:
         head, dot, tail = name.partition(".")
         if head == "object" and dot and tail not in properties:
-            raise CommonlawError(
-                f"{name} decides no coefficient of this law"
-                + (f", {' and '.join(properties)} do" if properties else ": have it explained first, law.explain()")
-            )
+            if not properties:
+                raise CommonlawError("setting-without-properties", name=name)
+            raise CommonlawError("setting-not-a-property", name=name, properties=properties)
     lacking = [f"object.{each}" for each in properties if f"object.{each}" not in options]
     if lacking:
-        raise CommonlawError(
-            f"a new object has more properties that decide its coefficients: vary {', '.join(lacking)} too"
-        )
+        raise CommonlawError("setting-properties-missing", properties=lacking)
 
 
 def _check_complete(options: Mapping[str, Options], law: Law) -> None:
@@ -275,21 +272,19 @@ def _check_complete(options: Mapping[str, Options], law: Law) -> None:
         shown = {"duration": "1..5", "rate": "10..100"}
         shown |= {name: f"{visited[name][0]:.3g}..{visited[name][1]:.3g}" for name in lacking if name in visited}
         ways = ", ".join(f"{name}={shown.get(name, '0..1')}" for name in lacking)
-        raise CommonlawError(f"not all of an experiment is given: say with vary what can be set, for instance {ways}")
+        raise CommonlawError("setting-missing", settings=ways)
     above = {"duration": 0.0, "rate": 0.0, "samples": 1.0, "repeats": 0.0}
     above |= {f"{name}.every": 0.0 for name in law.schema.doses}
     for name, least in above.items():
         for number in numbers_of(options.get(name, ())):
             if not number > least:
-                raise CommonlawError(f"{name} is {number:g}: give numbers above {least:g}")
+                raise CommonlawError("setting-too-small", name=name, value=number, least=least)
     for name in law.schema.doses:
         for number in numbers_of(options.get(f"{name}.at", ())):
             check_amount(f"{name}.at is", number)
     for name in law.schema.logarithmic:
         if any(not number > 0 for number in numbers_of(options.get(name, ()))):
-            raise CommonlawError(
-                f"{name} can start at zero or below, and this law follows its logarithm: give it above 0"
-            )
+            raise CommonlawError("setting-not-positive", name=name)
     for name in law.schema.inputs:
         for shape in _words_of(options.get(f"{name}.shape", ())):
             if shape not in SHAPES:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Diagnostic, marked
 from commonlaw.differentiation import AbstractDifferentiator, ForwardDifference, RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.initial_state import MIN_SAMPLES, Start, can_fit_initial_state, fit_initial_state, with_weights
@@ -71,15 +72,15 @@ def begin(
     """Return the trials that can be forecast, with samples at all times that are wanted, and where each begins."""
     wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
     if not np.isfinite(wanted).all() or (law.order == 0 and len(wanted)):
-        raise CommonlawError("times to forecast are finite, and laws in discrete time take none: leave them out")
+        raise CommonlawError("forecast-times")
     if isinstance(start, str) and start != "all":
-        raise CommonlawError(f"start is {start!r}: give a number of first samples, 1 or more, or 'all'")
+        raise CommonlawError("forecast-start", start=start)
     if isinstance(start, int) and start < 1:
-        raise CommonlawError(f"start is {start}: give how many first samples tell the start, 1 or more")
+        raise CommonlawError("forecast-start-count", start=start)
     if start == "all":
         law, start = with_weights(law, trials), max(map(len, trials))
     if from_time is not None and not np.isfinite(from_time):
-        raise CommonlawError(f"from_time={from_time} is not finite: give the time from which to forecast")
+        raise CommonlawError("forecast-from-time", from_time=from_time)
     found, lost = [], []
     for trial in trials:
         inputs = Inputs.of(trial.times, trial.inputs, input_between or law.schema.input_between)
@@ -90,10 +91,10 @@ def begin(
             found.append(_begin_later(law, trial, extended, inputs, start, from_time))
         else:
             lost.append(f"{trial.label}, t = {trial.times[0]:g} to {extended.times[-1]:g}")
-    why = f"from_time={from_time}, with no sample before it or no row from then on: {shown(lost)}"
+    why = Diagnostic("no-samples-around", {"from_time": from_time, "trials": shown(lost)})
     if not found:
-        raise CommonlawError(f"no trial can be forecast {why}")
-    notes = [f"trials not forecast {why}"] if lost else []
+        raise CommonlawError("forecast-no-trial", reason=why)
+    notes = [f"trials not forecast {why.sentence(marked)}"] if lost else []
     unknown = [each.start_samples.label for each in found if law.rates and len(each.start_samples) == 1]
     if unknown:
         notes.append(f"zero was taken for a rate that one sample does not tell, without a band: {'; '.join(unknown)}")
@@ -176,10 +177,7 @@ def _measured_start(law: Law, trial: Trial) -> Floats:
         state = law.states[int(np.argmax(missing[0]))]
         whole = np.flatnonzero(~missing.any(axis=1))
         remedy = f"start the trial at sample {whole[0] + 1}, which has every state, or " if len(whole) else ""
-        raise CommonlawError(
-            f"{trial.label}: {state} is missing in sample 1, where the forecast starts; {remedy}fit "
-            "it to the first samples with start=15"
-        )
+        raise CommonlawError("initial-value-missing", where=trial.label, state=state, remedy=remedy)
     second = with_rates(law.order, len(law.states))
     rates = [_first_rates(law, trial, trial.states)[second]] if len(second) else []
     return np.concatenate([trial.states[0], *rates])

@@ -107,7 +107,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     if law.uncertainty.error_model:
         filtered = filtered_start(law, trial, inputs, guess, noise)
         if filtered is None:
-            raise CommonlawError(_not_finite(trial))
+            raise _not_finite(trial)
         return filtered
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
     (mesh,) = meshes([trial], POINTS, len(trial))
@@ -121,7 +121,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         MODEL_ERRORS,
     )
     if not np.isfinite(found.objective):
-        raise CommonlawError(_not_finite(trial))
+        raise _not_finite(trial)
     start = found.states[0][0]
     start = np.where(np.abs(start) < np.finfo(float).eps * model.unit, 0.0, start)  # At rest, with no scale of its own
     return FittedInitialState(start, trial, observation_model)
@@ -132,11 +132,8 @@ def _with_exact_zeros(trial: Trial, noise: Floats) -> Trial:
     return replace(trial, noise=np.where(trial.absent, _EXACT * noise, trial.noise)) if trial.absent.any() else trial
 
 
-def _not_finite(trial: Trial) -> str:
-    return (
-        f"{trial.label}: the law is not finite on a curve through the first {len(trial)} samples, to which its start "
-        "was to be fitted; take start=1, the first sample as measured, or leave the trial out"
-    )
+def _not_finite(trial: Trial) -> CommonlawError:
+    return CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
 
 
 def can_fit_initial_state(law: Law) -> bool:
@@ -190,13 +187,10 @@ def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
 def _noise_of(law: Law) -> Floats:
     """Return the noise of a law that a start can be fitted by."""
     if law.order == 0:
-        raise CommonlawError("a law in discrete time starts at the first sample: use start=1")
+        raise CommonlawError("discrete-start")
     if law.noise is None or not can_fit_initial_state(law):
         lacks = "does not know the noise of the measurements" if law.noise is None else "says that a state has no noise"
-        raise CommonlawError(
-            f"this law {lacks}, and so not what the first samples are worth: give its noise, a standard deviation "
-            "above zero for each state, or use start=1"
-        )
+        raise CommonlawError("initial-values-without-noise", lacking=lacks)
     return law.noise
 
 
@@ -206,6 +200,10 @@ def _check_measured(law: Law, trial: Trial, unmeasured: Sequence[str]) -> None:
         measured = int(np.isfinite(column).sum())
         if measured < order and name not in unmeasured:
             raise CommonlawError(
-                f"{trial.label}: {name} was measured in {measured} of the first {len(trial)} samples, and a start is "
-                f"fitted to {order} or more; give a larger start, or leave the trial out"
+                "initial-values-too-few",
+                where=trial.label,
+                name=name,
+                measured=measured,
+                samples=len(trial),
+                least=order,
             )

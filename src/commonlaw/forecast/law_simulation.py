@@ -28,7 +28,7 @@ def simulate_law(
 ) -> dict[str, Trajectory]:
     """Integrate a law for every object, see `Law.simulate`."""
     if law.schema.inputs != law.schema.doses:
-        raise CommonlawError("this law has inputs: forecast trials that hold them with predict")
+        raise CommonlawError("simulate-with-inputs")
     for name in doses or {}:
         check_choice("dose", name, law.schema.doses)
     natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
@@ -40,7 +40,7 @@ def simulate_law(
         state = np.atleast_1d(np.asarray(start, dtype=np.float64))
         if state.shape != (width,):
             wanted = ", ".join(law.terms.variables.states)
-            raise CommonlawError(f"{name}: the initial state has {state.size} numbers, expected {width}: {wanted}")
+            raise CommonlawError("initial-state-size", where=name, given=state.size, expected=width, names=wanted)
         field = replace(law.vector_field(name), terms=natural, inputs=inputs)
         problems[name] = InitialValueProblem(field, state, grid, name)
     found = simulate(

@@ -74,12 +74,12 @@ def forecast_stream(
     import pandas as pd
 
     if not isinstance(stream, TrialStream):
-        raise CommonlawError(f"{type(stream).__name__} is no stream: forecast trials in memory by law.predict(trials)")
+        raise CommonlawError("forecast-not-a-stream", type=type(stream).__name__)
     with on_cluster(client):
         parts = forecast_parts(law, stream, progress, folder, start=start, from_time=from_time)
     found = [each for each in parts if len(each)]
     if not found:
-        raise CommonlawError(f"no trial has a sample before from_time={from_time} and one from then on")
+        raise CommonlawError("forecast-no-trial-from", from_time=from_time)
     return pd.concat(found, ignore_index=True)
 
 
@@ -141,10 +141,7 @@ def law_of(law: Law, names: Collection[str]) -> Law:
     known = {*law.objects}
     unseen = [name for name in names if name not in known]
     if unseen and law.explanation is None:
-        raise CommonlawError(
-            f"{unseen[0]} is not in the law: of a stream, objects that the law has not seen are forecast by their "
-            "properties; explain the law first"
-        )
+        raise CommonlawError("object-unknown", object=unseen[0])
     some = law.objects[:2] if unseen else ()  # A law of a single object would be taken for that of all
     return law.select(list(dict.fromkeys([*(name for name in names if name in known), *some])))
 
@@ -156,10 +153,7 @@ def _check_told(law: Law, trials: Trials) -> None:
     for name in trials.objects:
         if is_typical(law, name, trials):
             wanted = [*law.explanation.properties]
-            raise CommonlawError(
-                f"{name} is not in the law, and not all is known that its coefficients follow from, "
-                f"{' and '.join(wanted)}: name the columns, properties={wanted}"
-            )
+            raise CommonlawError("object-without-properties", object=name, properties=wanted)
 
 
 def _errors(how: dict[str, Any], piece: _Piece) -> "pd.DataFrame":

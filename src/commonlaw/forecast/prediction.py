@@ -90,7 +90,7 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast
     """
     variables, states = law.terms.variables.states, len(law.states)
     if len(start) != len(variables):
-        raise CommonlawError(f"the start has {len(start)} numbers, expected {len(variables)}: {', '.join(variables)}")
+        raise CommonlawError("start-size", given=len(start), expected=len(variables), variables=variables)
     unknown = np.full((len(times) - 1, states), np.nan)
     trial = Trial(name, "1", times, np.vstack([start[:states], unknown]))
     measured = Trials((trial,), replace(law.schema, logarithmic=()))
@@ -196,12 +196,12 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
     """
     wider, own = law.with_discrepancy, law.support.any(axis=0)
     if wider is None:
-        raise CommonlawError("this law carries no discrepancy: forecast with law.discrepancy(trials).law")
+        raise CommonlawError("discrepancy-missing")
     if {*law.objects} <= {*wider.objects}:
         wider = wider.select(law.objects)
     same = np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own])
     if not same or (wider.states, wider.order) != (law.states, law.order):
-        raise CommonlawError("this law was changed after its discrepancy was found: find it again, law.discrepancy")
+        raise CommonlawError("discrepancy-outdated")
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
     taken = wider.schema.inputs[len(law.schema.inputs) :]
     return wider, with_property_inputs(replace(trials, properties=known), taken)
@@ -214,7 +214,7 @@ def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) 
     trajectory has diverged.
     """
     if trajectory.sensitivities is None:
-        raise CommonlawError("this trajectory has no derivatives: simulate with sensitivities=True")
+        raise CommonlawError("sensitivities-missing")
     width, variances = len(initial), np.zeros(trajectory.states.shape)
     with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
         for derivatives, covariance in (
@@ -227,10 +227,7 @@ def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) 
 
 def _noise_of(law: Law) -> Floats:
     if law.noise is None:
-        raise CommonlawError(
-            "this law does not know the noise of the measurements, and so not how accurate initial states are: "
-            "give its noise, a standard deviation for each state"
-        )
+        raise CommonlawError("noise-unknown-at-start")
     return law.noise
 
 
@@ -243,10 +240,7 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
         law, notes = with_objects_of(law, trials)
         return law, replace(trials, notes=(*trials.notes, *notes)) if notes else trials
     if len(law.objects) > 1:
-        raise CommonlawError(
-            f"the trials do not say of which object they are, and the law has several: say it with object_name=..., "
-            f"one of {others}"
-        )
+        raise CommonlawError("object-unnamed", objects=others)
     note = f"no object is named: {name} has the coefficients of {others}, the only object of the law"
     other_laws = law.each_other(lambda other: replace(other, objects=(name,)))
     uncertainty = replace(law.uncertainty, other_laws=other_laws)

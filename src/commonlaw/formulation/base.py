@@ -89,7 +89,7 @@ class AbstractSampledForm(AbstractFormulation):
         found = [LeastSquaresProblem.of_blocks(_blocks(parts, terms, width), len(terms), width) for _, parts in by_cut]
         if not all(np.isfinite(problem.factor).all() for problem in found):
             self.rows(trial, terms)  # Its message names the term and the sample
-            raise CommonlawError(f"{trial.label}: a rate is not finite; look for values too large or times too close")
+            raise CommonlawError("rate-not-finite", where=trial.label)
         return found
 
     def problem(self, trials: Sequence[Trial], terms: Terms) -> LeastSquaresProblem:
@@ -109,9 +109,11 @@ class AbstractSampledForm(AbstractFormulation):
             missing = np.argwhere(np.isnan(trial.states))
             sample, state = missing[0]
             raise CommonlawError(
-                f"{trial.label}: {terms.variables.states[state]} is missing in sample {sample + 1}, {len(missing)} "
-                "values in all, and this formulation needs every one: leave the solver and differentiation to their "
-                "defaults, which take missing values; or fill or drop them"
+                "state-missing",
+                where=trial.label,
+                state=terms.variables.states[state],
+                sample=sample + 1,
+                missing=len(missing),
             )
 
 

@@ -214,10 +214,7 @@ def refuse_vanishing_states(trials: Trials) -> None:
     sizes = np.fmax.reduce([_sizes(some) for some in _in_order(trials, 1)])
     for state, size in zip(trials.schema.states, sizes, strict=True):
         if 0 < size < _SMALLEST:
-            raise CommonlawError(
-                f"the state {state!r} is {size:.3g} at most, and its powers are beyond what can be computed with: give "
-                "it in another unit, so that its values are nearer to 1"
-            )
+            raise CommonlawError("state-too-large", state=state, size=size)
 
 
 def _sizes(trials: Sequence[Trial]) -> Floats:
@@ -247,6 +244,5 @@ def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:
                 ways = ["leave the object out"] if len(extremes) > 1 else []
                 ways += ["take the column as a property instead of a state"] if len(schema.states) > 1 else []
                 raise CommonlawError(
-                    f"the state {state!r} of {name} never changes: nothing can be learned from it; "
-                    f"{', or '.join(ways) or 'measure it while it changes'}"
+                    "state-constant-of-object", state=state, name=name, remedies=ways or ["measure it while it changes"]
                 )

@@ -24,7 +24,7 @@ class DiscreteForm(AbstractSampledForm):
 
     def span(self, trial: Trial) -> tuple[int, int]:
         if len(trial) < 2:
-            raise CommonlawError(f"{trial.label}: one sample has no next one; leave the trial out")
+            raise CommonlawError("discrete-one-sample", where=trial.label)
         return 0, len(trial) - 1
 
     def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
@@ -32,9 +32,12 @@ class DiscreteForm(AbstractSampledForm):
         far = np.flatnonzero(np.abs(steps - np.median(steps)) > _UNEVEN * np.median(steps))
         if len(far):
             raise CommonlawError(
-                f"{trial.label}: the step from sample {far[0] + 1} to sample {far[0] + 2} is {steps[far[0]]:g}, the "
-                f"median step {np.median(steps):g}: a discrete-time law needs equal steps; resample the trial, or "
-                "discover a law of order 1"
+                "discrete-uneven",
+                where=trial.label,
+                sample=far[0] + 1,
+                next_sample=far[0] + 2,
+                step=steps[far[0]],
+                median=np.median(steps),
             )
         values = np.concatenate([trial.states, trial.inputs, trial.times[:, np.newaxis]], axis=1)
         for start, stop in pairwise([0, *cuts, len(trial) - 1]):

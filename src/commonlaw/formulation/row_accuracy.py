@@ -45,7 +45,7 @@ def effective_share(form: StrongForm, trial: Trial) -> float:
             for each in (states, pushed)
         )
     except CommonlawError as error:
-        raise CommonlawError(f"{trial.label}: {error}") from None
+        raise error.at(trial.label) from None
     response = after - before
     response = response[:, np.any(response != 0, axis=0)]
     if not response.size:

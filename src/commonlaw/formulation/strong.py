@@ -53,11 +53,9 @@ class StrongForm(AbstractSampledForm):
         for each in order_of_each(self.order, 1):
             check_order(each)
         if self.library_states not in ("smoothed", "measured"):
-            raise CommonlawError(
-                f"library states {self.library_states!r} are not known: choose 'smoothed' or 'measured'"
-            )
+            raise CommonlawError("library-states", library_states=self.library_states)
         if not isinstance(self.trim, int | np.integer) or self.trim < 0:
-            raise CommonlawError(f"trim is {self.trim!r}: give the number of rows to leave out at each end")
+            raise CommonlawError("trim-not-a-number", trim=self.trim)
 
     @property
     def takes_missing(self) -> bool:
@@ -71,15 +69,12 @@ class StrongForm(AbstractSampledForm):
         except CommonlawError as error:
             if segment != _WHOLE:
                 self.rates(trial)  # Its message counts the samples of the whole trial
-            raise CommonlawError(f"{trial.label}: {error}") from None
+            raise error.at(trial.label) from None
 
     def span(self, trial: Trial) -> tuple[int, int]:
         first, last = self.trim, len(trial) - self.trim
         if first >= last:
-            raise CommonlawError(
-                f"{trial.label}: no row is left of {len(trial)} samples after trimming {self.trim} at each end; "
-                "trim less"
-            )
+            raise CommonlawError("trim-too-long", where=trial.label, samples=len(trial), trim=self.trim)
         return first, last
 
     def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:

@@ -29,4 +29,4 @@ def plain_rates(schema: Schema) -> tuple[str, ...]:
 def check_order(order: int) -> None:
     """Refuse an order of an equation that is neither 1 nor 2."""
     if order not in (1, 2):
-        raise CommonlawError(f"order {order!r} is not supported: give the number 1 (x' = ...) or 2 (x'' = ...)")
+        raise CommonlawError("order-one-or-two", order=order)

@@ -83,9 +83,9 @@ class WeakForm(AbstractFormulation):
     def __post_init__(self) -> None:
         check_order(self.order)
         if self.radii is not None and not (self.radii and all(np.isfinite(each) and each >= 2 for each in self.radii)):
-            raise CommonlawError(f"radii {self.radii}: give one or more numbers of samples, each at least 2")
+            raise CommonlawError("weak-radii", radii=self.radii)
         if self.noise is not None and not all(np.isfinite(each) and each >= 0 for each in self.noise):
-            raise CommonlawError(f"noise {self.noise}: give a standard deviation for each state, 0 or positive")
+            raise CommonlawError("weak-noise", noise=self.noise)
 
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
         tested = self.tested(trial, terms)
@@ -97,8 +97,7 @@ class WeakForm(AbstractFormulation):
         library, targets = self.rows(trial, terms)
         if len(library) < segments:
             raise CommonlawError(
-                f"{trial.label}: {len(trial)} samples make {len(library)} rows, too few for {segments} segments; "
-                "give smaller radii or a longer trial"
+                "weak-too-few-rows", where=trial.label, samples=len(trial), rows=len(library), segments=segments
             )
         cut = zip(np.array_split(library, segments), np.array_split(targets, segments), strict=True)
         return [LeastSquaresProblem.of(*rows) for rows in cut]
@@ -123,14 +122,11 @@ class WeakForm(AbstractFormulation):
         """Return the standard deviation of the noise on each state, shape (states,)."""
         if self.noise is not None and len(self.noise) != trial.states.shape[1]:
             raise CommonlawError(
-                f"{trial.label}: noise is given for {len(self.noise)} of {trial.states.shape[1]} states; give all"
+                "weak-noise-size", where=trial.label, given=len(self.noise), states=trial.states.shape[1]
             )
         least = 2 * LEAST_RADIUS + 1
         if len(trial) < least:
-            raise CommonlawError(
-                f"{trial.label}: {len(trial)} samples are fewer than the {least} of a test function; leave the trial "
-                "out, or take the strong form"
-            )
+            raise CommonlawError("weak-too-few-samples", where=trial.label, samples=len(trial), least=least)
         noise = noise_level(trial.times, trial.states) if self.noise is None else np.array(self.noise)
         return np.asarray(np.maximum(noise, _FLOOR * np.ptp(trial.states, axis=0)))
 
@@ -141,8 +137,7 @@ class WeakForm(AbstractFormulation):
         test_functions = reduce(CompactTestFunctions.joined, by_radius)
         if not len(test_functions.centres):
             raise CommonlawError(
-                f"{trial.label}: {len(trial)} samples leave gaps in every test function of a radius of "
-                f"{', '.join(f'{each:g}' for each in radii)} mean steps; give larger radii"
+                "weak-gaps", where=trial.label, samples=len(trial), radii=", ".join(f"{each:g}" for each in radii)
             )
         return test_functions
 
@@ -153,14 +148,14 @@ class WeakForm(AbstractFormulation):
         try:
             each = [method.differentiate(trial.times, trial.states[:, [i]], 1) for i, method in enumerate(methods)]
         except CommonlawError as error:
-            raise CommonlawError(f"{trial.label}: {error}") from None
+            raise error.at(trial.label) from None
         states = np.concatenate([one.states for one in each], axis=1)
         return states, [np.concatenate([one.derivatives[0] for one in each], axis=1)] * (self.order - 1)
 
     def _equations(self, trial: Trial) -> Sequence[int]:
         known = range(trial.states.shape[1])
         if self.equation is not None and self.equation not in known:
-            raise CommonlawError(f"{trial.label}: there is no equation {self.equation}; the first of {len(known)} is 0")
+            raise CommonlawError("weak-equation", where=trial.label, equation=self.equation, equations=len(known))
         return known if self.equation is None else (self.equation,)
 
     def _known(self, trial: Trial, tested: WeakRows) -> Floats:
@@ -169,10 +164,7 @@ class WeakForm(AbstractFormulation):
         wanted = tested.targets.shape[1], tested.library.shape[1]
         if known is None or known.shape != wanted:
             what = "none" if known is None else f"coefficients of shape {known.shape}"
-            raise CommonlawError(
-                f"{trial.label}: the rows are to be whitened with coefficients of shape {wanted}, but there are {what} "
-                f"of {trial.object}; find them with `reweight`"
-            )
+            raise CommonlawError("weak-whitening", where=trial.label, shape=wanted, given=what, object=trial.object)
         return known
 
 

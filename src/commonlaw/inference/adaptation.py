@@ -27,7 +27,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     law.uncertainty.known_covariance()
     if law.noise is None or law.uncertainty.error_model:
         lacks = "has errors beside white noise" if law.noise is not None else "does not know its noise"
-        raise CommonlawError(f"this law {lacks}, by which it would weigh new trials: refine it with all trials instead")
+        raise CommonlawError("weights-unknown", lacking=lacks)
     trials = matched(law, trials)
     setup = FitSetup.of(with_objects_of(law, trials)[0], trials)
     before, trials = setup.law, setup.trials
@@ -65,10 +65,7 @@ def _posterior(model: TrajectoryModel, start: Estimate, law: Law, index: int) ->
         try:
             factor = linearize(model, estimate, last, support).problem.factor
         except NotPositiveError:
-            raise CommonlawError(
-                f"{name}: the law with the coefficients that other objects suggest is not finite along its trials; "
-                "leave trials out, or discover a law of all"
-            ) from None
+            raise CommonlawError("pooled-start-diverges", where=name) from None
         rows, target = factor[:-1, :-1], factor[:-1, -1]
         # By the gain, which takes coefficients that are known, without variance, as they are
         weighted = rows @ spread

@@ -121,13 +121,11 @@ def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool =
     ("x'' = a + b x",)
     """
     if not np.any(support):
-        raise CommonlawError("a law without any term says nothing: leave it one at least")
+        raise CommonlawError("law-without-terms")
     try:
         fitted = _fitted(law, support, trials, own_noise)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        raise CommonlawError(
-            f"no coefficients can be found for these terms ({error}): leave one out, or take another one in"
-        ) from None
+        raise CommonlawError("terms-cannot-be-fitted", error=error) from None
     return CandidateLaw(fitted, _evidence(law, support), False)
 
 

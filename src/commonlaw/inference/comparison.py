@@ -86,12 +86,10 @@ def compare(
         laws = {f"law {i}": law for i, law in enumerate(laws, start=1)}
     others = [name for name, law in laws.items() if not isinstance(law, Law)]
     if others or not laws:
-        raise CommonlawError("give the laws to compare, each a Law, by names: {'with drag': law, 'without': other}")
+        raise CommonlawError("laws-without-names")
     states = dict.fromkeys(", ".join(sorted(law.states)) for law in laws.values())
     if len(states) > 1:
-        raise CommonlawError(
-            f"laws of {' and of '.join(states)} explain different measurements: compare laws of the same"
-        )
+        raise CommonlawError("laws-of-other-states", states=states)
     if isinstance(trials, TrialStream):
         kind = "white" if errors == "auto" else errors
         settings = {"noise": noise, "errors": kind, "huber_threshold": huber_threshold, "n_jobs": n_jobs}
@@ -191,7 +189,7 @@ def _check_one_unit(laws: Sequence[Law], trials: Trials) -> None:
     found = matched(laws[0], trials)
     for law in laws[1:]:
         if matched(law, found) is not found:
-            raise CommonlawError("the laws are in different units: compare laws that were found in the same units")
+            raise CommonlawError("laws-in-other-units")
 
 
 def _on_mesh(found: LawSearch, points: int) -> LawSearch:

@@ -198,10 +198,7 @@ def with_constants_found(
         found = _best_of_each(problem, starts)
     if found is None:
         names = ", ".join(law.terms.variables.constants)
-        raise CommonlawError(
-            f"no fit of {'; '.join(law.structure())} succeeded from any values of {names} that were tried, without a "
-            "pole where trials have been: give some of them as numbers"
-        )
+        raise CommonlawError("parameters-not-found", structure=law.structure(), names=names)
     return replace(law, coefficients=found)
 
 
@@ -255,7 +252,7 @@ def _of_rates(setup: FitSetup) -> list[_Profile]:
         curves = [(trial, smooth_curves(trial, law.order)) for trial in setup.trials.of_object(name)]
         complete = [pair for pair in curves if np.isfinite(pair[1][0]).all()]
         if not complete:
-            raise CommonlawError(f"{name}: no trial has all states, from which constants inside of terms could begin")
+            raise CommonlawError("parameters-without-trials", where=name)
         along = [values_and_rates(law.terms.variables, *pair) for pair in complete]
         values, rates = (np.concatenate(each) for each in zip(*along, strict=True))
         few = evenly_spaced(len(values), _MOST_POINTS)
@@ -303,11 +300,7 @@ def _banked(law: Law, profiles: Sequence[_Profile], banks: Sequence[Floats]) -> 
 
 
 def _without_values(law: Law) -> CommonlawError:
-    return CommonlawError(
-        f"no values of {', '.join(law.terms.variables.constants)} were found at which all terms are finite along the "
-        "trials: check the equations for roots, logarithms and powers of negative numbers, widen bounds, or give "
-        "numbers"
-    )
+    return CommonlawError("terms-nowhere-finite", parameters=law.terms.variables.constants)
 
 
 def _starts(
@@ -452,10 +445,7 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Seque
     before = [each for each in law.named_products if [each.equation, each.term] in free]
     names = ", ".join(dict.fromkeys(name for each in before for name, _ in each.coefficients))
     variables = ", ".join(law.terms.variables.measured)
-    raise CommonlawError(
-        f"the trials do not tell {names}: a combination of them is all that matters in {'; '.join(law.structure())}; "
-        f"give one as a number, or correct its name; variables: {variables}"
-    )
+    raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure(), variables=variables)
 
 
 def _size(left: Floats) -> float:

@@ -90,16 +90,16 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
     noise = {find_name(name, states, "state"): level for name, level in (noise or {}).items()}
     for name, level in noise.items():
         if name in trials.schema.starts:
-            raise CommonlawError(f"the noise of {name!r} is given, and nobody measured it: leave it out")
+            raise CommonlawError("noise-of-latent", name=name)
         if not (np.isfinite(level) and level > 0):
-            raise CommonlawError(f"the noise of {name!r} is {level}: give its standard deviation, above zero")
+            raise CommonlawError("noise-not-positive", name=name, level=level)
         if name in columns:
-            raise CommonlawError(f"the noise of {name!r} is given twice, and in column {columns[name]!r}: give it once")
+            raise CommonlawError("noise-given-twice", name=name, column=columns[name])
     each = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
     noise |= {name: float(np.nanmedian(each[:, states.index(name)])) for name in columns}
     missing = [name for name in states if name not in noise and name not in trials.schema.starts]
     if missing:
-        raise CommonlawError(f"the noise of {', '.join(missing)} is missing: give one for each state, or none at all")
+        raise CommonlawError("noise-missing", states=missing)
     return np.array([noise.get(name, np.nan) for name in states], dtype=np.float64)
 
 
@@ -117,7 +117,7 @@ def _scatter(times: Floats, values: Floats) -> float:
     return float(np.sum((values - parabola(times, values)(times)) ** 2)) / (len(times) - 3)
 
 
-_GIVE = "; known noise is given by noise={{{0!r}: ...}}"
+_GIVE = "; known noise is given by `noise={{{0!r}: ...}}`"
 NOISE_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], float], str], ...] = (
     (8, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, "from differences of neighbouring samples"),
     (4, 3, _scatter, f"assumed: the scatter of all trials about parabolas{_GIVE}"),
@@ -154,7 +154,7 @@ def estimated_noise(trials: Trials) -> tuple[Floats, str]:
         if not any(counts):
             others = len(trials.schema.measured) > 1
             remedy = "take its column as a property instead" if others else "measure it while it changes"
-            raise CommonlawError(f"the state {name!r} changes within no trial: {remedy}")
+            raise CommonlawError("state-constant", state=name, remedy=remedy)
         least, spent, variance, reason = next((way for way in NOISE_WAYS if max(counts) >= way[0]), NOISE_WAYS[-1])
         for i, count in enumerate(counts):
             if count >= least:

@@ -116,10 +116,8 @@ class FitSetup:
 def _of_objects(law: Law, trials: Trials) -> Law:
     """Return the law of the objects of these trials, which it can be fitted to."""
     if law.order == 0:
-        raise CommonlawError("a law of discrete time has no trajectories between samples: discover it from the samples")
+        raise CommonlawError("discrete-not-refined")
     law = law.select(trials.objects)
     if not law.shared:
-        raise CommonlawError(
-            "the objects of this law have terms of their own: refine each by itself, law.select([name])"
-        )
+        raise CommonlawError("refine-own-terms")
     return law

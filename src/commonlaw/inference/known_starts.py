@@ -90,24 +90,12 @@ def _refuse_what_starts_do_not_tell(schema: Schema, rescaled: Bools, shifted: Bo
     for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
         is_free = schema.starts.get(name, 0.0) is None
         if any_scale and not is_free:
-            raise CommonlawError(
-                f"{name} was not measured and starts at zero, so that nothing tells its scale: twice {name}, with "
-                "other coefficients, would fit as well; write a number for the coefficient of one term in its "
-                f"equation, such as {name}' = 1 x - ..., which says in what {name} is counted"
-            )
+            raise CommonlawError("latent-scale-of-zero", name=name)
         if any_scale or any_zero:
             what, where = ("scale", "1.0") if any_scale else ("zero", "0.0")
-            raise CommonlawError(
-                f"{name} was not measured, and nothing tells its {what}, whatever its start: say where trials start, "
-                f"starts={{{name!r}: {where}}}, which says in what {name} is counted; or write a number for the "
-                f"coefficient of a term with {name}"
-            )
+            raise CommonlawError("latent-scale", name=name, quantity=what, value=where)
         if any_share:
-            raise CommonlawError(
-                f"{name} was not measured, and nothing tells where it starts: another start, with other coefficients, "
-                f"would fit as well; say where trials start, starts={{{name!r}: ...}}, or write a number for a "
-                "coefficient"
-            )
+            raise CommonlawError("latent-initial-value", name=name)
 
 
 def with_noise_of_unmeasured(noise: Floats, trials: Trials) -> Floats:
@@ -159,11 +147,7 @@ def begun_at_starts(
     tried = [each.begun(draws(trials, each.model.terms, each.known, each.guess)) for each in objects]
     for each, own in zip(objects, tried, strict=True):
         if not own:
-            raise CommonlawError(
-                f"{each.group[0].object}: with none of the coefficients that were tried does "
-                f"{', '.join(trials.schema.starts)} stay finite from its start on, along the other states, of which "
-                "each trial needs measurements: look for a wrong sign or a missing term in the equations"
-            )
+            raise CommonlawError("latent-diverges", where=each.group[0].object, latent=trials.schema.starts)
     first = [_found(_best(*each, trials)[0][0]) for each in zip(objects, tried, strict=True)]
     some = first[:: -(-len(first) // _OTHERS)]
     best = [_best(each, [*own, *each.begun(some)], trials) for each, own in zip(objects, tried, strict=True)]

@@ -77,10 +77,7 @@ def law_of_all(parts: Sequence[LawOfPart]) -> Law:
     objects = tuple(name for each in parts for name in each.objects)
     twice = [name for name, count in Counter(objects).items() if count > 1]
     if twice:
-        raise CommonlawError(
-            f"{twice[0]} has trials in two files: put all trials of an object into one file, or take "
-            "method=DerivativeRegression(), which needs no such order"
-        )
+        raise CommonlawError("object-in-two-files", object=twice[0])
     weights = np.array([each.samples for each in parts], dtype=np.float64)
     degrees = [each.degrees_of_freedom for each in parts if each.degrees_of_freedom is not None]
     ranges = [each.domain.visited for each in parts]

@@ -141,7 +141,7 @@ def outcomes_of_fit(
         found.append(Outcome(OutcomeKind.MODEL_ERROR, "", text, remedy))
     elif left := _left(problem, state):
         remedy = "standard errors and bands may be too narrow: add terms"
-        remedy += "" if tried_errors else ", or use errors='auto'"
+        remedy += "" if tried_errors else ", or use `errors='auto'`"
         found.append(
             Outcome(OutcomeKind.RESIDUALS, "", f"white noise does not explain what the law leaves: {left}", remedy)
         )
@@ -201,7 +201,7 @@ def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:
     if not problem.samples:
         return ()
     text = f"fitted were {problem.samples}; all of them told the noise"
-    remedy = "coefficients would be more accurate by all: method=TrajectoryLikelihood(max_samples=...) takes more"
+    remedy = "coefficients would be more accurate by all: `method=TrajectoryLikelihood(max_samples=...)` takes more"
     return (Outcome(OutcomeKind.SAMPLES, "", text, remedy),)
 
 

@@ -174,10 +174,7 @@ class _Fit:
         problem, state, is_converged = converged(found.problem, found.state, self.least_squares)
         if not (problem.noise_given or problem.tells_noise) and total_freedom(residual_freedom(problem, state)) < 1:
             count, name = sum(problem.measured), trials.schema.states[0]
-            raise CommonlawError(
-                f"{counted(count, 'measurement')} determine as many coefficients and starts, and leave none to "
-                f"estimate the noise: give it, noise={{{name!r}: ...}}, or add samples"
-            )
+            raise CommonlawError("no-degrees-of-freedom", measurements=count, name=name)
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
         law, trials = replace(setup.law, schema=schema), setup.trials
         refined = fitted_law(law, problem, state, self.covariance, self.seed)
@@ -202,7 +199,7 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     """Return the law of the objects of a stream, fitted part by part."""
     if law.terms.constants or law.schema.starts:
         what = "constants inside of terms" if law.terms.constants else "states that nobody measured"
-        raise CommonlawError(f"a law with {what} is not fitted file by file: give stream.read(), if the trials fit")
+        raise CommonlawError("not-refined-file-by-file", what=what)
     parts, known = stream.parts or (stream,), {*law.objects}
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
     names = objects_of_parts(parts, part(progress, 0.0, _LISTED))

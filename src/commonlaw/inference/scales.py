@@ -22,10 +22,7 @@ def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[Er
         If noise is to grow with the logarithm of a state.
     """
     if errors == "proportional" and schema.logarithmic:
-        raise CommonlawError(
-            f"on a logarithmic scale, here of {', '.join(schema.logarithmic)}, errors are in proportion to the state: "
-            "leave errors='proportional' out, or positive=..."
-        )
+        raise CommonlawError("log-states-with-errors", states=schema.logarithmic)
     kinds: tuple[ErrorKind, ...] = get_args(ErrorKind) if errors == "auto" else (errors,)
     return tuple(each for each in kinds if each != "proportional" or not schema.logarithmic)
 
@@ -34,10 +31,7 @@ def check_one_scale(laws: Sequence[Law]) -> None:
     """Refuse to compare laws that follow states on different scales."""
     scales = [", ".join(law.schema.logarithmic) or "none" for law in laws]
     if len(set(scales)) > 1:
-        raise CommonlawError(
-            f"states on a logarithmic scale are {' and '.join(dict.fromkeys(scales))}, and evidence compares laws on "
-            "one scale: fit all of them with positive=..., or none"
-        )
+        raise CommonlawError("log-states-differ", scales=dict.fromkeys(scales))
 
 
 def on_log_scale(law: Law, states: Sequence[str]) -> Law:
@@ -54,10 +48,7 @@ def on_log_scale(law: Law, states: Sequence[str]) -> Law:
     """
     names = tuple(dict.fromkeys(find_name(name, law.states, "state") for name in states))
     if unmeasured := [name for name in names if name in law.schema.starts]:
-        raise CommonlawError(
-            f"{unmeasured[0]} was not measured, and a logarithmic scale is one of measurements: leave it out of "
-            "positive=..."
-        )
+        raise CommonlawError("log-states-latent", state=unmeasured[0])
     if names == law.schema.logarithmic:
         return law
     return replace(

@@ -101,10 +101,7 @@ def errors_to_fit(model_error: float) -> tuple[float, ...]:
 def list_by_evidence(found: Sequence[SearchState]) -> list[SearchState]:
     """Return what was found, the largest evidence first; nothing found is an error."""
     if not found:
-        raise CommonlawError(
-            "no law was found whose trajectories stay near the measurements: these may be too noisy or too far apart "
-            "for this library; try fewer terms, or choose them by derivative regression"
-        )
+        raise CommonlawError("no-law-near-measurements")
     return sorted(found, key=lambda each: each.value)
 
 

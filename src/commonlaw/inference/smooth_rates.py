@@ -33,7 +33,7 @@ def smooth_curves(trial: Trial, order: Order, unmeasured: Bools | None = None) -
             curve = parabola(trial.times[seen], column[seen])
             columns.append([curve.deriv(k)(trial.times) for k in range(own + 1)])
         else:
-            raise CommonlawError(f"{trial.label}: a single measured value tells nothing of a rate; leave the trial out")
+            raise CommonlawError("one-value", where=trial.label)
     rates = [each[1] for each in columns if len(each) > 2]
     return np.stack([*(each[0] for each in columns), *rates], axis=1), np.stack([each[-1] for each in columns], axis=1)
 

@@ -31,13 +31,10 @@ def bounds(
     two_sided(level)
     progress = on_terminal() if progress is None else progress
     if law.order == 0 or not law.shared:
-        raise CommonlawError("bounds are those of terms beside a law of order 1 or 2 whose objects share their terms")
+        raise CommonlawError("limits-unsupported")
     pairs = _absent(law, terms)
     if terms is None and len(pairs) > _MOST:
-        raise CommonlawError(
-            f"{len(pairs)} terms of the library are not in this law, and each takes a fit: name those to look at, "
-            "terms=['v^2']"
-        )
+        raise CommonlawError("limits-of-many-terms", count=len(pairs))
     values = _visited(law, trials)
     found: list[Bound] = []
     for i, (equation, name) in enumerate(pairs):
@@ -57,7 +54,7 @@ def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
     there = [(j, law.terms.names[k]) for j, k in np.argwhere(law.support).tolist()]
     for pair in listed:
         if pair in there and len(law.states) == 1:
-            raise CommonlawError(f"{pair[1]} is in the law: its intervals say how large its coefficient is")
+            raise CommonlawError("limit-of-present-term", term=pair[1])
     return [pair for pair in listed if pair not in there]
 
 

@@ -52,7 +52,7 @@ class Event:
         if self.direction not in _SIGNS:
             raise unknown("direction of an event", self.direction, _SIGNS)
         if not np.isfinite(self.level):
-            raise CommonlawError(f"the level of the event {self.expression!r} is {self.level}: give a number")
+            raise CommonlawError("event-level", expression=self.expression, level=self.level)
 
     @property
     def sign(self) -> int:

@@ -72,13 +72,13 @@ class OutputOptions:
 
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:
-            raise CommonlawError(f"the tolerance is {self.tolerance}: give a number between 0 and 1, such as 1e-8")
+            raise CommonlawError("tolerance-range", tolerance=self.tolerance)
 
 
 def check_start(initial: Floats, times: Floats, where: str) -> None:
     """Refuse initial states and times that cannot be integrated."""
     index = f"{where}: " if where else ""
     if not np.all(np.isfinite(initial)):
-        raise CommonlawError(f"{index}the initial state {initial} is not finite; give numbers")
+        raise CommonlawError("initial-state-not-finite", index=index, initial=initial)
     if times.ndim != 1 or not len(times) or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
-        raise CommonlawError(f"{index}the times to forecast must be finite and increase")
+        raise CommonlawError("forecast-times-not-increasing", index=index)

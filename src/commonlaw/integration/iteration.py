@@ -18,9 +18,7 @@ class Iteration(AbstractIntegrator):
 
     def __post_init__(self) -> None:
         if self.options.events or self.options.dense:
-            raise CommonlawError(
-                "a law in discrete time has no events and no dense output: between steps it says nothing"
-            )
+            raise CommonlawError("discrete-without-dense-output")
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
         """Return the trajectory of a problem; "diverged" says at which time a state ran away."""

@@ -168,7 +168,7 @@ def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _
     if not isinstance(fast, str):
         return _Choice(fast, lsoda if method == "auto" else None)
     if method == "heyoka":
-        raise CommonlawError(f"heyoka cannot integrate this law: {fast}; choose the method 'auto' or 'scipy'")
+        raise CommonlawError("heyoka-failed", reason=fast)
     return _Choice(lsoda(), reason=fast)
 
 

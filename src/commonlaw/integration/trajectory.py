@@ -57,11 +57,9 @@ class Trajectory:
         """
         wanted = np.atleast_1d(np.asarray(times, dtype=np.float64))
         if self.dense is None:
-            raise CommonlawError("this trajectory holds its own times only: simulate with dense=True")
+            raise CommonlawError("trajectory-not-dense")
         if not np.all((wanted >= self.times[0]) & (wanted <= self.times[-1])):
-            raise CommonlawError(
-                f"the trajectory spans t = {self.times[0]:g} to {self.times[-1]:g}: ask for times in it"
-            )
+            raise CommonlawError("trajectory-span", first=self.times[0], last=self.times[-1])
         within = wanted <= (self.times[-1] if self.ended is None else self.ended)
         states = np.full((len(wanted), self.states.shape[1]), np.nan)
         states[within] = self.dense(wanted[within])

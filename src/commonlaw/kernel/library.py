@@ -84,13 +84,10 @@ def kernel() -> ctypes.CDLL | None:
     if chosen == "numpy":
         return None
     if chosen not in ("", "compiled"):
-        raise CommonlawError(f"{VARIABLE}={chosen}: give numpy or compiled, or unset it to take what there is")
+        raise CommonlawError("kernel-unknown", variable=VARIABLE, chosen=chosen)
     found = _loaded()
     if found is None and chosen:
-        raise CommonlawError(
-            f"{VARIABLE}={chosen}, but there is no compiled kernel that fits this version: install commonlaw again "
-            "where there is a C compiler"
-        )
+        raise CommonlawError("kernel-missing", variable=VARIABLE, chosen=chosen)
     return found
 
 

@@ -248,11 +248,11 @@ class AbstractAverages(AbstractEquations):
         for probability, law in self.other_laws:
             same = (law.objects, law.order, law.states) == (self.objects, self.order, self.states)
             if not same or law.other_laws:
-                raise CommonlawError("what else a law could be is a law of the same objects and states, and no more")
+                raise CommonlawError("averaged-law-differs")
             if not 0 < probability < 1:
-                raise CommonlawError(f"what else the law could be has the probability {probability:g}")
+                raise CommonlawError("averaged-law-probability", probability=probability)
         if sum(each.probability for each in self.other_laws) >= 1:
-            raise CommonlawError("the probabilities of what else the law could be leave none for the law")
+            raise CommonlawError("averaged-laws-probability")
 
 
 def _placed(drawn: Floats, law: AbstractEquations) -> Floats:

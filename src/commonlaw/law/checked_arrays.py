@@ -16,12 +16,12 @@ def checked(
     """Return a read-only copy of an array of this shape, refusing values that are not between `low` and `high`."""
     array = np.array(values, dtype=np.float64)
     if array.shape != shape:
-        raise CommonlawError(f"the {what} of a law has shape {array.shape}, expected ({axes}) = {shape}")
+        raise CommonlawError("law-array-shape", array=what, shape=array.shape, axes=axes, expected=shape)
     if not np.all(np.isfinite(array)):
-        raise CommonlawError(f"the {what} of a law has a value that is not finite")
+        raise CommonlawError("law-array-not-finite", array=what)
     if not np.all((low <= array) & (array <= high)):
         wrong = array[(array < low) | (array > high)][0]
-        raise CommonlawError(f"the {what} of a law has the value {wrong:g}, expected {low:g} to {high:g}")
+        raise CommonlawError("law-array-range", array=what, value=wrong, low=low, high=high)
     array.flags.writeable = False
     return array
 
@@ -34,12 +34,12 @@ def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: 
     negative = np.any(variances < 0, axis=1)
     if negative.any():
         name = objects[int(np.argmax(negative))]
-        raise CommonlawError(f"the covariance of the coefficients of {name} has a variance below zero")
+        raise CommonlawError("law-variance-negative", name=name)
     errors, turned = np.sqrt(variances), matrices.transpose(0, 2, 1)
     uneven = np.abs(matrices - turned) > _ASYMMETRY * errors[:, :, np.newaxis] * errors[:, np.newaxis]
     if uneven.any():
         name = objects[int(np.argmax(uneven.any(axis=(1, 2))))]
-        raise CommonlawError(f"the covariance of the coefficients of {name} is not symmetric")
+        raise CommonlawError("law-covariance-asymmetric", name=name)
     symmetric = matrices / 2 + turned / 2  # The sum of the largest numbers is infinite
     symmetric.flags.writeable = False
     return symmetric

@@ -133,10 +133,7 @@ class AbstractEquations(ShownInNotebooks, ABC):
         if points.ndim == 2 and points.shape[1] == len(names) - 1 and not self._depends_on(time):
             points = np.insert(points, time, 0.0, axis=1)
         if points.ndim != 2 or points.shape[1] != len(names):
-            raise CommonlawError(
-                f"values of shape {points.shape} are not those of the variables: give a column for each of "
-                f"{', '.join(names)}, one row for each point"
-            )
+            raise CommonlawError("variables-shape", shape=points.shape, names=names)
         return np.asarray(self.terms.evaluate(self.terms.at(points, own)) @ own.T)
 
     def _depends_on(self, column: int) -> bool:
@@ -412,7 +409,7 @@ class AbstractEquations(ShownInNotebooks, ABC):
 
     def _explained(self) -> Explanation:
         if self.uncertainty.explanation is None:
-            raise CommonlawError("nothing is known of what decides this law's coefficients: ask law.explain()")
+            raise CommonlawError("relations-missing")
         return self.uncertainty.explanation
 
     def relations(self) -> "pd.DataFrame":
@@ -455,7 +452,7 @@ class AbstractEquations(ShownInNotebooks, ABC):
     def _only(self, name: str | None) -> str:
         if name is None and len(self.objects) > 1:
             names = ", ".join(self.objects)
-            raise CommonlawError(f"the law has several objects: name one of {names}, or take average()")
+            raise CommonlawError("several-objects", objects=names)
         return self.objects[0] if name is None else name
 
     def _shown_errors(self, name: str, wanted: bool | None) -> Floats:

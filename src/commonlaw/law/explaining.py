@@ -35,10 +35,7 @@ def offered(given: Any, known: ObjectProperties, objects: tuple[str, ...], key: 
     is_table = given is not None and names is None
     found = given_properties(given, key, objects) if is_table else Properties({name: {**known[name]} for name in known})
     if not found.names and (names is None or names):
-        raise CommonlawError(
-            "this law does not know any property of its objects: give them, properties={'ball': {'mass': 0.5}, ...} or "
-            "a table with a row for each object; or properties=[] for none"
-        )
+        raise CommonlawError("properties-unknown")
     if names is None:
         return found, [each for each in found.names if _is_number(found, each, objects)]
     for each in names:
@@ -46,7 +43,7 @@ def offered(given: Any, known: ObjectProperties, objects: tuple[str, ...], key: 
             raise unknown("property", each, found.names)
         lack = _what_lacks(found, each, objects)
         if lack:
-            raise CommonlawError(f"property {each!r} is not a number for every object: {lack}")
+            raise CommonlawError("property-not-a-number", property=each, lacking=lack)
     return found, list(names)
 
 
@@ -67,7 +64,7 @@ def explained(
     # What is known has no variance
     free = np.all(np.diagonal(own.covariance, axis1=1, axis2=2) > 0, axis=0)
     if len(coefficients) < 2 or not free.any():
-        raise CommonlawError("only coefficients of several objects can be compared: explain a law of two or more")
+        raise CommonlawError("one-object-to-explain")
     known_units = {name: property_units[name] for name in table.names if name in property_units}
     dimensions = dimensions_of([unit for unit, own in zip(units, free, strict=True) if own], known_units)
     table = replace(table, dimensions=dimensions)
@@ -76,8 +73,7 @@ def explained(
     except np.linalg.LinAlgError as error:
         deviations = np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2)[:, free])
         raise CommonlawError(
-            f"relations cannot be compared ({str(error).lower()}): standard errors of the objects' own coefficients "
-            f"are {deviations.min():.1e} to {deviations.max():.1e}; discover or fit the law again"
+            "relations-not-comparable", error=str(error).lower(), least=deviations.min(), most=deviations.max()
         ) from None
     values, covariance = own.coefficients.copy(), np.zeros_like(own.covariance)
     factor = np.zeros((*values.shape, found.shared_factors.shape[2]))

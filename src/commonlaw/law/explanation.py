@@ -43,12 +43,10 @@ class Explanation:
             If it does not fit the law.
         """
         if len(self.relations) != size:
-            raise CommonlawError(f"a law has {len(self.relations)} relations, expected {size}")
+            raise CommonlawError("relations-count", given=len(self.relations), expected=size)
         wrong = next((each for each in self.relations if each and not _is_whole(each)), None)
         if wrong is not None:
-            raise CommonlawError(
-                f"a relation of a law ({wrong.kind}) has numbers that do not go together: explain it again"
-            )
+            raise CommonlawError("relation-damaged", kind=wrong.kind)
         count = sum(len(each.factors) for each in self.relations if each)
         return Explanation(
             self.relations, checked(self.covariance, "covariance of factors", "factors, the same", (count, count))

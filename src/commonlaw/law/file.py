@@ -38,9 +38,7 @@ def law_bytes(law: AbstractAverages, path: str | os.PathLike[str]) -> bytes:
     """
     name, content = law_file(law, str(path))
     if name != str(path):
-        raise CommonlawError(
-            f"as JSON a law of {len(law.objects)} objects would be too large to be read again: name the file .parquet"
-        )
+        raise CommonlawError("law-too-large-for-json", objects=len(law.objects))
     return content
 
 
@@ -56,7 +54,7 @@ def law_file(law: AbstractAverages, path: str) -> tuple[str, bytes]:
     try:
         check_numbers(document)
     except CommonlawError as error:
-        raise CommonlawError(f"{path}: this law cannot be saved: {error}; discover the law again") from None
+        raise CommonlawError("law-not-saved", where=path, error=error) from None
     if not path.endswith(".parquet"):
         content = encode(law)
         if len(content) <= LARGEST_JSON:
@@ -103,7 +101,7 @@ def _without_objects(value: Any, path: str, objects: Sequence[str], columns: dic
 def _of_parquet(content: bytes) -> Decoded:
     columns, metadata = parquet_columns("the law", content)
     if _METADATA not in metadata or _OBJECTS not in columns:
-        raise CommonlawError("this Parquet file holds measurements and no law: name the file of one")
+        raise CommonlawError("not-a-law-but-measurements")
     objects = columns[_OBJECTS]
     try:
         if len({*objects}) < len(objects):

@@ -156,7 +156,7 @@ class Forecast(ShownInNotebooks):
             If there are to be fewer than two points, or more than a million.
         """
         if not 2 <= points <= _MOST_POINTS:
-            raise CommonlawError(f"{points} points make no curve to draw: ask for 2 to {_MOST_POINTS}")
+            raise CommonlawError("curve-points", points=points, limit=_MOST_POINTS)
         more = [_between(trial.times, points) for trial in self.trials]
         if self.at_more_times is None or not any(len(each) for each in more):
             return self
@@ -227,9 +227,7 @@ class Forecast(ShownInNotebooks):
     def _scales(self, measured: bool) -> list[Floats]:
         """Return what intervals are multiples of, for each trial, of shape (n, states); without what parts differ."""
         if self.std is None:
-            raise CommonlawError(
-                "this forecast does not know how far off it may be: use law.predict(..., return_std=True)"
-            )
+            raise CommonlawError("forecast-without-deviations")
         width = len(self.trials.schema.states)
         factors: list[Floats | float] = [1.0] * len(self.std)
         if self.widening is not None:
@@ -257,7 +255,7 @@ class Forecast(ShownInNotebooks):
             If the noise is not known.
         """
         if self.noise is None:
-            raise CommonlawError("this forecast does not know the noise of the measurements: leave measured=True out")
+            raise CommonlawError("forecast-without-noise")
         if self.followed is not None:
             columns = np.isin(self.trials.schema.states, self.followed.trials.schema.logarithmic)
             pairs = zip(self.followed.measurement_std(white), self._states(), strict=True)

@@ -7,6 +7,7 @@ from typing import NamedTuple, NoReturn, TypedDict, Unpack
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.law.provenance import Provenance
@@ -183,16 +184,14 @@ def _owners_of_constants(rows: Sequence[Sequence[Summand]], variables: Variables
 def _meanings(schema: Schema, order: Order) -> Meanings:
     """Return what names in equations mean that are no variables, and which could mean two things."""
     others = {name: schema.time for name in ("t", "time") if name not in (schema.time, *schema.states, *schema.inputs)}
-    measured, unclear = (*schema.states, *schema.inputs), dict[str, str]()
+    measured, unclear = (*schema.states, *schema.inputs), dict[str, Diagnostic]()
     if "e" not in (*measured, schema.time):
-        unclear["e"] = "e is the base of exponentials, or a coefficient: write exp(1), or another letter"
+        unclear["e"] = Diagnostic("letter-e")
     plain = plain_rates(schema)
     for j in with_rates(order, len(schema.states)):
         if plain[j] in measured:
-            unclear[plain[j]] = (
-                f"{plain[j]} is a column that was measured, and the usual name of the rate of {schema.states[j]}: "
-                f"write {schema.states[j]}' for the rate, or `{plain[j]}` between backticks for the column"
-            )
+            names = {"name": plain[j], "state": schema.states[j], "quoted": f"`{plain[j]}`"}
+            unclear[plain[j]] = Diagnostic("rate-or-column", names)
     return Meanings(others, unclear)
 
 
@@ -250,10 +249,7 @@ def stated_law(
         check_choice("coefficient", name, letters)
     missing = [name for name in letters if name not in values]
     if missing:
-        raise CommonlawError(
-            f"the coefficients {', '.join(missing)} have no value: give values={{{missing[0]!r}: ...}}, or have them "
-            "found in trials by commonlaw.fit"
-        )
+        raise CommonlawError("parameter-values-missing", parameters=missing, first=missing[0])
     by_object = [each for each in values.values() if isinstance(each, Mapping)]
     objects = tuple(dict.fromkeys(name for each in by_object for name in each)) or ("object",)
     coefficients = np.tile(given.known, (len(objects), 1, 1))
@@ -262,9 +258,7 @@ def stated_law(
         coefficients[:, product.equation, product.term] = product.value(own)
     for bound in given.bounds:
         if not bound.holds(own[bound.name]):
-            raise CommonlawError(
-                f"{bound.name} is given a value outside of its bound, {bound.text}: change one of them"
-            )
+            raise CommonlawError("parameter-out-of-bounds", name=bound.name, bound=bound.text)
     provenance = Provenance(equations=given.texts)
     return given.terms, schema, given.order, objects, coefficients, Uncertainty(), provenance
 
@@ -273,17 +267,15 @@ def _check_states(given: tuple[str, ...], schema: Schema) -> None:
     missing = [name for name in schema.states if name not in given]
     others = [name for name in given if name not in schema.states]
     if missing or others:
-        remedy = f"give each state one equation, or read columns that have none with inputs={missing}"
+        remedy = Diagnostic("equation-or-input", {"inputs": missing})
         if schema.wide and len(others) == 1:
-            remedy = f"read the columns of objects with wide={others[0]!r}"
-        raise CommonlawError(
-            f"the equations are of {', '.join(given)}, the states are {', '.join(schema.states)}: {remedy}"
-        )
+            remedy = Diagnostic("columns-of-objects", {"name": others[0]})
+        raise CommonlawError("equations-of-other-states", equations=given, states=schema.states, remedy=remedy)
 
 
 def _by_object(name: str, value: float | Mapping[str, float], objects: Sequence[str]) -> Floats:
     own = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
     lacking = [each for each in objects if each not in own]
     if lacking:
-        raise CommonlawError(f"the coefficient {name} has no value for {', '.join(lacking)}: give each one")
+        raise CommonlawError("parameter-value-of-objects", name=name, objects=lacking)
     return np.array([own[each] for each in objects], dtype=np.float64)

@@ -171,7 +171,7 @@ def _read_relation(saved: RelationDocument) -> Relation:
             raise ValueError("not a fraction")
         exponents = tuple(map(Fraction, saved.exponents))
     except (ValueError, ZeroDivisionError):
-        raise CommonlawError(f"the law is damaged: exponents {', '.join(saved.exponents)} are no fractions") from None
+        raise CommonlawError("law-exponents", exponents=saved.exponents) from None
     return Relation(**msgspec.structs.asdict(saved) | {"exponents": exponents})
 
 
@@ -199,7 +199,7 @@ def decode(content: bytes) -> Decoded:
 
 def not_a_law(error: Exception) -> CommonlawError:
     """Return what is said of a document that is no law."""
-    return CommonlawError(f"this is not a law or it is damaged: {error}; discover the law again")
+    return CommonlawError("not-a-law", error=error)
 
 
 def decode_document(raw: dict[str, Any]) -> Decoded:
@@ -220,15 +220,12 @@ def decode_document(raw: dict[str, Any]) -> Decoded:
     except (CommonlawError, msgspec.ValidationError) as error:
         raise not_a_law(error) from None
     if not 1 <= version <= VERSION:
-        raise CommonlawError(
-            f"the law is of version {version} of the format, this commonlaw reads versions up to {VERSION}; "
-            "read it with the release that wrote it, or discover the law again"
-        )
+        raise CommonlawError("law-version", version=version, supported=VERSION)
     if version < 3:
         document.provenance.alternatives = compared_with_the_best(document.provenance.alternatives)
     wider = document.with_discrepancy
     if wider is not None and wider.with_discrepancy is not None:
-        raise CommonlawError("the law is damaged: the law with its discrepancy has one of its own")
+        raise CommonlawError("law-nested-discrepancy")
     own = _fields(document)
     others = tuple((each.probability, _other_fields(each, own)) for each in document.other_laws)
     return Decoded(own, None if wider is None else _fields(wider), others)
@@ -239,10 +236,7 @@ def check_numbers(document: dict[str, Any]) -> None:
     if path := _beyond_computing(document):
         *keys, number = path
         place = "".join(f"[{key!r}]" for key in keys)
-        raise CommonlawError(
-            f"${place} is {nearest(number):g}, and numbers beyond {_LARGEST:.1e} cannot be computed with "
-            "(their squares are infinite)"
-        )
+        raise CommonlawError("law-number-too-large", place=place, number=nearest(number), limit=_LARGEST)
 
 
 def _beyond_computing(value: Any) -> list[Any]:
@@ -264,7 +258,7 @@ def _other_fields(saved: OtherDocument, own: Fields) -> Fields:
     shape = (coefficients.shape[1], len(terms))
     support = np.zeros(shape, dtype=np.bool_)
     if len(saved.support) != len(support) or not all(0 <= k < len(terms) for row in saved.support for k in row):
-        raise CommonlawError("the law is damaged: what else it could be has other equations or terms")
+        raise CommonlawError("law-average-terms")
     for row, indices in zip(support, saved.support, strict=True):
         row[indices] = True
     rows = [saved.coefficients.get(name, []) for name in objects]
@@ -272,7 +266,7 @@ def _other_fields(saved: OtherDocument, own: Fields) -> Fields:
     values = np.zeros((len(objects), *shape))
     values[:, support] = _matrix(rows, "coefficients of what else it could be are", (len(objects), parameters))
     if not np.array_equal(np.any(values != 0, axis=0), support):
-        raise CommonlawError("the law is damaged: what else it could be has terms without a coefficient")
+        raise CommonlawError("law-average-coefficients")
     uncertainty = _read_uncertainty(saved, objects, shape, parameters)
     return terms, schema, order, objects, values, uncertainty, Provenance(), properties
 
@@ -340,7 +334,7 @@ def _covariance(saved: Mapping[str, list[float]], objects: tuple[str, ...], para
     for matrix, name in zip(found, objects, strict=True):
         own = saved.get(name, [])
         if len(own) != len(rows):
-            raise CommonlawError(f"the law is damaged: the covariance of {name!r} is not {len(rows)} numbers")
+            raise CommonlawError("law-covariance-size", name=name, expected=len(rows))
         matrix[rows, columns] = matrix[columns, rows] = own
     return found
 
@@ -355,5 +349,5 @@ def _shared_factor(saved: Mapping[str, list[list[float]]], objects: tuple[str, .
 
 def _matrix(rows: list[list[float]], what: str, shape: tuple[int, int]) -> Floats:
     if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
-        raise CommonlawError(f"the law is damaged: {what} not {shape[0]} x {shape[1]} numbers")
+        raise CommonlawError("law-table-size", table=what, rows=shape[0], columns=shape[1])
     return np.array(rows)

@@ -81,46 +81,36 @@ class Law(AbstractDelegates):
         object.__setattr__(self, "properties", normalized(self.properties))
         others = [name for name in self.properties if name not in self._indices]
         if others:
-            raise CommonlawError(f"properties are given for {', '.join(others)}, which the law does not have")
+            raise CommonlawError("properties-of-others", objects=others)
         self._check_others()
 
     def _check_names(self) -> None:
         _ = self.terms.constants  # Refused if they have no terms of their own
         if not self.objects or not len(self.terms):
-            raise CommonlawError(f"a law of no {'term' if self.objects else 'object'} says nothing: give at least one")
+            raise CommonlawError("law-empty", part="term" if self.objects else "object")
         variables, schema = self.terms.variables, self.schema
         if isinstance(self.order, tuple) and (len(self.order) != len(schema.states) or {*self.order} != {1, 2}):
-            raise CommonlawError(
-                f"order {self.order} does not fit {', '.join(schema.states)}: give one number, or 1 or 2 for each state"
-            )
+            raise CommonlawError("order-of-states", order=self.order, states=schema.states)
         if schema.logarithmic and self.order != 1:
             raise CommonlawError(
-                f"a logarithmic scale, here of {', '.join(schema.logarithmic)}, goes with laws of order 1, and not of "
-                f"order {text.order_in_words(self.order, schema.states)}: leave positive=... out"
+                "log-states-order", states=schema.logarithmic, order=text.order_in_words(self.order, schema.states)
             )
         names = variables.states[: len(schema.states)], variables.inputs, variables.time, variables.logarithmic
         rates, order = len(with_rates(self.order, len(schema.states))), text.order_in_words(self.order, schema.states)
         is_over = names == (schema.states, schema.inputs, schema.time, schema.logarithmic)
         if not is_over or len(self.rates) != rates:
             raise CommonlawError(
-                f"the terms of a law of order {order} for {', '.join(schema.states)} are over "
-                f"{', '.join(variables.names)}; expected states and {rates} rates, inputs and time"
+                "law-terms-variables", order=order, states=schema.states, variables=variables.names, rates=rates
             )
         if variables.orders != (self.order if isinstance(self.order, tuple) else ()):
-            raise CommonlawError(
-                f"the law is of order {order}, and its terms are over variables with the orders "
-                f"{variables.orders or 'that all have'}: give both the same"
-            )
+            raise CommonlawError("law-orders", order=order, orders=variables.orders or "that all have")
         twice = [name for name, count in Counter(variables.names).items() if count > 1]
         if twice:
-            raise CommonlawError(f"the name {twice[0]!r} stands for two variables of the law: give each its own")
+            raise CommonlawError("variable-twice", name=twice[0])
         if self.provenance.equations:
             given = read_equations(self.provenance.equations, schema, variables)
             if (given.terms, given.order) != (self.terms, self.order):
-                raise CommonlawError(
-                    f"the terms of the law are {', '.join(self.terms.names)}, and not those of the equations that it "
-                    f"was given as, {'; '.join(given.texts)}"
-                )
+                raise CommonlawError("law-terms-and-equations", terms=self.terms.names, equations=given.texts)
 
     # Laws of other objects
 
@@ -234,7 +224,7 @@ class Law(AbstractDelegates):
         from commonlaw.law.script import written
 
         if not self.shared:
-            raise CommonlawError("the objects of this law have terms of their own: only shared ones can be explained")
+            raise CommonlawError("explain-own-terms")
         found, names = offered(properties, self.properties, self.objects, self.schema.object)
         law, given = self._explained_by(found, names), "" if properties is None else written(properties)
 
@@ -407,4 +397,4 @@ class Law(AbstractDelegates):
         try:
             return cls._of(decoded_file(content))
         except CommonlawError as error:
-            raise CommonlawError(f"{path}: {error}") from None
+            raise error.at(str(path)) from None

@@ -45,10 +45,7 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
     kinds += [("inputs", law.schema.inputs, trials.schema.inputs)] if inputs == "same" else []
     for kind, wanted, given in kinds:
         if wanted != given:
-            raise CommonlawError(
-                f"the law has the {kind} {', '.join(wanted) or 'none'}, "
-                f"the trials have {', '.join(given) or 'none'}; name the columns of the table as in the law"
-            )
+            raise CommonlawError("columns-differ", kind=kind, expected=wanted or ["none"], given=given or ["none"])
     converted = with_doses(in_units(trials, _units(law, trials.schema)), law.schema.doses)
     return with_starts(converted, starts, law.schema.starts_at)
 

@@ -28,7 +28,7 @@ def partially_pooled(
     """
     covariance = uncertainty.known_covariance()
     if uncertainty.shared_factor is not None:
-        raise CommonlawError("the coefficients of this law are pooled already")
+        raise CommonlawError("already-pooled")
     shared = np.zeros_like(support) if universal is None else universal
     # What is known, or what an object does not have, has no variance
     free = np.all(np.diagonal(covariance, axis1=1, axis2=2) > 0, axis=0)

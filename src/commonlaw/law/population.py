@@ -180,9 +180,7 @@ def _columns(relation: Relation, name: str, given: dict[str, float]) -> Floats:
     values = [given[each] for each in relation.properties]
     for each, value in zip(relation.properties, values, strict=True):
         if relation.exponents and not value > 0:
-            raise CommonlawError(
-                f"property {each!r} of {name} is {value:g}, and the law takes a power of it: give it above 0"
-            )
+            raise CommonlawError("property-not-positive", property=each, object=name, value=value)
     return np.asarray(relation.columns(np.array([values]).reshape(1, -1))[0])
 
 

@@ -30,7 +30,7 @@ def two_sided(level: float, degrees_of_freedom: ArrayLike = np.inf) -> Floats:
     [1.96, 2.04, 2.57]
     """
     if not 0 < level < 1:
-        raise CommonlawError(f"the level is {level}: give a share between 0 and 1, such as 0.95")
+        raise CommonlawError("level-range", level=level)
     return _quantile((1 + level) / 2, np.asarray(degrees_of_freedom, dtype=np.float64))
 
 

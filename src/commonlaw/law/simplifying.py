@@ -33,9 +33,9 @@ _BIT = 2 * np.log(2)
 def simplified(law: Law, tolerance: float) -> Simplification[Law]:
     """Return the simplest form of a law, see `Law.simplify`."""
     if not tolerance > 0:
-        raise CommonlawError(f"the tolerance is {tolerance}: give standard errors, above zero")
+        raise CommonlawError("simplify-tolerance", tolerance=tolerance)
     if not law.shared:
-        raise CommonlawError("the objects of this law have terms of their own: simplify that of one, law.select([...])")
+        raise CommonlawError("simplify-own-terms")
     start = _Estimates.of(law)
     if shorter := without_vanishing_part(law, start.values[:-1], start.covariances[:-1], tolerance):
         return shorter.added_to(simplified(shorter.law, tolerance))

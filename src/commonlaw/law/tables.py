@@ -187,10 +187,7 @@ def path_frame(equations: Sequence[str], alternatives: Sequence[Alternative]) ->
         for begin, end, each in path_segments([each for each in alternatives if each.equation == equation])
     ]
     if not rows:
-        raise CommonlawError(
-            "this law was not chosen from the path of one solver; discover it with a solver without a value, "
-            "such as STLSQ()"
-        )
+        raise CommonlawError("path-unknown")
     return pd.DataFrame(rows)
 
 

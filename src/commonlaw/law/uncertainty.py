@@ -153,10 +153,7 @@ class Uncertainty:
             If it is not known.
         """
         if self.covariance is None:
-            raise CommonlawError(
-                "this law does not know how accurate its coefficients are: discover it without naming a solver, or "
-                "give its covariance"
-            )
+            raise CommonlawError("uncertainty-unknown")
         return self.covariance
 
     def own_estimates(self, coefficients: Floats) -> ObjectEstimates:
@@ -170,10 +167,7 @@ class Uncertainty:
         if self.unpooled is not None:
             return self.unpooled
         if self.shared_factor is not None:
-            raise CommonlawError(
-                "this law's coefficients were drawn to their means, and what each object's own were is not on record: "
-                "discover or refine it again"
-            )
+            raise CommonlawError("own-coefficients-unknown")
         return ObjectEstimates(coefficients, self.known_covariance())
 
     def draws(self, coefficients: Floats, count: int, seed: int) -> Floats:
@@ -254,7 +248,5 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
             found[name] = checked(values, f"{what} of errors ({name})", "states", (size,), low=0)
     for name in ("memory", "force_time"):
         if not getattr(errors, name) > 0:
-            raise CommonlawError(
-                f"the {name} of a law's errors is {getattr(errors, name)}, expected a number above zero"
-            )
+            raise CommonlawError("law-error-not-positive", name=name, value=getattr(errors, name))
     return replace(errors, **found)

@@ -35,9 +35,7 @@ class Widening:
         horizons, factors = arrays
         fits = horizons.ndim == 1 and horizons.shape == factors.shape and len(horizons) > 0
         if not (fits and np.all(np.diff(horizons) > 0) and np.all(factors > 0) and np.isfinite(arrays).all()):
-            raise CommonlawError(
-                "the widening of a law's intervals takes increasing horizons, and a factor above zero for each"
-            )
+            raise CommonlawError("interval-inflation")
         for each in arrays:
             each.flags.writeable = False
         return Widening(horizons, factors)

@@ -128,7 +128,7 @@ def parse_library(text: str) -> AbstractLibrary:
             return parse_spec("library", part, makers)
         sides = _pieces(part[len("ratio(") : -1], ",")
         if not part.endswith(")") or len(sides) != 2:
-            raise CommonlawError(f"library {part!r} does not fit: write it as 'ratio(NUMERATOR, DENOMINATOR)'")
+            raise CommonlawError("ratio-syntax", library=part)
         return RatioLibrary(*map(parse_library, sides))
 
     sums = [[one(each) for each in _pieces(part, " * ")] for part in _pieces(text, " + ")]

@@ -17,10 +17,7 @@ _MOST_TERMS = 100_000
 def check_count(what: str, count: int) -> None:
     """Refuse to make more terms than any law could be chosen from."""
     if count > _MOST_TERMS:
-        raise CommonlawError(
-            f"{what} has {count} terms, and at most {_MOST_TERMS} are made: lower the degree or the frequencies, name "
-            "fewer variables, or leave out the interactions"
-        )
+        raise CommonlawError("library-too-large", library=what, count=count, limit=_MOST_TERMS)
 
 
 @dataclass(frozen=True)
@@ -176,7 +173,7 @@ class SelectedLibrary(AbstractLibrary):
     def bind(self, variables: Variables) -> Terms:
         terms = self.library.bind(variables)
         if not self.names:
-            raise CommonlawError(f"no term is selected; choose from {', '.join(terms.names)}")
+            raise CommonlawError("no-term-selected", terms=terms.names)
         return terms.take(tuple(dict.fromkeys(terms.index(name) for name in self.names)))
 
 
@@ -191,5 +188,5 @@ class ReducedLibrary(AbstractLibrary):
         terms = self.library.bind(variables)
         dropped = {terms.index(name) for name in self.names}
         if len(dropped) == len(terms):
-            raise CommonlawError(f"without {', '.join(self.names)} no term is left in the library: keep at least one")
+            raise CommonlawError("no-term-left", names=self.names)
         return terms.take([i for i in range(len(terms)) if i not in dropped])

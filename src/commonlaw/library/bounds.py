@@ -75,13 +75,13 @@ def _bound(text: str) -> Bound:
     names = [each for each, number in zip(parts[::2], numbers, strict=True) if number is None]
     one_way = len({*parts[1::2]}) == 1 and len(numbers) <= 3 and (len(numbers) < 3 or numbers[1] is None)
     if len(names) != 1 or not names[0].isidentifier() or not one_way:
-        raise CommonlawError(f"cannot read the bound {text!r}: write 'K > 0', 'p < 2' or '1 < p < 2'")
+        raise CommonlawError("bound-syntax", text=text)
     rising = numbers if parts[1] == "<" else numbers[::-1]
     at = rising.index(None)
     low, high = (rising[at - 1] if at else None), (rising[at + 1] if at + 1 < len(rising) else None)
     found = Bound(text, names[0], -np.inf if low is None else low, np.inf if high is None else high)
     if not found.low < found.high:
-        raise CommonlawError(f"the bound {text!r} leaves no number: write the smaller one first")
+        raise CommonlawError("bound-empty", text=text)
     return found
 
 

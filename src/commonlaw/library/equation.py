@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import NamedTuple, NoReturn
 
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.bounds import is_bound, parts_of
 from commonlaw.library.grammar import DEEPEST, FUNCTIONS, LONGEST, OTHER_NAMES, constant, read, with_names, write
@@ -49,7 +50,7 @@ class Meanings(NamedTuple):
     """What names mean that are neither variables nor coefficients, and names that mean two things, with the reason."""
 
     others: Mapping[str, str] = {}
-    unclear: Mapping[str, str] = {}
+    unclear: Mapping[str, Diagnostic] = {}
 
 
 CONSTANTS = {"pi": math.pi}
@@ -135,7 +136,9 @@ class Equation:
             parts[i][1] = number
         return self.text[: self.right] + "".join(chain.from_iterable(parts))
 
-    def refuse(self, name: str, problem: str, variables: Variables, state_rates: Sequence[tuple[str, str]]) -> NoReturn:
+    def refuse(
+        self, name: str, problem: Diagnostic, variables: Variables, state_rates: Sequence[tuple[str, str]]
+    ) -> NoReturn:
         """Raise the error for a problem with a coefficient, see `summands`."""
         _Reader(self, variables, dict(state_rates), Meanings()).refuse(name, problem)
 
@@ -151,7 +154,7 @@ class Equation:
                             self.refuse(names[1][0], only_product(names), variables, state_rates)
                     name = each.term.text(variables.names)
                     hint = ", and products with '*' or a space" if name == "1" else ""
-                    raise CommonlawError(f"{self.text!r} has the term {name} twice: write it once{hint}")
+                    raise CommonlawError("term-twice", text=self.text, term=name, hint=hint)
 
 
 @dataclass(frozen=True)
@@ -179,20 +182,15 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     [('H', 1), ('P', 1)]
     """
     if conditional := next((each for each in parts_of(texts) if is_bound(each) and _DERIVATIVE.search(each)), None):
-        raise CommonlawError(
-            f"{conditional!r} has a condition: events and cases are not available; fit the parts of trials apart, or "
-            "write a switch as an input"
-        )
+        raise CommonlawError("equation-with-condition", expression=conditional)
     found = tuple(_left(each) for each in parts_of(texts) if not is_bound(each))
     if not found:
-        raise CommonlawError('there is no equation: write one like "T\' = a + b T"')
+        raise CommonlawError("no-equation")
     for each in found:
         if (each.order == 0) != (found[0].order == 0):
-            raise CommonlawError(
-                f"{found[0].text!r} and {each.text!r} are in continuous and in discrete time: give all in one of them"
-            )
+            raise CommonlawError("continuous-and-discrete", first=found[0].text, second=each.text)
         if [other.state for other in found].count(each.state) > 1:
-            raise CommonlawError(f"{each.state} has two equations: give each state one")
+            raise CommonlawError("two-equations", state=each.state)
     return found
 
 
@@ -219,27 +217,18 @@ def with_constants(
             return variables
 
 
-def only_product(coefficients: Sequence[tuple[str, int]]) -> str:
+def only_product(coefficients: Sequence[tuple[str, int]]) -> Diagnostic:
     """Return why coefficients that stand before one term only cannot be found."""
-    names = " and ".join(name for name, _ in coefficients)
-    return (
-        f"{names} are both no variables, and a term has one coefficient: write one letter for them, or correct the name"
-    )
+    return Diagnostic("product-of-parameters", {"names": [name for name, _ in coefficients]})
 
 
 def _left(text: str) -> Equation:
     left, sign, _ = text.partition("=")
     match = _LEFT.fullmatch(left.strip())
     if sign and re.fullmatch(r"\w+|`[^`]+`", name := left.strip()):
-        raise CommonlawError(
-            f"{text!r} says what is measured, not how it changes: equations of measurement are not available; every "
-            f'equation begins with a rate such as "{name}\' =", and columns hold the states themselves'
-        )
+        raise CommonlawError("observation-equation", text=text, state=name)
     if not sign or match is None or len(match["primes"] or "") > 2:
-        raise CommonlawError(
-            f'cannot read {text!r}: an equation begins with "T\' =", "T\'\' =", "dT/dt =", "d2T/dt2 =" or "T[k+1] =", '
-            "and a name that is no plain word stands between backticks"
-        )
+        raise CommonlawError("equation-syntax", text=text)
     order = len(match["primes"] or "") or {"next": 0, "first": 1, "second": 2}[str(match.lastgroup)]
     name = next(match[each] for each in ("primed", "next", "first", "second") if match[each])
     return Equation(text, _unquoted(name), order, len(left) + 1)
@@ -263,16 +252,13 @@ class _Reader:
         self.coefficients = tuple(dict.fromkeys(names))
         self.index = 0
         if len(equation.text) > LONGEST or sum(each.kind == "(" for each in self.tokens) > DEEPEST:
-            raise CommonlawError(
-                f"cannot read {equation.text[:57]!r}...: an equation has at most {LONGEST} characters and {DEEPEST} "
-                "parentheses"
-            )
+            raise CommonlawError("equation-too-long", text=equation.text[:57], longest=LONGEST, deepest=DEEPEST)
 
     def summands(self) -> tuple[Summand, ...]:
         found = self._summand()
         while self.now.kind != "end":
             if self.now.kind not in "+-":
-                self._fail(self.now, "a parenthesis closes that was not opened")
+                self._fail(self.now, Diagnostic("parenthesis-not-opened"))
             found += self._summand()
         # Of how an equation is spelled nothing depends: k*a - k*T is k*(a - T)
         alike = dict[object, list[_Written]]()
@@ -289,7 +275,7 @@ class _Reader:
             found.append((negative, expression_latex(write(tree), names)))
         return tuple(found)
 
-    def refuse(self, name: str, problem: str) -> NoReturn:
+    def refuse(self, name: str, problem: Diagnostic) -> NoReturn:
         """Fail where a coefficient stands."""
         self._fail(next(each for each in self.tokens if (each.kind, each.text) == ("name", name)), problem)
 
@@ -308,7 +294,7 @@ class _Reader:
             products = multiplied_out(read(text, names, count), known - len(self.variables.constants), known)
             return [self._of_product(factor, each) for each in products]
         except CommonlawError as error:
-            self._fail(start, str(error))
+            self._fail(start, error.diagnostic)
         except NotAFactorError as error:
             raise InsideError(names[error.args[0]]) from None
 
@@ -319,7 +305,7 @@ class _Reader:
             first = self.now
             factor = self._power()
             if sign == "/" and first.kind == "number" and not constant(read(factor, ())):
-                self._fail(first, "this divides by zero")
+                self._fail(first, Diagnostic("equation-divides-by-zero"))
             text += f"{sign}{factor}"
             if self.now.kind in ("*", "/"):
                 sign = self._next().kind
@@ -381,7 +367,7 @@ class _Reader:
             return quoted(token.text)
         if token.kind != "(":
             what = "it ends" if token.kind == "end" else f"{token.text!r} stands"
-            self._fail(token, f"{what} where a number, a name or a parenthesis is expected")
+            self._fail(token, Diagnostic("operand-missing", {"what": what}))
         text = "("
         while True:
             text += ("-" if self._sign() < 0 else "") + self._power()
@@ -391,7 +377,7 @@ class _Reader:
                 self._next()
                 return f"{text})"
             elif self.now.kind == "end":
-                self._fail(token, "this parenthesis is not closed")
+                self._fail(token, Diagnostic("parenthesis-not-closed"))
             else:
                 text += self._next().kind
 
@@ -405,7 +391,7 @@ class _Reader:
             kind = str(next(each for each in ("number", "name", "sign", "bad") if match[each]))
             token = _Token(kind if kind != "sign" else match["sign"], match[kind], match.start(kind))
             if kind == "bad":
-                self._fail(token, f"the character {token.text!r} has no place in an equation")
+                self._fail(token, Diagnostic("equation-character", {"character": token.text}))
             if kind == "name":
                 token = self._named(token, match["mark"], text[match.end() :])
             yield token
@@ -418,34 +404,39 @@ class _Reader:
             self._fail(token, self.meanings.unclear[name])
         if mark == "'":
             if name not in self.rates:
-                self._fail(token, f"{name}' is no rate that the right-hand side may hold")
+                self._fail(token, Diagnostic("rate-unknown", {"name": name}))
             return _Token("name", self.rates[name], token.position)
         if name in self.variables.names:
             if _DELAYED.match(rest):
-                self._fail(token, f"delays are not available: shift the column {name} in the table, and write {name}")
+                self._fail(token, Diagnostic("equation-with-delay", {"name": name}))
             if rest.startswith("("):
-                self._fail(token, f"{name} is a variable, not a function: write products with '*', variables alone")
+                self._fail(token, Diagnostic("equation-calls-variable", {"name": name}))
         elif not token.text.startswith("`"):
             if name in (*FUNCTIONS, *OTHER_NAMES):
                 if not rest.lstrip().startswith("("):
-                    self._fail(token, f"{name} is a function: write {name}(...)")
+                    self._fail(token, Diagnostic("function-not-called", {"name": name}))
                 return _Token("function", name, token.position)
             if name in self.meanings.others:
                 return _Token("name", self.meanings.others[name], token.position)
             if name in CONSTANTS:
                 return _Token("number", repr(CONSTANTS[name]), token.position)
             if rest.startswith("(") and not _LETTER.fullmatch(name):
-                self._fail(token, str(unknown("function", name, FUNCTIONS)))
+                self._fail(token, unknown("function", name, FUNCTIONS).diagnostic)
         return _Token("name", name, token.position)
 
     def _begins_operand(self, token: _Token) -> bool:
         return token.kind in ("number", "name", "function", "(")
 
-    def _fail(self, token: _Token, problem: str) -> NoReturn:
-        where = f"at character {token.position + 1}" + (f", {token.text!r}" if token.text else "")
-        known = f"; variables: {', '.join(self.variables.measured)}"
+    def _fail(self, token: _Token, problem: Diagnostic) -> NoReturn:
+        text, place = (
+            self.equation.text,
+            f"at character {token.position + 1}" + (f", {token.text!r}" if token.text else ""),
+        )
+        if "unknown-name" in problem.codes:
+            raise CommonlawError("equation-unreadable", text=text, place=place, problem=problem) from None
+        known = self.variables.measured
         raise CommonlawError(
-            f"cannot read {self.equation.text!r} {where}: {problem}{'' if 'Known:' in problem else known}"
+            "equation-unreadable-with-variables", text=text, place=place, problem=problem, variables=known
         ) from None
 
 

@@ -74,7 +74,7 @@ class PolynomialLibrary(AbstractLibrary):
         object.__setattr__(self, "variables", _checked_names(self.variables))
         check_whole_number("the degree of a library", self.degree, 0, HIGHEST_POWER)
         if self.degree == 0 and not self.constant:
-            raise CommonlawError("a polynomial of degree 0 without its constant has no terms: raise the degree")
+            raise CommonlawError("polynomial-empty")
 
     def bind(self, variables: Variables) -> Terms:
         columns, size = variables.columns(self.variables), len(variables.names)
@@ -195,7 +195,7 @@ class RatioLibrary(AbstractLibrary):
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
         below = self.denominator.bind(variables).terms
         if not len(below) > 1:
-            raise CommonlawError("a denominator of one term is no sum: offer several, as in ratio(poly:2, poly:2)")
+            raise CommonlawError("denominator-one-term")
         return (Ratios(self.bind(variables).terms, below),)
 
 
@@ -225,7 +225,7 @@ class ExpressionLibrary(AbstractLibrary):
 
     def __init__(self, *expressions: str) -> None:
         if not expressions:
-            raise CommonlawError("an expression library without expressions has no terms: give at least one")
+            raise CommonlawError("expressions-empty")
         object.__setattr__(self, "expressions", expressions)
 
     def bind(self, variables: Variables) -> Terms:
@@ -295,9 +295,7 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
         return None
     listed = tuple(each.strip() for each in names.split(",")) if isinstance(names, str) else tuple(names)
     if not listed or len(set(listed)) < len(listed):
-        raise CommonlawError(
-            f"name each variable of a library once, and at least one; got {', '.join(listed) or 'none'}"
-        )
+        raise CommonlawError("library-variables", variables=", ".join(listed) or "none")
     return listed
 
 

@@ -70,15 +70,15 @@ def read(text: str, names: Sequence[str], constants: int = 0) -> ast.expr:
     """
     shown = text if len(text) <= 60 else f"{text[:57]}..."
     if len(text) > LONGEST:
-        raise CommonlawError(f"the term {shown!r} has {len(text)} characters: write it in at most {LONGEST}")
+        raise CommonlawError("term-too-long", term=shown, characters=len(text), limit=LONGEST)
     try:
         code = _TOKEN.sub(lambda token: _translated(token, names), text.strip())
         tree = _parsed(code, names)
         _check(tree, 0, 1, len(names) - constants)
     except CommonlawError as error:
-        raise CommonlawError(f"cannot read the term {shown!r}: {error}") from None
+        raise CommonlawError("term-syntax", term=shown, error=error) from None
     except (RecursionError, MemoryError):
-        raise CommonlawError(f"cannot read the term {shown!r}: it is nested too deep, write it flatter") from None
+        raise CommonlawError("term-too-deep", term=shown) from None
     return tree
 
 
@@ -147,10 +147,10 @@ def _translated(token: re.Match[str], names: Sequence[str]) -> str:
     if kind == "power":
         return "**"
     if kind == "bad":
-        raise CommonlawError(f"the character {text!r} has no place in it")
+        raise CommonlawError("character-unknown", character=text)
     if kind == "function":
         if text in names:
-            raise CommonlawError(f"{text} is a variable, not a function: write products with '*'")
+            raise CommonlawError("variable-called", variable=text)
         function = OTHER_NAMES.get(text, text)
         if function not in FUNCTIONS:
             raise unknown("function", text, FUNCTIONS)
@@ -168,8 +168,8 @@ def _parsed(code: str, names: Sequence[str]) -> ast.expr:
         return ast.parse(code, mode="eval").body
     except SyntaxError as error:
         index = with_names(code[max(0, (error.offset or 1) - 1) :], names)
-        where = f"near {index[:30]!r}" if index else "at its end"
-        raise CommonlawError(f"it goes wrong {where}; write it like 'x**2*v' or 'v*abs(v)'") from None
+        place = f"near {index[:30]!r}" if index else "at its end"
+        raise CommonlawError("expression-syntax", place=place) from None
 
 
 def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
@@ -178,7 +178,7 @@ def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
     The names after so many variables are constants.
     """
     if depth > DEEPEST:
-        raise CommonlawError(f"it is nested deeper than {DEEPEST} levels: write it with fewer")
+        raise CommonlawError("expression-too-deep", limit=DEEPEST)
     inside: tuple[ast.expr, ...] = ()
     match tree:
         case ast.Constant(value=int() | float()) | ast.Name():
@@ -189,23 +189,20 @@ def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
             power *= _checked_exponent(exponent, depth, variables)
             inside = (base,)
         case ast.BinOp(op=ast.Div(), right=right) if constant(right) == 0:
-            raise CommonlawError("it divides by zero")
+            raise CommonlawError("division-by-zero")
         case ast.BinOp(op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div(), left=left, right=right):
             inside = (left, right)
         case ast.Call(func=ast.Name(id=name), args=[operand], keywords=[]) if name in FUNCTIONS:
             inside = (operand,)
         case _:
-            raise CommonlawError(
-                "it may hold nothing but numbers, variables, + - * / **, parentheses, and these functions of one "
-                f"argument: {', '.join(FUNCTIONS)}"
-            )
+            raise CommonlawError("expression-forbidden", functions=FUNCTIONS)
     for each in inside:
         _check(each, depth + 1, power, variables)
     if power > HIGHEST_POWER:
-        raise CommonlawError(f"its powers go beyond {HIGHEST_POWER}: write smaller ones")
+        raise CommonlawError("powers-too-high", limit=HIGHEST_POWER)
     number = constant(tree)
     if number is not None and not abs(number) <= LARGEST_NUMBER:
-        raise CommonlawError(f"the number {ast.unparse(tree)[:30]!r} is not finite or beyond {LARGEST_NUMBER:g}")
+        raise CommonlawError("number-too-large", number=ast.unparse(tree)[:30], limit=LARGEST_NUMBER)
 
 
 def _checked_exponent(tree: ast.expr, depth: int, variables: int) -> float:
@@ -215,7 +212,7 @@ def _checked_exponent(tree: ast.expr, depth: int, variables: int) -> float:
     if exponent is None and min(columns_in(ast.unparse(tree))) >= variables:
         return 1.0
     if exponent is None:
-        raise CommonlawError("an exponent must be a number; write exp(v*log(x)) for x to the power v")
+        raise CommonlawError("exponent-not-a-number")
     return max(1.0, abs(exponent))
 
 
@@ -238,4 +235,4 @@ def _compiled(tree: ast.expr) -> Compiled:
             inner = _compiled(argument)
             return lambda variables, algebra: algebra.functions[name](inner(variables, algebra))
         case _:
-            raise CommonlawError(f"{ast.unparse(tree)[:30]!r} is not an expression of the language of terms")
+            raise CommonlawError("not-an-expression", expression=ast.unparse(tree)[:30])

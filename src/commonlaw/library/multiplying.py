@@ -70,7 +70,7 @@ def multiplied_out(tree: ast.expr, variables: int, inside: int | None = None) ->
             if power < 0 and len(second) > 1:
                 second = _whole(right, inside)
             if len(first) * len(second) > _MOST:
-                raise CommonlawError(f"multiplied out it has more than {_MOST} summands: write fewer")
+                raise CommonlawError("too-many-summands", limit=_MOST)
             return [one.times(other, power) for one in first for other in second]
     return _whole(tree, inside)
 

@@ -75,7 +75,7 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
                 return form.format(inner), binding
             function = r"\operatorname{sign}" if name == "sign" else f"\\{name}"
             return function + (rf"\left({inner}\right)" if r"\frac" in inner else f"({inner})"), _Binding.POWER
-    raise CommonlawError(f"{ast.unparse(tree)[:30]!r} is not an expression of the language of terms")
+    raise CommonlawError("not-an-expression", expression=ast.unparse(tree)[:30])
 
 
 def _number(number: float) -> _Formula:
@@ -99,7 +99,7 @@ def _guarded(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     def apply(argument: Any) -> Any:
         number = None if argument.free_symbols else argument.evalf(5)
         if number is not None and not (number.is_finite and abs(number) <= LARGEST_NUMBER):
-            raise CommonlawError(f"a number in a term is not finite or beyond {LARGEST_NUMBER:g}; write it without")
+            raise CommonlawError("number-in-term", limit=LARGEST_NUMBER)
         return function(argument)
 
     return apply

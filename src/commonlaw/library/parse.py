@@ -14,8 +14,6 @@ from commonlaw.library.term import AbstractTerm
 from commonlaw.library.terms import Terms, Variables
 from commonlaw.library.trigonometric import Trigonometric
 
-_REMEDY = "a term has no numeric factor of its own, the fit finds its coefficient: leave out the {}"
-
 
 def parse_term(text: str, variables: Variables) -> AbstractTerm:
     """Return the term that an expression stands for; the inverse of ``term.expression(variables.names)``.
@@ -51,7 +49,7 @@ def parse_term(text: str, variables: Variables) -> AbstractTerm:
     try:
         return multiply_powers(_powers(tree, size), size)
     except CommonlawError as error:
-        raise CommonlawError(f"cannot use the term {text[:60]!r}: {error}") from None
+        raise CommonlawError("term-unusable", term=text[:60], error=error) from None
 
 
 def parse_terms(texts: Sequence[str], variables: Variables) -> Terms:
@@ -67,12 +65,12 @@ def _powers(tree: ast.expr, size: int) -> Counter[AbstractTerm]:
     if number == 1:
         return Counter()
     if number is not None:
-        raise CommonlawError(_REMEDY.format(write(tree)))
+        raise CommonlawError("term-with-factor", factor=write(tree))
     match tree:
         case ast.UnaryOp(op=ast.UAdd(), operand=operand):
             return _powers(operand, size)
         case ast.UnaryOp():
-            raise CommonlawError(_REMEDY.format("minus sign"))
+            raise CommonlawError("term-with-factor", factor="minus sign")
         case ast.Name(id=name):
             return Counter({variable(int(name[1:]), size): 1})
         case ast.BinOp(op=ast.Mult() | ast.Div() as op, left=left, right=right):

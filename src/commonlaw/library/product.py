@@ -98,7 +98,7 @@ def multiply_powers(powers: Mapping[AbstractTerm, int], size: int) -> AbstractTe
     for term, power in powers.items():
         collect(term, power)
     if sum(map(abs, (*exponents, *others.values()))) > HIGHEST_POWER:
-        raise CommonlawError(f"the powers in a term add up to more than {HIGHEST_POWER}: write smaller ones")
+        raise CommonlawError("term-powers-too-high", limit=HIGHEST_POWER)
     above, below = (
         _side([max(0, sign * each) for each in exponents], {key: sign * each for key, each in others.items()})
         for sign in (1, -1)

@@ -173,7 +173,7 @@ class Terms:
         first = len(self.terms) - len(own)
         if self.terms[max(first, 0) :] != own:
             names = ", ".join(self.variables.constants)
-            raise CommonlawError(f"the constants {names} are inside of terms: the last terms have to be their own")
+            raise CommonlawError("parameter-names", names=names)
         return tuple(range(first, len(self.terms)))
 
     def constant_name(self, index: int) -> str | None:
@@ -263,8 +263,7 @@ class Terms:
         used = sorted(self.terms[column].columns())
         point = ", ".join(f"{self.variables.names[i]} = {values[row, i]:g}" for i in used)
         raise CommonlawError(
-            f"{where}{': ' if where else ''}term {self.names[column]} is {state} at sample {before + row + 1}, "
-            f"where {point}: leave the term out, or shift or scale the variable"
+            "term-not-finite", where, term=self.names[column], value=state, sample=before + row + 1, point=point
         )
 
 

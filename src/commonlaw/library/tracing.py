@@ -64,9 +64,7 @@ class Traced:
         return self._chosen(None)
 
     def _chosen(self, _: Any) -> bool:
-        raise CommonlawError(
-            "a known function chooses by the value of a variable: write it without 'if', 'and', 'max', with abs or sign"
-        )
+        raise CommonlawError("known-function-branches")
 
     __lt__ = __le__ = __gt__ = __ge__ = _chosen
 
@@ -80,7 +78,7 @@ class Traced:
             return _joined(values[0], "**", 2)
         if method == "__call__" and name in FUNCTIONS:
             return Traced(f"{name}({_code(values[0])})")
-        raise CommonlawError(f"a known function calls numpy.{function.__name__}: it may call {', '.join(FUNCTIONS)}")
+        raise CommonlawError("known-function-numpy", function=function.__name__, functions=FUNCTIONS)
 
 
 def traced(function: Callable[..., Any], values: dict[str, float | None]) -> Any:
@@ -99,7 +97,7 @@ def summands(result: Any, names: tuple[str, ...]) -> list[tuple[float, str]]:
     tree = read(_code(result), names)
     found = [(number, with_names(write(each), [quoted(name) for name in names])) for number, each in _expanded(tree)]
     if len(found) > _MOST:
-        raise CommonlawError(f"a known function has {len(found)} summands, of at most {_MOST}: write it shorter")
+        raise CommonlawError("known-function-too-long", summands=len(found), limit=_MOST)
     return [(number, text) for number, text in found if number]
 
 
@@ -164,4 +162,4 @@ def _code(value: Any) -> str:
         return f"({float(value)!r})"
     except (TypeError, ValueError):
         what = type(value).__name__
-        raise CommonlawError(f"a known function gives {what}, and is to give one number for each state") from None
+        raise CommonlawError("known-function-result", result=what) from None

@@ -21,10 +21,10 @@ class NotPositiveError(CommonlawError, ArithmeticError):
     """Numbers overflowed, or were too far apart for the factorisation."""
 
     def __init__(self) -> None:
-        super().__init__(
-            "the likelihood of this law cannot be computed: numbers are too large, too small or too far apart; check "
-            "the units of the columns and the settings huber_threshold=... and noise=..., or try other terms"
-        )
+        super().__init__("likelihood-not-computable")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return NotPositiveError, ()
 
 
 @dataclass(frozen=True, eq=False)

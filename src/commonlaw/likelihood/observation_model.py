@@ -34,10 +34,7 @@ class ObservationModel:
 
     def __post_init__(self) -> None:
         if not isinstance(self.huber_threshold, int | float | np.number) or not self.huber_threshold > 0:
-            raise CommonlawError(
-                f"huber_threshold is {self.huber_threshold!r}: give how many standard deviations of noise a "
-                "measurement must be off to be an outlier, above zero"
-            )
+            raise CommonlawError("huber-threshold", value=self.huber_threshold)
 
     def deviance(self, residuals: Floats, scale: Floats | float = 1.0) -> float:
         """Return twice the negative log-likelihood but for a constant; residuals that are NaN were not measured.

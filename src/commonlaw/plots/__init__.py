@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError
 try:
     from matplotlib.figure import Figure
 except ValueError as error:
-    raise CommonlawError(f"matplotlib cannot start: {error}; unset the environment variable MPLBACKEND") from None
+    raise CommonlawError("matplotlib-failed", error=error) from None
 
 from commonlaw.notebooks import show_type
 from commonlaw.plots.coefficients import plot_coefficients

@@ -102,7 +102,7 @@ def plot_relations(law: Law) -> Figure:
 def _coefficients(law: Law) -> Iterator[_Coefficient]:
     """Yield the coefficients that have a relation."""
     if law.explanation is None:
-        raise CommonlawError("nothing is known of what decides this law's coefficients: draw law.explain()")
+        raise CommonlawError("relations-missing-to-draw")
     own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
     reach = law.uncertainty.reach(len(law.states))[np.nonzero(law.support)[0]]
     halves = reach * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
@@ -111,7 +111,7 @@ def _coefficients(law: Law) -> Iterator[_Coefficient]:
         if relation is not None:
             known = [law.properties.get(name, {}) for name in law.objects]
             if not all({*relation.properties} <= each.keys() for each in known):
-                raise CommonlawError("this law lacks properties that its coefficients follow: explain it again")
+                raise CommonlawError("relations-without-properties")
             rows = [[float(each[name]) for name in relation.properties] for each in known]
             values = np.array(rows).reshape(len(law.objects), len(relation.properties))
             unit = units.get((law.left_hand_sides[j], law.terms.names[k]), "")

@@ -23,10 +23,7 @@ class _Named:
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", self.name):
-            raise CommonlawError(
-                f"{self.name!r} cannot name a part of a report: "
-                "use lower-case letters, digits, and hyphens between them"
-            )
+            raise CommonlawError("report-name", name=self.name)
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,10 @@ def law_page(
     if isinstance(trials, Trials):
         refuse_client(client)
         if isinstance(learned, TrialStream):
-            raise CommonlawError("learned=... is a stream, and what was measured is in memory: give learned.read()")
+            raise CommonlawError("learned-not-in-memory")
         return Page(to_page(law_report(find(law, trials, learned))).decode())
     if isinstance(learned, Trials):
-        raise CommonlawError("learned=... goes with a stream as a stream: stream.split(trial=...)")
+        raise CommonlawError("learned-not-a-stream")
     with on_cluster(client):
         found = find_by_stream(law, trials, on_terminal(), learned)
     made = law_report(found.few, table=Source("runs/*.parquet", stream=True), everything=found)

@@ -87,14 +87,14 @@ def formula(latex: str, display: str = "inline") -> str:
         tree = convert_to_element(latex.replace("{aligned}", "{split}"), display=display)
     # The errors of that package have no class in common
     except Exception as error:
-        raise CommonlawError(f"cannot read the formula {latex!r}: {type(error).__name__}; mend its LaTeX") from error
+        raise CommonlawError("formula-syntax", latex=latex, problem=type(error).__name__) from error
     for element in tree.iter():
         # The package writes some signs as HTML does
         element.text = unescape(element.text or "")
         if more := set(element.attrib) - _ATTRIBUTES:
-            raise CommonlawError(f"the formula {latex!r} sets {min(more)!r}, which is no mathematics: leave it out")
+            raise CommonlawError("formula-forbidden", latex=latex, command=min(more))
         if unread := re.search(r"\\\w+", element.text):
-            raise CommonlawError(f"cannot read {unread[0]!r} in the formula {latex!r}; write it in other commands")
+            raise CommonlawError("formula-unread", command=unread[0], latex=latex)
         if element.tag.endswith("mo") and element.text and element.text in _DOTS:
             element.set("mathsize", _DOT_SIZE)
     return tostring(tree, encoding="unicode")

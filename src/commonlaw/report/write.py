@@ -90,4 +90,4 @@ def _check_names(report: Report) -> None:
     ):
         repeated = [name for name in names if names.count(name) > 1]
         if repeated:
-            raise CommonlawError(f"two {what} of the report are called {repeated[0]!r}; name each its own way")
+            raise CommonlawError("report-name-twice", parts=what, name=repeated[0])

@@ -49,13 +49,13 @@ def make_folds(groups: ProblemGroups, count: int = 10) -> tuple[Fold, ...]:
         If there are fewer than two folds, or an object has a single trial in a single segment.
     """
     if count < 2:
-        raise CommonlawError(f"{count} folds are not enough: hold out each of at least 2 parts of the data")
+        raise CommonlawError("too-few-folds", count=count)
     folds = []
     for index, trials in enumerate(groups):
         several = len(trials) > 1
         units = [merge(segments) for segments in trials] if several else list(trials[0])
         if len(units) < 2:
-            raise CommonlawError("an object has one trial in one segment: cut it into more segments to hold some out")
+            raise CommonlawError("one-segment-to-hold-out")
         used = min(count, len(units))
         held = [merge(units[k::used]) for k in range(used)]
         for k, (own, rest) in enumerate(zip(held, leave_one_out(held), strict=True)):

@@ -47,10 +47,7 @@ class ForecastError:
     def __post_init__(self) -> None:
         for fold in self.folds:
             if not fold.trials:
-                raise CommonlawError(
-                    f"{self.law.objects[fold.object]} has a single trial, so none can be held out and forecast: "
-                    "score on residuals, or measure another trial"
-                )
+                raise CommonlawError("one-trial-to-forecast", object=self.law.objects[fold.object])
 
     def __call__(self, support: Bools) -> CrossValidationScore:
         """Return the errors of a support, shape (objects, terms)."""

@@ -142,7 +142,7 @@ def choose(
     if rule not in RULES:
         raise unknown("rule", rule, RULES)
     if not candidates:
-        raise CommonlawError("there is no candidate to choose from: give the path of a solver")
+        raise CommonlawError("no-candidate")
     measure = score or ResidualError(make_folds(groups), target)
     scored = sorted(
         ((each, values, measure(each.support)) for each, values in _distinct(candidates)),
@@ -171,7 +171,7 @@ def _by_rule(table: Sequence[ScoredCandidate], rule: str, bias: float) -> tuple[
         return index, rule, f"its {_LABELS[rule]}, {values[index]:.4g}, is the smallest of {len(table)} candidates"
     best = min(table, key=lambda each: each.held_out.mean)
     if not np.isfinite(best.held_out.mean):
-        raise CommonlawError("forecasts diverge for every candidate: choose on held-out residuals instead")
+        raise CommonlawError("candidates-diverge")
     excesses = (each.held_out.excess(best.held_out) for each in table)
     weight, slack = 0.0, "the accuracy of the derivatives"
     if rule == "one-standard-error":

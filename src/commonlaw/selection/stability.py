@@ -80,7 +80,7 @@ def stability(
     """
     blocks = [[block for trial in trials for block in trial] for trials in groups]
     if min(map(len, blocks)) < 2:
-        raise CommonlawError("an object has one trial in one segment: cut it into more segments to draw from")
+        raise CommonlawError("one-segment-to-draw")
     generator = np.random.default_rng(seed)
     drawn = [[_counts(len(own), generator) for own in blocks] for _ in range(n_resamples)]
     at_once = min(_TOGETHER, max(1, _HELD // sum(own[0].factor.size for own in blocks)))

@@ -64,7 +64,7 @@ def _group_stlsq(
     if importance not in IMPORTANCES:
         raise unknown("importance", importance, IMPORTANCES)
     if level is not None and importance not in ("quantile", "count"):
-        raise CommonlawError(f"importance {importance!r} takes no level")
+        raise CommonlawError("importance-without-level", importance=importance)
     measure = IMPORTANCES[importance]() if level is None else IMPORTANCES[importance](level)
     return STLSQ(threshold, True, measure, ridge, max_iterations, normalize)
 

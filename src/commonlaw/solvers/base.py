@@ -61,9 +61,7 @@ class AbstractSolver(ABC):
         """
         value = self.hyperparameter
         if value is None:
-            raise CommonlawError(
-                f"the solver has no {self.hyperparameter_name}: give it one, or let one be chosen from its path"
-            )
+            raise CommonlawError("solver-without-value", hyperparameter=self.hyperparameter_name)
         return tuple(self.path(problems, target, own, [value])[0] for target, own in enumerate(allowed))
 
 
@@ -135,4 +133,4 @@ def fixed_cardinality(
 def check_shared(shared: object) -> None:
     """Refuse what is neither True nor False."""
     if not isinstance(shared, bool):
-        raise CommonlawError(f"shared is {shared!r}: give True for one support of all objects, or False")
+        raise CommonlawError("shared-not-a-choice", shared=shared)

@@ -52,7 +52,7 @@ class ConstrainedSolver(AbstractSolver):
 
     def __post_init__(self) -> None:
         if (self.matrix is None) != (self.right is None):
-            raise CommonlawError("further constraints need both a matrix and a right-hand side: give both or neither")
+            raise CommonlawError("constraints-incomplete")
 
     @property
     def hyperparameter_name(self) -> str:
@@ -92,7 +92,7 @@ class ConstrainedSolver(AbstractSolver):
         """Return all constraints that hold for a support, as a matrix and a right-hand side."""
         objects, terms = support.shape
         if any(not 0 <= index < terms for index in self.equal):
-            raise CommonlawError(f"equal terms {self.equal} do not fit: indices of terms are from 0 to {terms - 1}")
+            raise CommonlawError("constraints-index", equal=self.equal, last=terms - 1)
         pairs = [pair for index in self.equal for pair in pairwise(np.flatnonzero(support[:, index]) * terms + index)]
         matrix = np.zeros((len(pairs), objects * terms))
         for row, pair in zip(matrix, pairs, strict=True):
@@ -144,9 +144,7 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
     columns, goal = block_diag(*blocks), np.concatenate([problem.factor[:, terms + target] for problem in problems])
     solutions = _solutions(matrix[:, support.ravel()] / scales[support], right)
     if solutions is None:
-        raise CommonlawError(
-            "the terms that are in cannot meet the constraints: leave constraints out, or let terms in"
-        )
+        raise CommonlawError("constraints-not-met")
     point, along = solutions
     point = point + along @ np.linalg.lstsq(columns @ along, goal - columns @ point, rcond=1e-14)[0]
     coefficients = np.zeros(support.shape)
@@ -157,12 +155,16 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
 def _check(matrix: Floats, right: Floats, support: Bools) -> None:
     if np.shape(matrix) != (len(right), support.size):
         raise CommonlawError(
-            f"constraints of shape {np.shape(matrix)} do not fit: for {support.shape[0]} objects, {support.shape[1]} "
-            f"terms and {len(right)} right-hand sides give a matrix of shape ({len(right)}, {support.size})"
+            "constraints-shape",
+            shape=np.shape(matrix),
+            objects=support.shape[0],
+            terms=support.shape[1],
+            constraints=len(right),
+            columns=support.size,
         )
     values = _unit_rows(matrix, right)[0]
     if np.linalg.matrix_rank(values, tol=_RANK * max(values.shape)) < len(values):
-        raise CommonlawError("the constraints depend on each other: leave out those that follow from others")
+        raise CommonlawError("constraints-dependent")
 
 
 def _unit_rows(matrix: Floats, right: Floats) -> tuple[Floats, Floats]:

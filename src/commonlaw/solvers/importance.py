@@ -68,7 +68,7 @@ class Quantile(AbstractImportance):
 
     def __post_init__(self) -> None:
         if isinstance(self.level, str) or not 0 <= self.level <= 1:
-            raise CommonlawError(f"quantile level {self.level!r} does not fit: give a number from 0 to 1")
+            raise CommonlawError("quantile-level", level=self.level)
 
     def measure(self, magnitudes: Floats) -> Floats:
         return np.asarray(np.quantile(magnitudes, self.level, axis=0))
@@ -93,7 +93,7 @@ class Count(AbstractImportance):
 
     def __post_init__(self) -> None:
         if isinstance(self.magnitude, str) or not self.magnitude > 0:
-            raise CommonlawError(f"magnitude {self.magnitude!r} of a vote does not fit: give a positive number")
+            raise CommonlawError("vote-magnitude", magnitude=self.magnitude)
 
     def measure(self, magnitudes: Floats) -> Floats:
         return np.asarray(np.sum(magnitudes >= self.magnitude, axis=0), dtype=np.float64)

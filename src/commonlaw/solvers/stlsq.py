@@ -60,10 +60,7 @@ class STLSQ(AbstractSolver):
         check_whole_number("max_iterations", self.max_iterations, 1)
         check_shared(self.shared)
         if not self.shared and self.importance != L1():
-            raise CommonlawError(
-                f"importance {self.importance!r} is taken over all objects: leave it out where each object has its own "
-                "terms, or give shared=True"
-            )
+            raise CommonlawError("importance-own-terms", importance=self.importance)
 
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         fits = [_Fits(group, target, self.ridge) for group in groups(problems, self.shared)]

@@ -40,7 +40,7 @@ def trials_from_arrays(
     all_noise = _per_trial("arrays of standard deviations", [noise] if single else noise, count)
     parts = list(zip(objects, labels, runs, all_states, all_inputs, all_noise, strict=True))
     if not parts:
-        raise CommonlawError("there is no trial: the list of times is empty")
+        raise CommonlawError("no-times")
     empty = [_empty(at, values, own) for _, _, at, values, own, _ in parts]
     made = tuple(_trial(gaps, *part) for gaps, part in zip(empty, parts, strict=True))
     columns = _columns(made[0], names)
@@ -115,7 +115,7 @@ def _per_trial(what: str, values: Any, count: int) -> list[Any]:
     if values is None or isinstance(values, str) or not hasattr(values, "__len__"):
         return [values] * count
     if len(values) != count:
-        raise CommonlawError(f"there are {len(values)} {what} for {count} trials: give one for each trial")
+        raise CommonlawError("one-per-trial", given=len(values), parts=what, trials=count)
     return list(values)
 
 
@@ -133,7 +133,7 @@ def _columns(trial: Trial, names: Sequence[str] | None) -> tuple[tuple[str, ...]
     listed = isinstance(names, list | tuple | np.ndarray) and all(isinstance(name, str) for name in names)
     if not listed or len(names) != states + inputs:
         driven = f" and {inputs} of inputs" if inputs else ""
-        raise CommonlawError(f"names are {names!r}: give a list of {states} names of states{driven}")
+        raise CommonlawError("names-count", names=names, states=states, inputs=driven)
     return tuple(names[:states]), tuple(names[states:])
 
 

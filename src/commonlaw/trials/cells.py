@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.trials.units import known_unit
 
 DecimalMark = Literal[".", ","]
@@ -51,7 +52,7 @@ class Unreadable:
     """The cell for which a column is not numbers, as it is written, and why."""
 
     cell: str
-    reason: str
+    reason: Diagnostic
     is_ambiguous: bool = False
     """Whether it is a number by either decimal mark."""
 
@@ -169,7 +170,7 @@ def _read(cells: Sequence[str], notation: Notation) -> Numerals | Unreadable:
         mark = None if any(_GROUPS[marks[0]] in numbers[i] for i in twofold) else mark
     if mark is None:
         ways = " or ".join(f"{_value(numbers[twofold[0]], each):g}" for each in _NUMBERS)
-        reason = f"may be {ways}: give the decimal mark, decimal='.' or decimal=','"
+        reason = Diagnostic("decimal-mark-ambiguous", {"ways": ways})
         return Unreadable(cells[twofold[0]], reason, is_ambiguous=True)
     blanks = (found[0].strip("0123456789")[0] for cell in cells if (found := _GROUPED_BY_BLANKS.search(cell)))
     grouped = _GROUPS[mark] if any(_GROUPS[mark] in number for number in numbers) else next(blanks, "")
@@ -230,18 +231,13 @@ def _unreadable(cells: Sequence[str], texts: Sequence[str], numbers: Sequence[st
         units = sorted({each[3] for each in found if each and _is_unit(*each.group(2, 3))})
         cell, has_unit = cells[words[0]], (part := found[words[0]]) is not None and part[3] in units
         if has_unit and len(units) > 1:
-            return Unreadable(cell, f"is in another unit than other cells ({', '.join(units)}): write all in one unit")
+            return Unreadable(cell, Diagnostic("cell-in-other-unit", {"units": units}))
         if has_unit:
-            return Unreadable(cell, "has a unit and other cells have none: write it in all of them, or in the header")
-        reason = f"is not a number; repair the cell, leave the column out, or read it as missing: missing={cell!r}"
-        return Unreadable(cell, reason)
+            return Unreadable(cell, Diagnostic("cell-with-unit"))
+        return Unreadable(cell, Diagnostic("cell-not-a-number", {"cell": cell}))
     if limits:
         marks = [cells[i] for i in limits]
         also = f" (and so for {', '.join(map(repr, marks[1:4]))}{', ...' if len(marks) > 4 else ''})" * (len(marks) > 1)
-        return Unreadable(
-            marks[0],
-            "is beyond a limit of quantification, and a likelihood of censored values does not exist yet; "
-            f"missing={marks[0]!r} reads it as missing{also}",
-        )
+        return Unreadable(marks[0], Diagnostic("cell-censored", {"mark": marks[0], "others": also}))
     comma = next(i for i, number in enumerate(numbers) if not _NUMBERS["."].fullmatch(number))
-    return Unreadable(cells[comma], "has a decimal comma, and other cells have decimal points: write all in one way")
+    return Unreadable(cells[comma], Diagnostic("cell-decimal-comma"))

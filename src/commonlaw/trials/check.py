@@ -188,7 +188,7 @@ def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | 
         yield _in(trial, f"very short, {row.samples} samples")
     if row.clipped and np.mean(_irregular(trial.times, tolerance)) <= _FEW:
         kept = row.samples - row.clipped
-        text = f"irregular frame: clip_irregular() would keep {kept} of {row.samples} samples"
+        text = f"irregular frame: `clip_irregular()` would keep {kept} of {row.samples} samples"
         yield _in(trial, text, kept, schema.time)
     elif row.median_step and row.largest_deviation and row.largest_deviation > _JITTER * row.median_step:
         text = f"irregular sampling: steps are up to {row.largest_deviation:.3g} off their median {row.median_step:.3g}"
@@ -292,14 +292,14 @@ def _without_unit(schema: Schema) -> list[Finding]:
     bare = [name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units]
     if not bare:
         return []
-    text = f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with units=..."
+    text = f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with `units=...`"
     return [Finding(text)]
 
 
 def clipped(trials: Sequence[Trial], tolerance: float | None) -> tuple[list[Trial], str]:
     """Return the trials, each clipped at its last irregular frame, and what was done, see `Trials.clip_irregular`."""
     if tolerance is not None and not tolerance > 0:
-        raise CommonlawError(f"the tolerance of a step is {tolerance}, and must be a positive time such as 0.005")
+        raise CommonlawError("step-tolerance", tolerance=tolerance)
     kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in trials]
     shorter = [
         f"{before.label} from {len(before)} to {len(after)} samples"

@@ -62,9 +62,9 @@ def listed(value: object) -> list[Any]:
 
 def all_begin_later(schema: Schema, time: float) -> CommonlawError:
     """Return the error for a time before which no trial begins."""
-    return CommonlawError(f"every trial begins after {schema.time} = {time:g}: take a later time")
+    return CommonlawError("trials-begin-later", time_name=schema.time, time=time)
 
 
 def all_fit() -> CommonlawError:
     """Return the error for conditions that all trials fit where there have to be others."""
-    return CommonlawError("the split leaves nothing on the other side: every trial fits the conditions")
+    return CommonlawError("split-one-sided")

@@ -67,9 +67,7 @@ class Table:
 
     def __post_init__(self) -> None:
         if not len(self):
-            raise CommonlawError(
-                f"{self.source}: the table has a header and no row below it; give it the measured rows"
-            )
+            raise CommonlawError("table-without-rows", where=self.source)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -79,7 +77,7 @@ class Table:
         try:
             return find_name(name, self.columns)
         except CommonlawError as error:
-            raise CommonlawError(f"{self.source}: {error}") from None
+            raise error.at(self.source) from None
 
     def is_numeric(self, name: str) -> bool:
         """Say whether a column holds numbers; more than half of the cells will do where text may be meant as such."""
@@ -101,7 +99,7 @@ class Table:
             row = int(bad[0])
             what = "is infinite" if np.isinf(values[row]) else "is missing"
             count = "" if len(bad) == 1 else f" ({len(bad)} values of the column are missing or infinite)"
-            raise CommonlawError(f"{self._where(name, row)}: the value {what}{count}; repair the rows or remove them")
+            raise CommonlawError("cell-value", where=self._where(name, row), value=what, count=count)
         return values
 
     def deviations(self, name: str, needed: Bools) -> Floats:
@@ -111,10 +109,7 @@ class Table:
         if len(bad):
             row = int(bad[0])
             what = "missing" if np.isnan(values[row]) else f"{values[row]:g}"
-            raise CommonlawError(
-                f"{self._where(name, row)}: the standard deviation is {what}; give one above zero, or leave the "
-                "measurement's cell empty too"
-            )
+            raise CommonlawError("cell-deviation", where=self._where(name, row), value=what)
         return values
 
     def encoded(self, name: str, read: Callable[[object], object] = _plain) -> tuple[Codes, list[object]]:
@@ -128,7 +123,7 @@ class Table:
         try:
             codes, cells = pd.factorize(column)
         except TypeError:
-            raise CommonlawError(f"{self.source}: column {name!r} holds {_kind(column)}: give it as text") from None
+            raise CommonlawError("column-not-text", where=self.source, column=name, kind=_kind(column)) from None
         read_values = [read(value) for value in cells.tolist()]
         values = [value for value in dict.fromkeys(read_values) if value != ""]
         numbered = {value: code for code, value in enumerate(values)}
@@ -143,11 +138,13 @@ class Table:
             with np.errstate(over="ignore"):
                 return column.astype(np.float64)
         if _kind(column) != "str":
-            raise CommonlawError(f"{self.source}: column {name!r} holds {_kind(column)}: give it as numbers")
+            raise CommonlawError("column-not-numbers", where=self.source, column=name, kind=_kind(column))
         parsed = self._parsed(name)
         if isinstance(parsed, Unreadable):
             row = self._cells(name).index(parsed.cell)
-            raise CommonlawError(f"{self._where(name, row)}: {parsed.cell!r} {parsed.reason}")
+            raise CommonlawError(
+                "cell-unreadable", where=self._where(name, row), cell=parsed.cell, reason=parsed.reason
+            )
         return parsed
 
     def taken(self, rows: Codes) -> "Table":
@@ -204,8 +201,7 @@ def with_numbers(table: Table, notation: Notation) -> Table:
     for name, each in read.items():
         if each.unit and known_unit(table.units.get(name, each.unit)) != known_unit(each.unit):
             raise CommonlawError(
-                f"{table.source}: column {name!r} is in {table.units[name]} by its header and in {each.unit} by its "
-                "cells: correct one of them"
+                "units-differ", where=table.source, column=name, header=table.units[name], cells=each.unit
             )
     return replace(
         table,
@@ -309,11 +305,9 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
         headers = [str(name) for name in eager.columns]
     except nw.exceptions.DuplicateError as error:
         text = " ".join(str(error).split())
-        raise CommonlawError(f"{source}: {text}; give each column a name of its own") from None
+        raise CommonlawError("column-twice", where=source, problem=text) from None
     except TypeError:
-        raise CommonlawError(
-            f"cannot read a table from {type(frame).__name__}: give a pandas, polars or pyarrow frame"
-        ) from None
+        raise CommonlawError("frame-unknown", type=type(frame).__name__) from None
     columns = [_series_column(each) for each in eager.iter_columns()]
     loose = [i for i, (_, is_mixed) in enumerate(columns) if is_mixed]
     return filled_table(source, headers, [column for column, _ in columns], loose=loose)
@@ -328,9 +322,7 @@ def _with_named_indices(frame: Any, source: str) -> Any:
     named = [name for name in frame.index.names if name is not None]
     twice = next((name for name in named if named.count(name) > 1 or name in frame.columns), None)
     if twice is not None:
-        raise CommonlawError(
-            f"{source}: {str(twice)!r} is the name of an index and of another: rename one, or drop the index"
-        )
+        raise CommonlawError("index-twice", where=source, name=str(twice))
     return frame.reset_index(level=named) if named else frame
 
 
@@ -362,9 +354,7 @@ def _collected(frame: "nw.LazyFrame[Any]", source: str) -> "nw.DataFrame[Any]":
         return frame.collect()
     except Exception as error:  # Whatever the engine of the frame raises, in computing what the user asked of it
         text = " ".join(str(error).split())
-        raise CommonlawError(
-            f"{source} cannot be computed ({type(error).__name__}: {text}); collect it first"
-        ) from error
+        raise CommonlawError("frame-not-computed", source=source, problem=type(error).__name__, text=text) from error
 
 
 def _family(kind: type) -> type:

@@ -44,10 +44,7 @@ class Conversion(NamedTuple):
             zero = first = second = np.nan
         bend, largest = abs(second - 2 * first + zero), max(abs(zero), abs(first), abs(second))
         if not (np.isfinite(largest) and first != zero and bend <= 1e-9 * largest):
-            raise CommonlawError(
-                f"{name} is in {given} in the trials and in {wanted} in the law, and neither is a multiple of the "
-                "other: give the trials their true units, units={...}"
-            )
+            raise CommonlawError("units-incompatible", name=name, unit=given, law_unit=wanted)
         return cls(first - zero, zero)
 
     def __bool__(self) -> bool:
@@ -84,7 +81,7 @@ def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
         return trials
     shifted = [name for name in schema.logarithmic if name in changed and changed[name].offset]
     if shifted:
-        raise CommonlawError(f"{shifted[0]} stands by its logarithm, which cannot be turned into {units[shifted[0]]}")
+        raise CommonlawError("unit-of-logarithm", name=shifted[0], unit=units[shifted[0]])
     how = _Conversions(
         changed.get(schema.time, Conversion()),
         tuple(changed.get(name, Conversion()) for name in schema.states),

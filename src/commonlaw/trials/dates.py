@@ -122,7 +122,7 @@ def is_time(cell: object) -> bool:
 def refuse_dates(table: Table, name: str) -> None:
     """Refuse a table whose rows are not all there, so that nobody knows the earliest date."""
     if holds_dates(table.columns[name]):
-        raise CommonlawError(f"{table.source}: column {name!r} holds dates: give a stream its times as numbers")
+        raise CommonlawError("dates-in-stream", where=table.source, column=name)
 
 
 def _with_times(table: Table, name: str, values: Floats, unit: str, note: str) -> Table:
@@ -201,8 +201,7 @@ def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
         sign, days, hours, minutes, seconds, fraction, half = found.groups()
         if seconds is None and half is None and pairs is None:
             raise CommonlawError(
-                f"{table.source}: column {name!r}, {table.locate(int(row))}: {cell!r} may be in hours or in minutes: "
-                "say which with dates='h:mm' or dates='m:ss'"
+                "times-ambiguous", where=table.source, column=name, row=table.locate(int(row)), cell=cell
             )
         if seconds is None and half is None and pairs == "m:ss":
             hours, minutes, seconds = "0", hours, minutes
@@ -250,7 +249,7 @@ def _stamps(table: Table, name: str, order: DateOrder | None) -> "pd.Series[Any]
 def _no_date(table: Table, name: str, row: int, what: str) -> CommonlawError:
     cell = str(table.columns[name][row]).strip()
     return CommonlawError(
-        f"{table.source}: column {name!r}, {table.locate(row)}: {cell!r} is not {what}; repair the cell"
+        "date-unreadable", where=table.source, column=name, row=table.locate(row), cell=cell, kind=what
     )
 
 
@@ -279,7 +278,7 @@ def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order:
         ways = " or ".join(_iso(local[first], each)[:10] for each in possible)
         choices = " or ".join(f"dates={each!r}" for each in possible)
         raise CommonlawError(
-            f"{table.source}: column {name!r}: {first!r} may be {ways}, and no row settles it: say which with {choices}"
+            "dates-ambiguous", where=table.source, column=name, first=first, ways=ways, choices=choices
         )
     if not possible:
         orders = [order] if order in ("dmy", "mdy", "ymd") else ["dmy", "mdy", "ymd"]
@@ -287,10 +286,7 @@ def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order:
             own = local.get(cells[row])
             if own is not None and not any(_is_valid(own, each) for each in orders):
                 raise _no_date(table, name, int(row), f"a date{f' in the order {order}' if order else ''}")
-        raise CommonlawError(
-            f"{table.source}: column {name!r}: no order of day, month and year fits all rows ({first!r} and others): "
-            "write them as 2020-03-31"
-        )
+        raise CommonlawError("dates-without-order", where=table.source, column=name, first=first)
     return np.array([_iso(local[cell], possible[0]) if cell in local else cell for cell in cells], dtype=object)
 
 
@@ -354,8 +350,13 @@ def _refuse_mixed_offsets(table: Table, name: str, cells: Column, present: Bools
     if offset.any() and not offset.all():
         aware, naive = int(rows[offset][0]), int(rows[~offset][0])
         raise CommonlawError(
-            f"{table.source}: column {name!r}: {str(cells[aware])!r} in {table.locate(aware)} has an offset from "
-            f"UTC, and {str(cells[naive])!r} in {table.locate(naive)} has none; write all dates in one way"
+            "dates-with-and-without-offset",
+            where=table.source,
+            column=name,
+            aware=str(cells[aware]),
+            aware_row=table.locate(aware),
+            naive=str(cells[naive]),
+            naive_row=table.locate(naive),
         )
 
 

@@ -42,15 +42,11 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
         check_choice("input", name, trials.schema.inputs)
     others = [name for name in trials.schema.inputs if name not in doses]
     if others:
-        raise CommonlawError(
-            f"doses go without inputs that are not, here {', '.join(others)}: these would need values in their moments"
-        )
+        raise CommonlawError("doses-with-inputs", inputs=others)
     begun = [_from_first_dose(trial, trials.schema.measured) for trial in trials]
     for owner in trials.objects:
         if not any(trial.inputs[:-1].any() for trial in begun if trial.object == owner):
-            raise CommonlawError(
-                f"{owner} has no dose before its last sample: give one in {', '.join(doses)}, or leave {owner} out"
-            )
+            raise CommonlawError("doses-after-end", object=owner, doses=doses)
     schema = replace(trials.schema, doses=tuple(doses), input_between="linear")
     return replace(without_notes_on(doses, trials), trials=tuple(map(_with_moments, begun)), schema=schema)
 
@@ -67,10 +63,7 @@ def _from_first_dose(trial: Trial, measured: Sequence[str]) -> Trial:
         return trial
     times, amounts = trial.earlier[:, 0], trial.earlier[:, 1:]
     if len(measured) > 1:
-        raise CommonlawError(
-            f"{trial.label}: a dose at {times[0]:g} is before the first measurement: give the values of "
-            f"{', '.join(measured)} there, 0 where nothing was before"
-        )
+        raise CommonlawError("doses-before-start", where=trial.label, time=times[0], states=measured)
     before = np.full((len(times), trial.states.shape[1]), np.nan)
     before[0, 0] = 0.0
     noise = np.full(before.shape, np.nan)

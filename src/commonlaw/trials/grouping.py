@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.trial import Schema, Trial
@@ -174,9 +175,15 @@ def _refuse_restarts(table: Table, times: Floats, groups: Sequence[Group]) -> No
     here, there = (int(group.rows[i]) for i in (back[0] - 1, back[0]))
     often = "" if len(back) == 1 else f", {len(back)} times in all"
     raise CommonlawError(
-        f"{table.source}: {group.label}: the time goes back from {times[here]:g} in {table.locate(here)} to "
-        f"{times[there]:g} in {table.locate(there)}{often}; {_remedy(table, times, groups)}, "
-        "restarts='sort' if all rows are of one trial"
+        "time-decreases",
+        where=table.source,
+        group=group.label,
+        before=times[here],
+        before_row=table.locate(here),
+        after=times[there],
+        after_row=table.locate(there),
+        often=often,
+        remedy=_remedy(table, times, groups),
     )
 
 
@@ -209,16 +216,12 @@ def _single_rows_late(times: Floats) -> Codes | None:
     return np.setdiff1d(np.arange(len(times)), kept)
 
 
-def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> str:
+def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> Diagnostic:
     """Return how to tell trials apart where times start again."""
     numbered = _numbered(times, groups)
     telling = [name for name in table.columns if _tells_apart(table, name, *numbered)]
     telling = telling or [name for name in table.columns if _tells_apart(table, name, *numbered, repeated=True)]
-    hint = f" (column {' or '.join(map(repr, telling))} would do)" if telling else ""
-    return (
-        f"name the columns that tell trials and objects apart with trial=... and object=...{hint}, or say "
-        "restarts='trials' if a trial begins wherever the time goes back"
-    )
+    return Diagnostic("name-trials-by", {"columns": telling}) if telling else Diagnostic("name-trials")
 
 
 def _numbered(times: Floats, groups: Sequence[Group]) -> tuple[Floats, Codes, Codes]:
@@ -261,12 +264,9 @@ def _refuse_twice(
     places = np.searchsorted(group.rows, rows)
     together = may_be_apart or bool(np.all(places[twice + 1] - places[twice] == 1))
     if together and all(np.array_equal(each[rows[twice]], each[rows[twice + 1]], equal_nan=True) for each in cells[1:]):
-        raise CommonlawError(f"{what}, with the same values wherever a time is: remove rows that are copies")
+        raise CommonlawError("copies", repeats=what)
     if not together or any(_tells_apart(table, name, *_numbered(cells[0], groups)) for name in table.columns):
-        raise CommonlawError(
-            f"{what}; remove a row, {_remedy(table, cells[0], groups)}, or restarts='sort' if they are repeated "
-            "measurements"
-        )
+        raise CommonlawError("time-repeated", repeats=what, remedy=_remedy(table, cells[0], groups))
 
 
 def repeats_in_words(trials: Sequence[Trial]) -> list[str]:

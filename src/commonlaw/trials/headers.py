@@ -66,11 +66,11 @@ def joined_units(
     """
     units, known = dict(headers), list(known)
     if given is not None and not isinstance(given, Mapping):
-        raise CommonlawError(f"units are {given!r}: give them by column, such as {{'x': 'm'}}")
+        raise CommonlawError("units-not-by-column", units=given)
     for name, unit in (given or {}).items():
         column = find_name(name, known)
         if not isinstance(unit, str):
-            raise CommonlawError(f"the unit of column {column!r} is {unit!r}: give a text, such as 'm'")
+            raise CommonlawError("unit-not-text", column=column, unit=unit)
         if unit.strip():
             units[column] = check_unit(unit, f"column {column!r}")
         else:
@@ -101,15 +101,12 @@ def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...],
     """
     blank = [number for number, header in enumerate(headers, 1) if not header.strip()]
     if blank:
-        raise CommonlawError(f"{source}: column {blank[0]} has no header; give it one, or delete the column")
+        raise CommonlawError("header-missing", where=source, number=blank[0])
     parts = [split_header(header) for header in _with_brackets(headers)]
     short = Counter(name for name, _ in parts)
     names = [name if short[name] == 1 else plain(header) for (name, _), header in zip(parts, headers, strict=True)]
     numbers: dict[str, int] = {}
     for number, name in enumerate(names, 1):
         if numbers.setdefault(name, number) != number:
-            raise CommonlawError(
-                f"{source}: the header {name!r} is there twice, in columns {numbers[name]} and {number}; "
-                "give each column a name of its own"
-            )
+            raise CommonlawError("header-twice", where=source, name=name, first=numbers[name], second=number)
     return tuple(names), {name: unit for name, (_, unit) in zip(names, parts, strict=True) if unit}

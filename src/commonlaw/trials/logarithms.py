@@ -65,9 +65,13 @@ def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str])
         if len(low):
             i = int(low[0])
             raise CommonlawError(
-                f"{trial.label}: {names[j]} is {states[i, j]:g} in sample {i + 1}, at {trial.times[i]:g}, and on a "
-                f"logarithmic scale it is above zero ({len(low)} values are not); empty the cell, remove the row, or "
-                "take a law without positive=..."
+                "log-state-not-positive",
+                where=trial.label,
+                state=names[j],
+                value=states[i, j],
+                sample=i + 1,
+                time=trial.times[i],
+                count=len(low),
             )
         noise[:, j] /= states[:, j]
         factors[:, j] = 1 / states[:, j]

@@ -59,10 +59,7 @@ def _with_columns(trial: Trial, kept: list[int], names: tuple[str, ...]) -> Tria
     states, measured = trial.states[:, kept], np.isfinite(trial.states).any(axis=1)
     rows = np.asarray(np.isfinite(states).any(axis=1) | ~measured)
     if not np.isfinite(states).any():
-        raise CommonlawError(
-            f"{trial.label}: {', '.join(names)} was measured in no sample, and the law is of nothing else: leave the "
-            "trial out"
-        )
+        raise CommonlawError("state-not-in-trial", where=trial.label, names=names)
     found = trial.rows(rows)
     repeats = found.repeats and found.repeats.taken((slice(None), kept))
     return replace(found, states=found.states[:, kept], noise=found.noise[:, kept], repeats=repeats)

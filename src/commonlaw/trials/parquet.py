@@ -62,7 +62,7 @@ def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, An
     try:
         file = _file(checked_file(path, np.inf))
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise CommonlawError(f"{path} is no Parquet file ({error}): only Parquet can be streamed") from None
+        raise CommonlawError("not-parquet", path=path, error=error) from None
     check_size(str(path), 1, file.metadata.num_columns)
     return file, _roles(_kept(str(path), file.schema_arrow.metadata))
 
@@ -121,7 +121,7 @@ def _whole(source: str) -> Iterator[None]:
     try:
         yield
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise CommonlawError(f"{source} is a damaged Parquet file ({error}): write it again") from error
+        raise CommonlawError("parquet-damaged", source=source, error=error) from error
 
 
 def _file(where: Any) -> "pq.ParquetFile":
@@ -158,10 +158,7 @@ def _unpacked(source: str, file: "pq.ParquetFile") -> Iterator["pa.RecordBatch"]
     for batch in _batches(file, _BATCH):
         size += batch.nbytes
         if size > LARGEST_FILE:
-            raise CommonlawError(
-                f"{source} holds more than {LARGEST_FILE} bytes once it is unpacked: leave out what is not needed, or "
-                "read it with TrialStream.from_parquet"
-            )
+            raise CommonlawError("parquet-too-large", source=source, limit=LARGEST_FILE)
         yield batch
 
 
@@ -169,10 +166,7 @@ def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:
     try:
         return read_json((metadata or {}).get(_METADATA, b"{}"), _Kept)
     except CommonlawError as error:
-        raise CommonlawError(
-            f"{source}: what the file says of its columns, in its metadata {_METADATA.decode()!r}, is damaged "
-            f"({error}); write the file again without it, and name the columns yourself"
-        ) from None
+        raise CommonlawError("parquet-metadata", where=source, metadata=_METADATA.decode(), error=error) from None
 
 
 def _roles(kept: _Kept) -> dict[str, Any]:

@@ -48,9 +48,14 @@ def column_properties(table: Table, names: Sequence[str], codes: Codes, objects:
         if len(clash):
             here, there = first[owners[clash[0]]], rows[clash[0]]
             raise CommonlawError(
-                f"{table.source}: property {name!r} of {objects[codes[here]]} is {_value(cells[here], words)!r} in "
-                f"{table.locate(int(here))} and {_value(cells[there], words)!r} in {table.locate(int(there))}; an "
-                "object has one value of a property: correct a row, or give the column another role"
+                "property-differs",
+                where=table.source,
+                property=name,
+                object=objects[codes[here]],
+                first=_value(cells[here], words),
+                first_row=table.locate(int(here)),
+                second=_value(cells[there], words),
+                second_row=table.locate(int(there)),
             )
         for owner in np.unique(owners):
             values.setdefault(objects[owner], {})[name] = _value(cells[first[owner]], words)
@@ -100,9 +105,14 @@ def _refuse_nearly_constant(table: Table, name: str, cells: Floats, codes: Codes
         return
     cell = "empty" if np.isnan(cells[row]) else f"{cells[row]:g}"
     raise CommonlawError(
-        f"{table.source}: column {name!r} is {cell} in {table.locate(row)}, and {usual:g} in {most[codes[row]]} of the "
-        f"{sizes[codes[row]]} rows of the same object: correct the cell if the column is a property; else name the "
-        "states with states=[...]"
+        "property-or-state",
+        where=table.source,
+        column=name,
+        cell=cell,
+        row=table.locate(row),
+        usual=usual,
+        rows=most[codes[row]],
+        count=sizes[codes[row]],
     )
 
 
@@ -123,7 +133,7 @@ def given_properties(given: Any, key: str, objects: Sequence[str]) -> Properties
 def _mapped(given: Mapping[Any, Any]) -> dict[str, dict[str, Property]]:
     for name, values in given.items():
         if not isinstance(values, Mapping):
-            raise CommonlawError(f"properties of {name!r} are {values!r}: give values by name, such as {{'mass': 0.5}}")
+            raise CommonlawError("properties-not-by-name", object=name, value=values)
     return {label(name): dict(values) for name, values in given.items()}
 
 
@@ -132,7 +142,7 @@ def _tabled(given: Any, key: str) -> Properties:
     table = read_table(given) if is_file else frame_table(given, "the table of properties")
     if key not in table.columns:
         error = unknown("column", key, table.columns)
-        raise CommonlawError(f"{table.source}: {error}; the objects' names of a table of properties stand in {key!r}")
+        raise CommonlawError("properties-without-objects", where=table.source, error=error, key=key)
     codes, names, notes = object_codes(table, key)
     known = column_properties(table, [name for name in table.columns if name != key], codes, names)
     return replace(known, notes=notes)
@@ -150,8 +160,12 @@ def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, 
     missing = np.flatnonzero(codes < 0)
     if len(missing):
         raise CommonlawError(
-            f"{table.source}: column {name!r}, {table.locate(int(missing[0]))}: the {what} is missing "
-            f"({len(missing)} rows have none); fill it in every row"
+            "label-missing",
+            where=table.source,
+            column=name,
+            row=table.locate(int(missing[0])),
+            label=what,
+            count=len(missing),
         )
     spelled = {each: list(dict.fromkeys(cells)) for each, cells in ways.items() if each}
     return codes, [str(each) for each in labels], several_spellings(what, spelled)

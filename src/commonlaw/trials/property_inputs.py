@@ -39,7 +39,7 @@ def number_of(name: str, owner: str, trials: Trials) -> float:
         known = property_names(trials.properties)
         if name not in known:
             raise unknown("property", name, known)
-        raise CommonlawError(f"{owner} has no property {name!r}: give it, or leave the object out")
+        raise CommonlawError("property-missing", object=owner, property=name)
     if not isinstance(value, float):
-        raise CommonlawError(f"property {name!r} of {owner} is {value!r}: a number is needed here")
+        raise CommonlawError("property-number", property=name, object=owner, value=value)
     return value

@@ -124,9 +124,7 @@ def time_column(table: Table) -> str | None:
         [name for name in names if _is_even(table, name, names)],
     ):
         if len(likely) > 1:
-            raise CommonlawError(
-                f"{table.source}: which column holds the time, {' or '.join(map(repr, likely))}? Name it with time=..."
-            )
+            raise CommonlawError("time-ambiguous", where=table.source, columns=likely)
         if likely:
             return likely[0]
     return None
@@ -213,18 +211,12 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     ):
         if len(likely) == 1:
             if is_called(likely[0], _MEASURAND):
-                raise CommonlawError(
-                    f"{table.source}: column {likely[0]!r} seems to name what was measured: give each quantity a "
-                    f"column of its own, or say object={likely[0]!r} if it names objects"
-                )
+                raise CommonlawError("long-table", where=table.source, column=likely[0])
             return likely[0]
     if not finest:
         return None
     first, second = finest[:2]
-    raise CommonlawError(
-        f"{table.source}: {' and '.join(map(repr, finest))} may name objects: say object={first!r} and "
-        f"trial={second!r}, or object={second!r} and trial={first!r}"
-    )
+    raise CommonlawError("object-ambiguous", where=table.source, columns=finest, first=first, second=second)
 
 
 def _is_property(name: str, finer: str, codes: dict[str, Codes], place: int) -> bool:
@@ -264,8 +256,7 @@ def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Code
     ]
     if len(counted) > 1:
         raise CommonlawError(
-            f"{table.source}: {' and '.join(map(repr, counted))} may label the trials of an object: say "
-            f"trial={counted[0]!r} or trial={counted[1]!r}"
+            "trial-ambiguous", where=table.source, columns=counted, first=counted[0], second=counted[1]
         )
     return counted[0] if counted else None
 
@@ -414,7 +405,7 @@ def note_on_pulses(name: str) -> str:
     """Return what is said of an input that may hold doses, unless it is given as such."""
     return (
         f"{name} is zero but for single samples, between which it is interpolated: if it holds amounts that are added "
-        f"at once, fit an equation with doses=[{name!r}]"
+        f"at once, fit an equation with `doses=[{name!r}]`"
     )
 
 

@@ -49,7 +49,7 @@ def outcome_of_rest(names: tuple[str, ...]) -> tuple[Outcome, ...]:
     if not names:
         return ()
     text = f"{shown(names, 'object')} left out: nothing changes there beyond noise, as in blanks"
-    remedy = "name coefficients that all objects share (universal=...) to fit them to these, too"
+    remedy = "name coefficients that all objects share (`universal=...`) to fit them to these, too"
     return (Outcome(OutcomeKind.NOT_IDENTIFIABLE, "", text, remedy),)
 
 

@@ -149,7 +149,7 @@ def checked(roles: Roles, kind: type = Roles) -> Any:
             raise unknown("keyword", name, [*kind.__annotations__, "sheet"])
     said = {name: value for name, value in roles.items() if value is not None}
     if not isinstance(said.get("noise_columns", {}), Mapping):
-        raise CommonlawError(f"noise_columns are {said['noise_columns']!r}: name them by state, such as {{'x': 'sx'}}")
+        raise CommonlawError("noise-columns-not-by-state", value=said["noise_columns"])
     if "states" in said and not said["states"]:
         del said["states"]
     for name, choices in (("restarts", Restarts), ("decimal", DecimalMark), ("dates", DateOrder)):
@@ -221,8 +221,8 @@ class ColumnRoles:
     @property
     def _remedy(self) -> str:
         """The options that change these roles."""
-        options = [f"{_OPTIONS[role]}=..." for role in _OPTIONS if role in self._by_role or role == "input"]
-        return f"If not, say {', '.join(options)}{', wide=...' if self.wide else ''}"
+        options = [f"`{_OPTIONS[role]}=...`" for role in _OPTIONS if role in self._by_role or role == "input"]
+        return f"If not, say {', '.join(options)}{', `wide=...`' if self.wide else ''}"
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -234,9 +234,7 @@ def time_of(table: Table, roles: Roles) -> str:
     """Return the column of times, named by the user or found."""
     time = _label_column(table, roles, "time") or time_column(table)
     if time is None:
-        raise CommonlawError(
-            f"{table.source}: which column holds the time? Name it with time=...; columns: {', '.join(table.columns)}"
-        )
+        raise CommonlawError("time-missing", where=table.source, columns=table.columns)
     return time
 
 
@@ -265,7 +263,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     """
     name, count = Counter(named := _named_columns(table, {**roles, "time": time})).most_common(1)[0]
     if count > 1:
-        raise CommonlawError(f"{table.source}: column {name!r} is given two roles: give it one")
+        raise CommonlawError("role-twice", where=table.source, column=name)
     times, reasons = readable(table, time), dict[str, str]()
     indices = [name for name in table.columns if name not in named and table.is_index(name)]
     free = [name for name in table.columns if name not in (*named, *indices)]
@@ -314,14 +312,14 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     if not states:
         if held := [name for name in properties or () if given is None and table.is_numeric(name)]:
             raise CommonlawError(
-                f"{table.source}: nothing changes: {', '.join(held)} {'is' if len(held) == 1 else 'are'} constant for "
-                f"each object; a law needs a state that changes: check the table, or name it with states={held[:1]}"
+                "nothing-changes",
+                where=table.source,
+                columns=held,
+                verb="is" if len(held) == 1 else "are",
+                states=held[:1],
             )
         words = [f"{name!r} begins with {str(table.columns[name][0])!r}" for name in free if not table.is_numeric(name)]
-        raise CommonlawError(
-            f"{table.source}: no column of numbers is left for the states; name them with states=[...]; "
-            f"columns: {'; '.join([', '.join(table.columns), *words[:1]])}"
-        )
+        raise CommonlawError("no-state", where=table.source, columns=[", ".join(table.columns), *words[:1]])
     guessed = bool(reasons) or ("time" not in roles and time.casefold() not in ("t", "time"))
     return ColumnRoles(time, owner, trial, states, inputs, properties, noise, wide, reasons, guessed, tuple(notes))
 
@@ -371,7 +369,7 @@ def _named_columns(table: Table, roles: Reading) -> list[str]:
 
 def _found(table: Table, names: Any) -> tuple[str, ...]:
     if not isinstance(names, Iterable):
-        raise CommonlawError(f"columns are named by {names!r}: give the name of one, or a list of names")
+        raise CommonlawError("column-names", names=names)
     return tuple(table.find(name) for name in ([names] if isinstance(names, str) else names))
 
 
@@ -385,7 +383,7 @@ def _noise_columns(table: Table, roles: Roles, states: Sequence[str], free: Sequ
     try:
         return {find_name(state, states or numbers, "state"): table.find(name) for state, name in given.items()}
     except CommonlawError as error:
-        raise CommonlawError(f"{table.source}: noise_columns=...: {error}") from None
+        raise CommonlawError("noise-columns-unknown", table.source, error=error) from None
 
 
 def _names_columns(table: Table, given: Any) -> bool:

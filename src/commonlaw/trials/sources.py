@@ -20,11 +20,11 @@ def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:
     """Return the table in the content of a file that has this name in messages."""
     content = unpacked(name, content)
     if not content.removeprefix(BYTE_ORDER_MARK).strip():
-        raise CommonlawError(f"{name} is empty: give a file with a header and rows")
+        raise CommonlawError("table-empty", name=name)
     if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         return workbook_table(name, content, sheet)
     if sheet is not None:
-        raise CommonlawError(f"{name} is not a workbook and has no sheet {sheet!r}: leave the sheet out")
+        raise CommonlawError("sheet-of-text", name=name, sheet=sheet)
     if content.startswith(b"PAR1"):
         return parquet_table(name, content)
     return text_table(name, content)

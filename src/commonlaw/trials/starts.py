@@ -59,7 +59,7 @@ def _of_object(state: str, start: Start, owner: str, trials: Trials) -> float:
         return number_of(start, owner, trials)
     value = start.get(owner, np.nan) if isinstance(start, Mapping) else start
     if not np.isfinite(value):
-        raise CommonlawError(f"the start of {state} is {value} for {owner}: give a finite number for each object")
+        raise CommonlawError("initial-value-not-finite", state=state, value=value, object=owner)
     return float(value)
 
 
@@ -67,10 +67,7 @@ def _with_first(trial: Trial, values: Floats, at: float | None) -> Trial:
     """Return a trial with further states, which have these values in its first sample, and none in others."""
     columns = [trial.times[:, np.newaxis], trial.states, trial.inputs, trial.noise]
     if at is not None and trial.times[0] < at:
-        raise CommonlawError(
-            f"{trial.label} begins at {trial.times[0]:g}, before the time of its starts, {at:g}: give an earlier time, "
-            "or leave the samples before it out"
-        )
+        raise CommonlawError("initial-time-late", trial=trial.label, time=trial.times[0], initial_time=at)
     if at is not None and trial.times[0] > at:
         unknown = np.full((1, trial.states.shape[1]), np.nan)
         before = np.array([[at]]), unknown, trial.inputs[:1], unknown

@@ -64,10 +64,7 @@ class TrialStream:
         """Refuse what only trials in memory have, in words: it is asked for where these are needed."""
         if name.startswith("_") or not (hasattr(Trials, name) or name in Trials.__dataclass_fields__):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
-        raise NotInMemoryError(
-            "this needs trials in memory, and a stream holds none: give stream.read(), if they fit; discover, "
-            "fit, refine, compare, forecast_stream, check_stream and Law.report take streams as they are"
-        )
+        raise NotInMemoryError("not-in-memory")
 
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects.
@@ -148,9 +145,9 @@ class TrialStream:
         looked = done_in_parts(partial(_looked_for, chosen), parts, "looking for trials", on_terminal())
         for role, own in wanted.items():
             if missing := sorted(own.difference(*(each.names[role] for each in looked))):
-                raise CommonlawError(f"no file of the stream has the {role} {missing[0]!r}: name others")
+                raise CommonlawError("stream-without-role", role=role, name=missing[0])
         if not any(each.chosen for each in looked):
-            raise CommonlawError(f"no trial fits {', '.join(f'{role}={asked[role]}' for role in wanted)} together")
+            raise CommonlawError("no-trial-fits", conditions=", ".join(f"{role}={asked[role]}" for role in wanted))
         kept, rest = (
             [TrialStream(self.schema, _Kept(part, own)) for part, has in zip(parts, found, strict=True) if has]
             for own, found in (
@@ -191,13 +188,13 @@ class TrialStream:
         _, kept = opened(files[0].path)
         known = cast(Reading, {"properties": [], "noise_columns": {}, **kept, **checked(roles)})
         if not isinstance(known["properties"], list | tuple):
-            raise CommonlawError(f"{path}: of a stream, properties are columns of the files: properties=['mass']")
+            raise CommonlawError("stream-properties", where=str(path))
         missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]
         if missing:
-            raise CommonlawError(f"{path}: say which column is what for a stream: {', '.join(missing)} not named")
+            raise CommonlawError("stream-roles-missing", where=str(path), roles=missing)
         begin = next(files[0].tables(1), None)
         if begin is None:
-            raise CommonlawError(f"{files[0].path} has no rows: give it the measured rows")
+            raise CommonlawError("stream-without-rows", path=files[0].path)
         refuse_dates(begin, begin.find(str(known["time"])))
         schema = read_rows(begin, "object", known).data.schema
         parts = [cls(schema, _TrialsOfFile(each, known)) for each in files]
@@ -299,10 +296,7 @@ class _TrialsOfFile:
         for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
             parts, states = zip(*_held(path, group), strict=True)
             if key in done:
-                raise CommonlawError(
-                    f"{path}: the rows of {parts[0].label} do not follow each other; sort the file by object, trial, "
-                    "time"
-                )
+                raise CommonlawError("stream-unsorted", where=str(path), trial=parts[0].label)
             done.add(key)
             arrays = zip(*((each.times, each.states, each.inputs, each.noise) for each in parts), strict=True)
             times, states_of, inputs, noise = map(np.concatenate, arrays)
@@ -332,7 +326,7 @@ def _files(path: str | os.PathLike[str]) -> list[Path]:
         return [given.absolute()]
     files = sorted(each.absolute() for each in found if each.is_file())
     if not files:
-        raise CommonlawError(f"there is no Parquet file in {str(path)!r}: name a file, a folder, or a pattern of files")
+        raise CommonlawError("no-parquet-file", path=str(path))
     return files
 
 
@@ -348,8 +342,5 @@ def _held(path: Path, group: Iterable[tuple[Trial, tuple[str, ...]]]) -> Iterato
     for part, states in group:
         cells += len(part) * (1 + part.states.shape[1] + part.inputs.shape[1])
         if cells > MOST_CELLS:
-            raise CommonlawError(
-                f"{path}: {part.label} has more than {MOST_CELLS} values, and no trial may have more: divide it into "
-                "several trials"
-            )
+            raise CommonlawError("trial-too-large", where=str(path), trial=part.label, limit=MOST_CELLS)
         yield part, states

@@ -70,7 +70,7 @@ def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows
     if origin is not None:
         rows = replace(rows, row_indices=tuple(origin[own] for own in rows.row_indices))
     if rows.empty:
-        raise CommonlawError(f"{rows.empty[0]}: no state was measured in any row; leave the trial out")
+        raise CommonlawError("nothing-measured", trial=rows.empty[0])
     check_measured(rows.data.trials, rows.data.schema.states)
     return rows
 
@@ -109,10 +109,7 @@ def _with_times(table: Table, roles: Reading, time: str) -> Table:
 def _long_rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles) -> Rows:
     """Return the trials in a table that has a column for each object."""
     if columns.object is not None:
-        raise CommonlawError(
-            f"{table.source}: with wide=... each column is an object, and column {columns.object!r} names objects, "
-            "too: rename it, or leave it out"
-        )
+        raise CommonlawError("wide-with-object", where=table.source, column=columns.object)
     long, state, origin = long_table(table, columns.time, columns.states, columns.noise_columns, columns.wide)
     noise = {state: name} if (name := deviations_of(state)) in long.columns else {}
     named: Reading = {
@@ -139,7 +136,7 @@ def read_rows(table: Table, default_object: str, roles: Reading) -> Rows:
 def _rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles, shown: ColumnRoles) -> Rows:
     """Return the trials in a table whose columns have these roles, of a long one those `shown` of a wide one."""
     if columns.object is not None and "object_name" in roles:
-        raise CommonlawError(f"{table.source}: column {columns.object!r} names the objects: leave object_name=... out")
+        raise CommonlawError("object-column-and-name", where=table.source, column=columns.object)
     owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or default_object)
     runs, labels, spelled_runs = _labels(table, columns.trial, "trial", "1")
     if columns.properties is None:
@@ -181,6 +178,10 @@ def _check_units(table: Table, noise_columns: Mapping[str, str], units: Mapping[
     for state, name in noise_columns.items():
         if state in units and name in units and known_unit(units[state]) != known_unit(units[name]):
             raise CommonlawError(
-                f"{table.source}: column {name!r} is in {units[name]}, and {state}, whose standard deviations it "
-                f"holds, in {units[state]}: give both in one unit"
+                "noise-column-unit",
+                where=table.source,
+                column=name,
+                unit=units[name],
+                state=state,
+                state_unit=units[state],
             )

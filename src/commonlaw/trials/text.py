@@ -83,7 +83,7 @@ def text_table(source: str, content: bytes) -> Table:
             engine="c",
         )
     except pd.errors.ParserError as error:
-        raise CommonlawError(f"{source}: {error}; check the quotation marks") from None
+        raise CommonlawError("quotation-marks", where=source, error=error) from None
     kept = np.flatnonzero(lines)
     words, counts = frame.where(frame.isin(_MISSING)), Counter[tuple[int, str]]()
     for i in range(len(header)):
@@ -165,7 +165,7 @@ def _read(source: str, text: str, delimiter: str, before: int = 0) -> Iterator[R
             line = before + reader.line_num
     except csv.Error as error:
         line = before + reader.line_num
-        raise CommonlawError(f"{source}, line {line}: {error}; check the quotation marks up to there") from None
+        raise CommonlawError("quotation-marks-in-line", source=source, line=line, error=error) from None
 
 
 def _without_footer(body: str, delimiter: str, layout: Layout) -> tuple[str, list[str]]:
@@ -200,8 +200,7 @@ def _line_numbers(source: str, body: str, delimiter: str, width: int, before: in
         lines.append(row.line if row.cells else 0)
         if row.cells and len(row.cells) != width:
             raise CommonlawError(
-                f"{source}: row {count} (line {row.line}) has {len(row.cells)} cells and the header {width}; give "
-                "every row a cell per column"
+                "row-length", where=source, row=count, line=row.line, cells=len(row.cells), width=width
             )
     return np.array(lines)
 

@@ -14,7 +14,6 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.trials.identifiers import label, plain
 from commonlaw.trials.repeats import Repeats, inputs_of_times, merged
-from commonlaw.wording import counted
 
 Property = float | str
 ObjectProperties = Mapping[str, Mapping[str, Property]]
@@ -88,15 +87,15 @@ class Schema:
         names += self.rates.values()
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise CommonlawError(f"the name {twice[0]!r} stands for two columns: give each column a name of its own")
+            raise CommonlawError("column-name-twice", name=twice[0])
         if not self.states:
-            raise CommonlawError("no state variable is named: say which columns were measured")
+            raise CommonlawError("no-state-named")
         for name in (*self.noise_columns, *self.logarithmic, *self.starts):
             check_choice("state", name, self.states)
         for name in self.doses:
             check_choice("input", name, self.inputs)
         if len({*self.logarithmic}) < len(self.logarithmic):
-            raise CommonlawError(f"logarithms are taken of {', '.join(self.logarithmic)}: name each state once")
+            raise CommonlawError("log-state-twice", states=self.logarithmic)
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -163,7 +162,7 @@ class Trial:
             times, states = _frozen(self.times, 1), _frozen(self.states, 2)
             inputs, noise = _frozen(self.inputs, 2), _frozen(self.noise, 2)
         except CommonlawError as error:
-            raise CommonlawError(f"{self.label}: {error}") from None
+            raise error.at(self.label) from None
         if inputs.size == 0:
             inputs = _frozen(np.empty((len(times), 0)), 2)
         unknown = np.isnan(noise).all()
@@ -245,10 +244,7 @@ class Trial:
         if differ.any():
             i = int(np.argmax(differ))
             here = int(first[rows[i]])
-            raise CommonlawError(
-                f"{self.label}: inputs differ at time {self.times[i]:g}, in samples {here + 1} and {i + 1}: give one "
-                "row for each time at which an input changes"
-            )
+            raise CommonlawError("inputs-differ", where=self.label, time=self.times[i], first=here + 1, second=i + 1)
         states, noise, repeats = merged(first, self.states, self.noise, self.repeats)
         found = (self.times[first], 1), (states, 2), (inputs, 2), (noise, 2)
         for name, values in zip(("times", "states", "inputs", "noise"), found, strict=True):
@@ -257,13 +253,12 @@ class Trial:
 
     def _check(self) -> None:
         if not self.object or not self.name:
-            raise CommonlawError(f"{self.label}: the label of the object or of the trial is empty; name both")
+            raise CommonlawError("label-empty", where=self.label)
         if not len(self.times):
-            raise CommonlawError(f"{self.label} has no sample: leave the trial out")
+            raise CommonlawError("trial-without-samples", trial=self.label)
         if not len(self.times) == len(self.states) == len(self.inputs):
             raise CommonlawError(
-                f"{self.label}: {len(self.times)} times, {len(self.states)} rows of states and "
-                f"{len(self.inputs)} rows of inputs; give one row for each time"
+                "rows-differ", where=self.label, times=len(self.times), states=len(self.states), inputs=len(self.inputs)
             )
         for what, values in (("time", self.times), ("state", self.states), ("input", self.inputs)):
             wrong = np.isinf(values) if what == "state" else ~np.isfinite(values)
@@ -271,10 +266,10 @@ class Trial:
                 bad = np.argwhere(wrong)
                 where = f"sample {bad[0][0] + 1}" + (f", {what} {bad[0][1] + 1}" if values.ndim == 2 else "")
                 raise CommonlawError(
-                    f"{self.label}: {what} is {values[tuple(bad[0])]} in {where}; remove or repair the sample"
+                    "sample-not-finite", where=self.label, quantity=what, value=values[tuple(bad[0])], place=where
                 )
         if self.states.shape[1] and np.isnan(self.states[0]).all():
-            raise CommonlawError(f"{self.label}: no state was measured in sample 1; leave the sample out")
+            raise CommonlawError("first-sample-empty", where=self.label)
         self._check_times()
 
     def _check_times(self) -> None:
@@ -284,28 +279,26 @@ class Trial:
         if smallest < 0:
             i = int(np.argmax(steps < 0))
             raise CommonlawError(
-                f"{self.label}: time {self.times[i + 1]:g} of sample {i + 2} comes before {self.times[i]:g}: sort the "
-                "samples by time"
+                "time-before", where=self.label, time=self.times[i + 1], sample=i + 2, before=self.times[i]
             )
         if largest > _EXTREME or smallest < 1 / _EXTREME:
             what = f"times up to {largest:.3g}" if largest > _EXTREME else f"a time step of {smallest:.3g}"
-            raise CommonlawError(
-                f"{self.label} has {what}, beyond what can be computed with: give the times in another unit, so that "
-                "steps are nearer to 1"
-            )
+            raise CommonlawError("times-too-large", trial=self.label, times=what)
 
     def _check_noise(self) -> None:
         if self.noise.shape != self.states.shape:
             raise CommonlawError(
-                f"{self.label}: standard deviations of shape {self.noise.shape} for states of shape "
-                f"{self.states.shape}; give one for each measurement"
+                "deviations-shape", where=self.label, given=self.noise.shape, expected=self.states.shape
             )
         lacking = np.isnan(self.noise) & np.isfinite(self.states) & self.known_noise
         bad = np.argwhere(lacking | (self.noise <= 0) | np.isinf(self.noise))
         if len(bad):
             raise CommonlawError(
-                f"{self.label}: the standard deviation of state {bad[0][1] + 1} is {self.noise[tuple(bad[0])]} in "
-                f"sample {bad[0][0] + 1}; give one above zero for each of its measurements, or leave the sample out"
+                "deviation-not-positive",
+                where=self.label,
+                state=bad[0][1] + 1,
+                value=self.noise[tuple(bad[0])],
+                sample=bad[0][0] + 1,
             )
 
 
@@ -328,7 +321,7 @@ def chosen_indices(count: int, index: Any) -> Any:
     try:
         return np.arange(count)[index]
     except IndexError as error:
-        raise NoSuchTrialError(f"there are {counted(count, 'trial')}, counted from 0: {error}") from None
+        raise NoSuchTrialError("trial-index", trials=count, error=error) from None
 
 
 def with_typical(noise: Floats | float, typical: Floats) -> Floats:
@@ -363,23 +356,19 @@ def check_properties(properties: ObjectProperties, objects: Sequence[str], schem
     known_objects = {*objects}
     orphans = [name for name in properties if name not in known_objects]
     if orphans:
-        raise CommonlawError(
-            f"properties are given for objects without trials: {', '.join(orphans)}; "
-            f"objects with trials: {', '.join(objects)}"
-        )
+        raise CommonlawError("properties-of-no-trial", names=orphans, objects=objects)
     columns = {schema.object, schema.trial, schema.time, *schema.states, *schema.inputs}
     first: dict[str, tuple[str, Property]] = {}
     for name, values in properties.items():
         for key, value in values.items():
             if key in columns:
-                raise CommonlawError(f"{key!r} is the name of a column and of a property: rename one of them")
+                raise CommonlawError("property-named-like-column", name=key)
             if value == "" or (isinstance(value, float) and not math.isfinite(value)):
-                raise CommonlawError(f"property {key!r} of {name} is {value!r}: leave out what is not known")
+                raise CommonlawError("property-unknown-value", property=key, object=name, value=value)
             other, known = first.setdefault(key, (name, value))
             if type(known) is not type(value):
                 raise CommonlawError(
-                    f"property {key!r} is {known!r} for {other} and {value!r} for {name}: give numbers for all "
-                    "objects or text for all, and leave out what is not known"
+                    "property-of-two-kinds", property=key, known=known, first=other, value=value, second=name
                 )
 
 
@@ -387,7 +376,7 @@ def _property(what: str, value: object) -> Property:
     if isinstance(value, numbers.Real):
         return nearest(value)
     if not isinstance(value, str):
-        raise CommonlawError(f"{what} is {value!r}: give a number or a text")
+        raise CommonlawError("property-value", property=what, value=value)
     return plain(value)
 
 
@@ -407,8 +396,12 @@ def check_measured(trials: Sequence[Trial], states: Sequence[str]) -> None:
     if few.any():
         i, j = np.argwhere(few)[0].tolist()
         raise CommonlawError(
-            f"{trials[i].label}: {states[j]} was measured in {counts[i, j]} of {len(trials[i])} samples, and a state "
-            f"with gaps needs {least[i]}; leave the trial or the column out"
+            "state-with-gaps",
+            where=trials[i].label,
+            state=states[j],
+            measured=counts[i, j],
+            samples=len(trials[i]),
+            least=least[i],
         )
 
 
@@ -417,14 +410,9 @@ def check_noise_columns(trial: Trial, schema: Schema) -> None:
     for j, name in enumerate(schema.states):
         named, known = name in schema.noise_columns, bool(trial.known_noise[j])
         if known and not named and name not in schema.starts:
-            raise CommonlawError(
-                f"{trial.label} has standard deviations of {name}: name their column in the schema, noise_columns="
-            )
+            raise CommonlawError("deviations-without-column", trial=trial.label, state=name)
         if named and not known and np.isfinite(trial.states[:, j]).any():
-            raise CommonlawError(
-                f"{trial.label} lacks standard deviations of {name}, column {schema.noise_columns[name]}: give them "
-                "for every trial or for none"
-            )
+            raise CommonlawError("deviations-missing", trial=trial.label, state=name, column=schema.noise_columns[name])
 
 
 def as_numbers(values: ArrayLike) -> Floats:
@@ -440,7 +428,7 @@ def as_numbers(values: ArrayLike) -> Floats:
             raise TypeError("these are dates or durations; as times of Trials.from_arrays they are read")
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise CommonlawError(f"expected an array of numbers: {error}") from None
+        raise CommonlawError("not-an-array", error=error) from None
 
 
 def nearest(value: Any) -> float:
@@ -457,6 +445,6 @@ def _frozen(values: Floats, dimensions: int) -> Floats:
     if array.ndim == 1 and dimensions == 2:
         array = array[:, np.newaxis]
     if array.ndim != dimensions:
-        raise CommonlawError(f"expected an array of {dimensions} dimensions, got one of shape {array.shape}")
+        raise CommonlawError("array-dimensions", dimensions=dimensions, shape=array.shape)
     array.flags.writeable = False
     return array

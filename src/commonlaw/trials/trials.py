@@ -73,18 +73,20 @@ class Trials(ShownInNotebooks):
 
     def __post_init__(self) -> None:
         if not self.trials:
-            raise CommonlawError("there is no trial: the collection is empty; check the table or the selection")
+            raise CommonlawError("no-trial")
         seen: set[tuple[str, str]] = set()
         for trial in self.trials:
             if (trial.object, trial.name) in seen:
-                raise CommonlawError(f"{trial.label} is there twice; give each trial of an object a label of its own")
+                raise CommonlawError("trial-twice", trial=trial.label)
             seen.add((trial.object, trial.name))
             for kind, values, names in (
                 ("states", trial.states, self.schema.states),
                 ("inputs", trial.inputs, self.schema.inputs),
             ):
                 if values.shape[1] != len(names):
-                    raise CommonlawError(f"{trial.label} has {values.shape[1]} {kind}, expected {', '.join(names)}")
+                    raise CommonlawError(
+                        "columns-of-trial", trial=trial.label, given=values.shape[1], kind=kind, expected=names
+                    )
             check_noise_columns(trial, self.schema)
         object.__setattr__(self, "properties", normalized(self.properties))
         check_properties(self.properties, self.objects, self.schema)
@@ -358,7 +360,7 @@ class Trials(ShownInNotebooks):
         tests = {name: self._test(name, wanted) for name, wanted in conditions.items() if wanted is not None}
         kept = [each for each in self.trials if all(test(each) for test in tests.values())]
         if not kept:
-            raise CommonlawError(f"no trial fits {', '.join(f'{name}={conditions[name]}' for name in tests)} together")
+            raise CommonlawError("no-trial-fits", conditions=", ".join(f"{name}={conditions[name]}" for name in tests))
         return self.with_trials(kept)
 
     def split(self, /, **conditions: object) -> tuple["Trials", "Trials"]:

@@ -65,14 +65,14 @@ def parse_unit(text: str) -> "pint.Unit":
     """
     unit = known_unit(text) if text else registry().dimensionless
     if unit is None:
-        raise CommonlawError(_unknown_unit(text))
+        raise _unknown_unit(text)
     return unit
 
 
 def check_unit(text: str, where: str) -> str:
     """Return a unit's text without outer blanks; refuse one, of ``"column 'height'"`` say, that pint does not read."""
     if known_unit(text) is None:
-        raise CommonlawError(f"{where}: {_unknown_unit(text)}")
+        raise _unknown_unit(text).at(where)
     return text.strip()
 
 
@@ -93,11 +93,11 @@ def known_unit(text: str) -> "pint.Unit | None":
     return None
 
 
-def _unknown_unit(text: str) -> str:
-    """Return the message for an unknown unit, about that one of its words that pint does not know."""
+def _unknown_unit(text: str) -> CommonlawError:
+    """Return the error for an unknown unit, about that one of its words that pint does not know."""
     words = re.findall(r"[^\W\d_]+", text)
     word = next((each for each in words if known_unit(each) is None), text)
     near = get_close_matches(word, [name for name in registry() if len(name) > 2], n=1)
     hint = f" (did you mean {near[0]!r}?)" if near else ""
     whole = "" if word == text else f" in {text!r}"
-    return f"unknown unit {word!r}{whole}{hint}; write it as pint reads it, such as m, s, kg or m/s^2"
+    return CommonlawError("unit-unknown", unit=word, whole=whole, hint=hint)

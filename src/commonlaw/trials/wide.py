@@ -80,7 +80,7 @@ def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
         return ()
     return (
         f"{shown_columns(states)} are taken as states of one object; if each is an object of its own, read them with "
-        f"wide={_DEFAULT!r}, or the name of what was measured",
+        f"`wide={_DEFAULT!r}`, or the name of what was measured",
     )
 
 
@@ -106,12 +106,10 @@ def long_table(
     """
     name, unit = _state(table, columns, wide)
     repeated = [each for each in table.columns if each not in (time, *columns, *noise.values())]
-    if name in (taken := [time, *repeated, "object"]) or not columns:
-        raise CommonlawError(
-            f"{table.source}: {name!r} is the name of a column: give what was measured another with wide=..."
-            if name in taken
-            else f"{table.source}: no column of numbers is left to be an object: name them with states=[...]"
-        )
+    if name in (time, *repeated, "object"):
+        raise CommonlawError("wide-name-taken", where=table.source, name=name)
+    if not columns:
+        raise CommonlawError("wide-without-objects", where=table.source)
     first = next((i for i, cell in enumerate(table.columns[time]) if is_time(cell)), 0)
     rows, count = np.arange(first, len(table)), len(columns)
     measured = table.taken(rows)
@@ -120,14 +118,11 @@ def long_table(
     made[name] = np.concatenate([measured.numbers(each, missing=True) for each in columns])
     if noise:
         if without := [each for each in columns if each not in noise]:
-            raise CommonlawError(
-                f"{table.source}: {shown_columns(without)}: no column of standard deviations, which others have; name "
-                "those of all with noise_columns={...}, or say that there are none with noise_columns={}"
-            )
+            raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
         made[deviations_of(name)] = np.concatenate([measured.numbers(noise[each], missing=True) for each in columns])
     conditions = _conditions(table, time, columns, first)
     if twice := conditions.keys() & made.keys():
-        raise CommonlawError(f"{table.source}: {min(twice)!r} is the name of a row and of a column: rename one of them")
+        raise CommonlawError("wide-name-twice", where=table.source, name=min(twice))
     made |= {key: np.repeat(values, len(rows)) for key, values in conditions.items()}
     units = {each: table.units[each] for each in (time, *repeated) if each in table.units}
     long = replace(
@@ -150,14 +145,11 @@ def deviations_of(state: str) -> str:
 def _state(table: Table, columns: Sequence[str], wide: object) -> tuple[str, str]:
     """Return the name and the unit of what stands in the columns."""
     if not isinstance(wide, bool | str) or not wide:
-        raise CommonlawError(f"wide is {wide!r}: give the name of what was measured, such as 'OD', or True")
+        raise CommonlawError("wide-not-a-name", value=wide)
     name, unit = split_header(quantity(columns, wide))
     units = {table.units.get(each, "") for each in columns}
     if not unit and len(units) > 1:
-        raise CommonlawError(
-            f"{table.source}: the columns of the objects have several units ({', '.join(sorted(units))}): name those "
-            "of one quantity with states=[...]"
-        )
+        raise CommonlawError("wide-units", where=table.source, units=sorted(units))
     return name, unit or next(iter(units), "")
 
 

@@ -24,14 +24,14 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
     """Return the table in one sheet of a workbook, or in all of them if they have the same header."""
     sheets = _sheets(source, content)
     if wanted is not None and wanted not in sheets:
-        raise CommonlawError(f"{source}: {unknown('sheet', wanted, sheets)}")
+        raise unknown("sheet", wanted, sheets).at(source)
     chosen = {name: rows for name, rows in sheets.items() if rows and wanted in (None, name)}
     if not chosen:
-        raise CommonlawError(f"{source}: there is nothing in the {'sheet' if wanted else 'workbook'}: give it a table")
+        raise CommonlawError("workbook-empty", where=source, part="sheet" if wanted else "workbook")
     headers = {name: " | ".join(str(cell).strip() for cell in rows[0][1]).rstrip(" |") for name, rows in chosen.items()}
     if len(set(headers.values())) > 1:
         shown = "; ".join(f"{name!r} ({header})" for name, header in headers.items())
-        raise CommonlawError(f"{source}: the sheets have different headers, choose one with sheet=...: {shown}")
+        raise CommonlawError("workbook-sheets", where=source, sheets=shown)
     return _sheets_table(source, chosen)
 
 
@@ -44,16 +44,12 @@ def _sheets(source: str, content: bytes) -> dict[str, Rows]:
         with put_away_first() as ending, ending.waiting():
             done = subprocess.run(command, input=content, capture_output=True, timeout=_SECONDS)
     except subprocess.TimeoutExpired:
-        raise CommonlawError(f"{source} was not read within {_SECONDS} s: save it as CSV") from None
+        raise CommonlawError("workbook-too-slow", source=source, seconds=_SECONDS) from None
     if done.returncode == workbook_process.NO_WORKBOOK:
         reason = done.stderr.decode(errors="replace").strip()
-        raise CommonlawError(f"{source} cannot be read as a workbook ({reason}): save it as xlsx or CSV")
+        raise CommonlawError("workbook-damaged", source=source, reason=reason)
     if done.returncode:
-        raise CommonlawError(
-            f"{source} cannot be read as a workbook in {workbook_process.MEMORY / 2**30:g} GiB of memory: it is "
-            "damaged, or a cell far from the table holds a value; delete the rows and columns beside the table, or "
-            "save it as CSV"
-        )
+        raise CommonlawError("workbook-too-large", source=source, memory=workbook_process.MEMORY / 2**30)
     sheets: dict[str, Rows] = pickle.loads(done.stdout)
     for name, rows in sheets.items():
         check_size(f"{source}, sheet {name!r}", len(rows), len(rows[0][1]) if rows else 0)

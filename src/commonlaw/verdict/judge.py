@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.diagnostics import marked
 from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError
@@ -39,7 +40,10 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         single = trials.with_trials([whole[trial.object, trial.name] if law.schema.doses else trial])
         try:
             found.append(forecast_errors(with_objects_of(law, single)[0], single, segment))
-        except (CommonlawError, ArithmeticError, np.linalg.LinAlgError) as error:
+        except CommonlawError as error:
+            unjudged.append(error.sentence(marked))
+            continue
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
             unjudged.append(str(error))
             continue
         judged.append(segment)

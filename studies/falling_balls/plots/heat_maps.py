@@ -38,7 +38,9 @@ def plot_heat_maps(laws: Mapping[str, Law], columns: int, *, row_titles: Sequenc
     _check(laws)
     lines, (first, *_) = -(-len(laws) // columns), laws.values()
     if row_titles and len(row_titles) != lines:
-        raise CommonlawError(f"{len(row_titles)} titles for {lines} rows of heat maps; give one for each row")
+        raise CommonlawError(
+            "other", text=f"{len(row_titles)} titles for {lines} rows of heat maps; give one for each row"
+        )
     names, terms = [plain(name, 34) for name in first.objects], term_labels(first.terms)
     cell = float(np.clip(13 / (columns * len(terms)), 0.19, 0.4))
     margin = 0.6 + 0.08 * max(len(line) for name in names for line in name.split("\n"))
@@ -65,12 +67,13 @@ def plot_heat_maps(laws: Mapping[str, Law], columns: int, *, row_titles: Sequenc
 def _check(laws: Mapping[str, Law]) -> None:
     """Check that all laws fit into one grid."""
     if not laws:
-        raise CommonlawError("there is no law to draw; give at least one")
+        raise CommonlawError("other", text="there is no law to draw; give at least one")
     first, *_ = laws
     for title, law in laws.items():
         if len(law.states) > 1:
             raise CommonlawError(
-                f"{title}: the law has {len(law.states)} equations, a grid shows one of each law; use plot_coefficients"
+                "other",
+                text=f"{title}: the law has {len(law.states)} equations, and a grid shows one: use plot_coefficients",
             )
         for what, own, wanted in (
             ("objects", law.objects, laws[first].objects),
@@ -78,6 +81,7 @@ def _check(laws: Mapping[str, Law]) -> None:
         ):
             if own != wanted:
                 raise CommonlawError(
-                    f"{title}: the {what} are {', '.join(own)}, those of {first} are {', '.join(wanted)}; "
-                    f"draw laws of the same {what} together"
+                    "other",
+                    text=f"{title}: the {what} are {', '.join(own)}, those of {first} are {', '.join(wanted)}; "
+                    f"draw laws of the same {what} together",
                 )

@@ -68,5 +68,7 @@ def _numbers(trials: Trials, name: str) -> dict[str, float]:
         raise unknown("property", name, dict.fromkeys(known for each in trials.properties.values() for known in each))
     numbers = {each: value for each, value in found.items() if isinstance(value, float)}
     if not numbers:
-        raise CommonlawError(f"property {name!r} is a text and has no place on an axis: choose one that is a number")
+        raise CommonlawError(
+            "other", text=f"property {name!r} is a text and has no place on an axis: choose one that is a number"
+        )
     return numbers

@@ -34,7 +34,7 @@ def plot_strobe(trials: Trials, every: int = 3, state: str | None = None) -> Fig
     if name not in schema.states:
         raise unknown("state", name, schema.states)
     if every < 1:
-        raise CommonlawError(f"every is {every}: give the number of samples between markers, at least 1")
+        raise CommonlawError("other", text=f"every is {every}: give the number of samples between markers, at least 1")
     look, column = looks(trials.objects), schema.states.index(name)
     shown = [trial.states[::every, column] for trial in trials]
     table = np.full((len(trials), max(map(len, shown))), np.nan)

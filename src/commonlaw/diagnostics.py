@@ -1,0 +1,98 @@
+"""What commonlaw says of input and of results: a code with parameters. The sentences stand in one catalogue.
+
+The catalogue is ``diagnostics.toml``: a sentence for each code, with the parameters as fields of `str.format`. Of lists
+``{names:, }`` joins the items by commas, ``{names:or}`` and ``{names:and}`` by a word, and ``{names:repr or}`` quotes
+them; ``{n:count trial}`` writes "1 trial", "2 trials". What stands between backticks is Python; a front end writes it
+in its own way, see `Dialect`.
+"""
+
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.resources import files
+from itertools import chain
+from string import Formatter
+from typing import Any
+
+from commonlaw.wording import counted
+
+Dialect = Callable[[str], str]
+"""Writes a piece of Python, such as ``time='t'``, as a front end calls it: ``--time t``."""
+
+
+def marked(code: str) -> str:
+    """Return a piece of Python between backticks, which a front end finds again in a text."""
+    return f"`{code}`"
+
+
+_WORDS = {"and": " and ", "or": " or "}
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """A message: a code, the parameters of its sentence, and where it applies.
+
+    Parameters
+    ----------
+    code
+        Names the sentence of the catalogue.
+    parameters
+        Fill in the sentence: numbers, texts, lists of these, or further diagnostics.
+    where
+        The file, object or trial concerned; it stands before the sentence. Empty where the whole is concerned.
+
+    Examples
+    --------
+    >>> print(Diagnostic("trial-index", {"trials": 2, "error": "there is no trial 5"}))
+    there are 2 trials, counted from 0: there is no trial 5
+    """
+
+    code: str
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    where: str = ""
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """This code, and those of the diagnostics among the parameters."""
+        inner = [each for each in self.parameters.values() if isinstance(each, Diagnostic)]
+        return (self.code, *chain.from_iterable(each.codes for each in inner))
+
+    def at(self, where: str) -> "Diagnostic":
+        """Return the same message, with a further place before it."""
+        return replace(self, where=f"{where}: {self.where}" if self.where else where)
+
+    def sentence(self, dialect: Dialect = str) -> str:
+        """Return the sentence in the dialect of a front end; by default as Python."""
+        pieces = sentences()[self.code].split("`")
+        writer = _Writer(dialect)
+        written = [writer.vformat(piece, (), self.parameters) for piece in pieces]
+        written[1::2] = map(dialect, written[1::2])
+        return (f"{self.where}: " if self.where else "") + "".join(written)
+
+    def __str__(self) -> str:
+        return self.sentence()
+
+
+@cache
+def sentences() -> Mapping[str, str]:
+    """Return the catalogue: a sentence for each code."""
+    return tomllib.loads(files("commonlaw").joinpath("diagnostics.toml").read_text(encoding="utf-8"))
+
+
+class _Writer(Formatter):
+    """Fills in a sentence."""
+
+    def __init__(self, dialect: Dialect) -> None:
+        self.dialect = dialect
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if isinstance(value, Diagnostic):
+            return value.sentence(self.dialect)
+        if format_spec.startswith("count "):
+            return counted(value, format_spec.removeprefix("count "))
+        if format_spec and isinstance(value, list | tuple | Mapping):
+            joint = format_spec.removeprefix("repr ")
+            written = [repr(item) if joint != format_spec else self.format_field(item, "") for item in value]
+            return _WORDS.get(joint, joint).join(written)
+        return format(value, format_spec)

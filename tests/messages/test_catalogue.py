@@ -1,0 +1,95 @@
+"""Every message that the code can give has a sentence, and every sentence a place in the code that gives it."""
+
+import ast
+import pickle
+from collections.abc import Iterator
+from pathlib import Path
+from string import Formatter
+
+import pytest
+
+import commonlaw
+from commonlaw import CommonlawError
+from commonlaw.diagnostics import Diagnostic, sentences
+from commonlaw.errors import unknown
+
+_SOURCES = sorted(Path(commonlaw.__file__).parent.rglob("*.py"))
+
+
+def _given() -> Iterator[tuple[str, str, set[str]]]:
+    """Yield where a message is given in the code, its code, and the names of its parameters."""
+    for path in _SOURCES:
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.args):
+                continue
+            code = call.args[0]
+            if not isinstance(code, ast.Constant):
+                continue
+            if call.func.id == "CommonlawError":
+                names = {each.arg for each in call.keywords if each.arg} - {"where"}
+            elif call.func.id == "Diagnostic":
+                fields = call.args[1] if len(call.args) > 1 else ast.Dict([], [])
+                if not isinstance(fields, ast.Dict):
+                    continue
+                names = {each.value for each in fields.keys if isinstance(each, ast.Constant)}
+            else:
+                continue
+            yield f"{path.name}:{call.lineno}", str(code.value), {str(name) for name in names}
+
+
+def _fields(sentence: str) -> set[str]:
+    return {name for _, name, _, _ in Formatter().parse(sentence) if name}
+
+
+def test_every_message_has_a_sentence_with_its_parameters() -> None:
+    for place, code, names in _given():
+        assert code in sentences(), place
+        assert _fields(sentences()[code]) == names, place
+
+
+def test_every_sentence_is_given_somewhere() -> None:
+    texts = {
+        each.value
+        for path in _SOURCES
+        for each in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(each, ast.Constant) and isinstance(each.value, str)
+    }
+    assert sentences().keys() - texts == {"other"}, "other is for the messages of other programs"
+
+
+def test_code_in_a_sentence_is_closed() -> None:
+    assert not [code for code, sentence in sentences().items() if sentence.count("`") % 2]
+
+
+def test_an_error_says_where_and_what_after_it_was_sent_to_another_process() -> None:
+    error = pickle.loads(pickle.dumps(unknown("column", "hieght", ["t", "height"]).at("drops.csv")))
+    assert str(error) == "drops.csv: unknown column 'hieght': did you mean 'height'? Known: t, height"
+    assert error.code == "unknown-name"
+
+
+def test_a_front_end_writes_settings_its_own_way() -> None:
+    error = CommonlawError("time-ambiguous", "drops.csv", columns=["t", "minutes"])
+    assert error.sentence(lambda code: f"--{code.replace('=...', ' NAME')}") == (
+        "drops.csv: which column holds the time, 't' or 'minutes'? Name it with --time NAME"
+    )
+
+
+def test_names_with_backticks_stay() -> None:
+    error = CommonlawError("unknown-name", kind="column", name="`a`", hint="", known=["b"])
+    assert error.sentence(lambda _: "") == "unknown column '`a`': Known: b"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        ({"columns": ["a", "b"]}, "which column holds the time, 'a' or 'b'? Name it with time=..."),
+        ({"columns": ["a"]}, "which column holds the time, 'a'? Name it with time=..."),
+    ],
+)
+def test_lists_are_joined(parameters: dict[str, object], sentence: str) -> None:
+    assert str(Diagnostic("time-ambiguous", parameters)) == sentence
+
+
+def test_a_message_within_a_message_has_its_code_too() -> None:
+    inner = unknown("variable", "w", ["x"])
+    assert CommonlawError("term-syntax", term="w", error=inner).codes == ("term-syntax", "unknown-name")
