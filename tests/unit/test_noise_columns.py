@@ -148,7 +148,7 @@ def test_points_between_samples_have_no_deviation():
         (
             cells(),
             {"noise_columns": {"x": "s"}},
-            Diagnostic("unknown-name", {"kind": "state", "name": "x"}, "cups.csv: noise_columns=..."),
+            Diagnostic("unknown-name", {"kind": "state", "name": "x"}, "cups.csv"),
         ),
         (
             cells(),
