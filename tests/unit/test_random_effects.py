@@ -137,6 +137,35 @@ def test_intervals_hold_the_truth_and_errors_get_smaller(objects, spread):
     assert np.mean(after) < np.mean(before) * (0.6 if spread == 0 else 1.3 if objects == 2 else 1.05)
 
 
+@pytest.mark.parametrize("objects", [3, 8])
+def test_coefficients_that_scatter_together_are_not_drawn_away_from_the_truth(objects):
+    """A rate r of growth with one capacity K: the coefficients r and -r/K scatter along one line."""
+    generator = np.random.default_rng(5)
+    error = 0.05 * np.linalg.cholesky(np.array([[1.0, -0.95], [-0.95, 1.0]]))
+    inside, before, after = [], [], []
+    for _ in range(100):
+        truth = np.exp(0.2 * generator.standard_normal((objects, 1))) * np.array([1.0, -0.5])
+        estimates = truth + generator.standard_normal((objects, 2)) @ error.T
+        found = shrink(estimates, np.tile(error @ error.T, (objects, 1, 1)), np.full(2, np.nan))
+        errors = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+        inside.append(abs(found.estimates - truth) < 1.96 * errors)
+        before.append((estimates - truth) ** 2)
+        after.append((found.estimates - truth) ** 2)
+    assert np.mean(inside) > 0.87
+    assert np.mean(after) < 1.15 * np.mean(before)
+
+
+def test_mixtures_of_coefficients_are_drawn_as_these():
+    """Of what scatters together the intervals do not depend on where variables are counted from."""
+    generator = np.random.default_rng(0)
+    truth = 1 + 0.5 * generator.standard_normal((8, 1)) * np.array([1.0, -1.0])
+    error = 0.05 * np.eye(2)
+    estimates, turn = truth + 0.05 * generator.standard_normal((8, 2)), np.array([[1.0, 0.3], [0.0, 1.0]])
+    one = shrink(estimates, np.tile(error**2, (8, 1, 1)), np.full(2, np.nan))
+    other = shrink(estimates @ turn.T, np.tile(turn @ error**2 @ turn.T, (8, 1, 1)), np.full(2, np.nan))
+    np.testing.assert_allclose(one.estimates @ turn.T, other.estimates, atol=0.01)
+
+
 def test_what_is_drawn_far_from_the_origin_is_what_is_drawn_at_it():
     """Planes over two variables, seen from where the variables are counted and from far away."""
     generator = np.random.default_rng(0)

@@ -4,7 +4,9 @@ An object's own estimate is its true coefficients plus an error of known covaria
 from a normal distribution over objects, whose means and variances the objects tell together (parametric empirical
 Bayes; Efron and Morris 1973, 1975):
 
-    estimate_o ~ N(true_o, covariance_o),    true_o ~ N(mean, diag(variances)).
+    estimate_o ~ N(true_o, covariance_o),    true_o ~ N(mean, diag(variances)),
+
+for the coefficients or for mixtures of them, see `shrink`.
 
 Two things follow. The marginal likelihood at the best variances says what a law's coefficients cost: those that are
 alike cost little more than one number. The posterior draws each object's coefficients to their means as far as they are
@@ -37,6 +39,9 @@ smaller and larger."""
 
 _LEAST_WEIGHT = 0.01
 """Weight, of a typical one, below which an estimate does not count: it moves a mean by a tenth of an error."""
+
+_LARGE = 700.0
+"""Differences of log-likelihoods beyond which a weight is zero or one."""
 
 _INFINITE = 1e6
 """Times the largest variance that is tried: infinite."""
@@ -190,12 +195,28 @@ class Shrinkage:
             self.estimates @ turn.T,
             _symmetric(turn @ self.covariances @ turn.T),
             turn @ self.shared_factors,
-            self.shrinkage,
+            np.clip((turn * np.linalg.inv(turn).T) @ self.shrinkage, 0.0, 1.0),
+        )
+
+    def averaged(self, other: "Shrinkage", weight: float) -> "Shrinkage":
+        """Return the mean with another, which has this weight; the covariances are those of the mixture."""
+        own, more = 1 - weight, (other.estimates - self.estimates)[:, :, np.newaxis]
+        return Shrinkage(
+            own * self.estimates + weight * other.estimates,
+            own * self.covariances + weight * other.covariances + own * weight * more * more.swapaxes(1, 2),
+            own * self.shared_factors + weight * other.shared_factors,
+            own * self.shrinkage + weight * other.shrinkage,
         )
 
 
 def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinkage:
     """Draw estimates to their means over objects.
+
+    What scatters over objects independently may be the coefficients, or may be mixtures of them: with the rate of
+    growth r of a law r x - r/K x^2 both of its coefficients scatter. Independent scatter of the coefficients draws such
+    objects away from the truth. So the mean over both is taken, by their marginal likelihood; the mixtures are the
+    principal axes of the estimates in units of their errors, and each angle between these axes and the coefficients is
+    penalized by the logarithm of the number of objects (BIC).
 
     Parameters
     ----------
@@ -205,8 +226,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
         Of their errors, positive definite, shape (objects, parameters, parameters).
     variances
         Of each parameter over objects, shape (parameters,): zero for one that all have in common, infinite for one that
-        is each object's own, NaN where the objects are to tell. Coefficients that hang together to the last digits, as
-        those of variables far from their zero do, are mixed to such that do not; these are then drawn to their means.
+        is each object's own, NaN where the objects are to tell. Mixtures are considered where this is NaN for all.
 
     Raises
     ------
@@ -215,16 +235,31 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     """
     # Means in which objects that say next to nothing hardly count
     units = 1 / np.sqrt(np.mean(1 / np.diagonal(covariances, axis1=1, axis2=2), axis=0))
-    own = estimates / units
+    own, size = estimates / units, len(units)
     scaled = covariances / np.outer(units, units)
-    errors: Floats = np.asarray(scaled + JITTER * scaled * np.eye(len(units)))
-    weights = 1 / np.trace(errors, axis1=1, axis2=2)
+    errors: Floats = np.asarray(scaled + JITTER * scaled * np.eye(size))
+    scale, weights = np.diag(units), 1 / np.trace(errors, axis1=1, axis2=2)
     typical = np.tensordot(weights / weights.sum(), errors, 1)
-    if np.isnan(variances).all() and np.linalg.cond(typical) > WORST_CONDITION:
-        # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down
-        back = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
-        turn = np.linalg.inv(back)
-        return shrink(own @ turn.T, turn @ errors @ turn.T, variances).mixed(units[:, np.newaxis] * back)
+    found, deviance = _shrunk(own, errors, variances)
+    # Fewer objects than parameters do not determine axes: all their scatter is along some of them
+    if not 1 < size <= len(own) or not np.isnan(variances).all():
+        return found.mixed(scale)
+    # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down
+    root = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
+    is_lost = np.linalg.cond(typical) > WORST_CONDITION  # Coefficients that hang together to the last digits
+    axes = np.eye(size) if is_lost else np.linalg.eigh(np.cov(np.linalg.solve(root, own.T)))[1]
+    turn = axes.T @ np.linalg.inv(root)
+    mixed, other = _shrunk(own @ turn.T, _symmetric(turn @ errors @ turn.T), variances)
+    more = (other + size * (size - 1) / 2 * np.log(len(own)) - deviance) / 2
+    weight = 1.0 if is_lost else float(1 / (1 + np.exp(np.clip(more, -_LARGE, _LARGE))))
+    return found.averaged(mixed.mixed(root @ axes), weight).mixed(scale)
+
+
+def _shrunk(own: Floats, errors: Floats, variances: Floats) -> tuple[Shrinkage, float]:
+    """Draw estimates to their means, of parameters that scatter independently, and return the deviance at that.
+
+    The arguments are those of `shrink`, in units in which errors are about one.
+    """
     effects = RandomEffects(own, np.asarray(np.linalg.inv(errors), dtype=np.float64))
     grids = _grids_beyond(effects)
     largest = np.array([grid[-1] for grid in grids])
@@ -241,12 +276,9 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
 
     likely, between = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
     final = _Posterior.of(effects, likely[np.newaxis])
-    return Shrinkage(
-        final.estimates[0] * units,
-        _symmetric(final.covariances[0] + sum(between, np.zeros_like(errors))) * np.outer(units, units),
-        final.shared_factors[0] * units[:, np.newaxis],
-        final.shrinkage[0],
-    )
+    covariances = _symmetric(final.covariances[0] + sum(between, np.zeros_like(errors)))
+    found = Shrinkage(final.estimates[0], covariances, final.shared_factors[0], final.shrinkage[0])
+    return found, float(effects.marginal(likely[np.newaxis]).deviance[0])
 
 
 @dataclass(frozen=True, eq=False)
