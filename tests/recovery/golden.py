@@ -40,7 +40,7 @@ def _score() -> Iterator[list[float]]:
         before = module.fitted_law
 
         def fitted_law(template: Any, problem: Any, state: Any, *settings: Any) -> Any:
-            noted.append(float(state.value))
+            noted.append(state.score.total)
             return before(template, problem, state, *settings)
 
         return patch.object(module, "fitted_law", fitted_law)

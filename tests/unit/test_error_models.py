@@ -203,7 +203,7 @@ def test_the_evidence_that_compares_laws_is_that_which_they_were_fitted_with():
     laws = {text: cl.fit(text, trials) for text in ("x'' = a x + b v", "x'' = a x + b v^3")}
     setups = [FitSetup.of(law, trials) for law in laws.values()]
     fitted = [
-        choose_errors(fit_terms(own), errors="auto", propose=lambda _: None, progress=lambda _: None).state.value
+        choose_errors(fit_terms(own), errors="auto", propose=lambda _: None, progress=lambda _: None).state.score.total
         for own in setups
     ]
     found = cl.compare(laws, trials).set_index("law")["2 log B"]

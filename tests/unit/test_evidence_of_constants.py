@@ -9,6 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference import prepare
 from commonlaw.inference.poles import has_poles
+from commonlaw.inference.score import Score
 from commonlaw.inference.search import fit_with
 from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.told_constants import are_constants_told
@@ -45,7 +46,7 @@ def test_a_law_has_a_pole_where_a_denominator_vanishes_at_states_or_between_tria
     )
     problem = prepare(trials, TERMS, np.full((1, 1, 2), np.nan))
     estimates = tuple(replace(each, coefficients=np.array([[1.0, constant]])) for each in problem.starts)
-    assert has_poles(problem, SearchState(problem.allowed, estimates, 0.0, 0.0)) == has_one
+    assert has_poles(problem, SearchState(problem.allowed, estimates, 0.0, Score({}))) == has_one
 
 
 def test_constants_are_told_where_a_term_bends_and_not_where_it_is_straight():

@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.inference import provenance
-from commonlaw.inference.law_search import ChosenBy
+from commonlaw.inference.score import Kind
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.library import PolynomialLibrary, Variables
 
@@ -34,15 +34,13 @@ def test_probabilities_are_found_however_much_better_one_is():
 def test_candidates_are_ranked_by_what_chose_among_them():
     law = law_of_degree(1)
     listed = [compared([("1",), ("x",), ("v",)], [0.0, 6.0, np.inf])]
-    by_evidence = provenance.alternatives(law, listed, ChosenBy.EVIDENCE)
+    by_evidence = provenance.alternatives(law, listed, Kind.EVIDENCE)
     assert [each.measures["2 log B"] for each in by_evidence] == [0, 6, np.inf]
     assert by_evidence[1].measures["probability"] == pytest.approx(1 / (1 + np.exp(3)))
-    by_forecasts = provenance.alternatives(law, listed, ChosenBy.FORECASTS)
+    by_forecasts = provenance.alternatives(law, listed, Kind.FORECASTS)
     assert [each.measures for each in by_forecasts] == [{LOG_SCORE: 0}, {LOG_SCORE: 3}, {LOG_SCORE: None}]
 
 
 def test_probabilities_are_no_denormal_numbers():
-    (_, other) = provenance.alternatives(
-        law_of_degree(1), [compared([("1",), ("x",)], [0.0, 1450.0])], ChosenBy.EVIDENCE
-    )
+    (_, other) = provenance.alternatives(law_of_degree(1), [compared([("1",), ("x",)], [0.0, 1450.0])], Kind.EVIDENCE)
     assert other.measures["probability"] == 0

@@ -11,7 +11,7 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery import orders, trajectory_likelihood
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.inference import evidence_of_order, prepare
+from commonlaw.inference import prepare, score_of_order
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.search import fit_with
 from commonlaw.library import parse_library
@@ -257,7 +257,7 @@ def test_the_evidence_of_both_orders_is_the_density_of_the_same_measurements(poi
         problem = prepare(trials, terms, known, noise=np.array([noise]), huber_threshold=np.inf)
         while problem.points < points:
             problem = problem.finer()
-        found[order] = evidence_of_order(problem, fit_with(problem, problem.allowed, 0.0))
+        found[order] = score_of_order(problem, fit_with(problem, problem.allowed, 0.0))
     rates = np.concatenate([each[:, 1] for own in problem.smoothed for each in own])
 
     def log_density(mean, covariance):

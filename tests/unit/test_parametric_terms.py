@@ -13,6 +13,7 @@ from commonlaw.inference import prepare
 from commonlaw.inference.constant_banks import Banks
 from commonlaw.inference.constant_values import frequencies_in_time
 from commonlaw.inference.integral_matching import Course
+from commonlaw.inference.score import Score
 from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.term_sets import Start, TermSet, matching_sets
 from commonlaw.inference.terms_of_sets import terms_of_sets
@@ -262,7 +263,7 @@ def test_a_drive_is_told_if_a_trial_has_a_whole_cycle_of_it_and_each_cycle_two_s
     terms = Terms(variables, (parametric_term("cos(w*t)", Variables(("x",))).term, Constant(2)))
     problem = prepare(trials, terms, np.full((1, 1, 2), np.nan), guess=np.array([[[1.0, frequency]]]))
     estimate = replace(problem.starts[0], states=(exact,), coefficients=np.array([[1.0, frequency]]))
-    state = SearchState(np.ones((1, 2), dtype=bool), (estimate,), 0.0, 0.0)
+    state = SearchState(np.ones((1, 2), dtype=bool), (estimate,), 0.0, Score({}))
     assert are_constants_told(problem, state) == told
 
 

@@ -9,6 +9,7 @@ from benchmarks.next_experiment import first_trials
 from commonlaw.inference import law_search, search, search_state
 from commonlaw.inference.averaging import weighted
 from commonlaw.inference.law_search import PATH
+from commonlaw.inference.score import Score
 from commonlaw.inference.search_problem import prepare
 from commonlaw.library import Variables, parse_library
 
@@ -22,7 +23,7 @@ def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(
     assert [name for name, inside in zip(terms.names, found[0].supports[0], strict=True) if inside] == ["1", "v"]
     fitted = {each.supports.tobytes() for each in found}
     near = search_state.promised_near(problem, found[0])
-    plausible = [each for value, each in near if value < found[0].value + search_state.PLAUSIBLE]
+    plausible = [each for value, each in near if value < found[0].score.total + search_state.PLAUSIBLE]
     assert len(plausible) > 1
     assert all(each.tobytes() in fitted for each in plausible)
 
@@ -38,7 +39,7 @@ def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
     exact = [each for each in listed if each.support[np.newaxis].tobytes() in fitted and not each.chosen]
     assert len(exact) >= 3
     again = search.fit_with(problem, exact[0].support[np.newaxis], search_state.NO_ERROR)
-    assert exact[0].twice_log_bayes_factor == pytest.approx(again.value - best.value, abs=0.01)
+    assert exact[0].twice_log_bayes_factor == pytest.approx(again.score - best.score, abs=0.01)
 
 
 @pytest.mark.parametrize("beginning", [["1"], ["1", "x", "v"]])
@@ -53,7 +54,7 @@ def test_what_ranks_ahead_of_a_law_is_fitted_and_taken(beginning):
     best = search.beside_those_ahead(problem, state)
     assert [name for name, inside in zip(terms.names, best.supports[0], strict=True) if inside] == ["1", "v"]
     assert any(np.array_equal(each.supports, supports) for each in best.alternatives)
-    assert best.value < state.value
+    assert best.score < state.score
 
 
 def test_a_law_is_reached_that_is_no_neighbour_of_those_that_the_search_comes_by():
@@ -74,7 +75,7 @@ def test_laws_are_as_plausible_as_fits_of_their_own_have_evidence():
     assert len(plausible) >= 3
     for share, each in plausible:
         again = search.fit_with(problem, each.supports, search_state.NO_ERROR)
-        assert np.log(own / share) == pytest.approx((again.value - best.value) / 2, abs=0.05)
+        assert np.log(own / share) == pytest.approx((again.score - best.score) / 2, abs=0.05)
 
 
 @pytest.mark.parametrize(("noise", "seed"), [(0.05, 0), (0.02, 3)])
@@ -86,7 +87,7 @@ def test_one_short_trial_of_each_object_is_enough_for_a_law_of_two_terms(noise, 
 
 
 def test_laws_that_are_the_better_ones_in_turn_are_not_fitted_without_end(monkeypatch):
-    one, other = (search_state.SearchState(np.eye(1, 2, k, dtype=bool), (), 0.0, 0.0) for k in range(2))
+    one, other = (search_state.SearchState(np.eye(1, 2, k, dtype=bool), (), 0.0, Score({})) for k in range(2))
     begun = law_search.LawSearch(None, None, one, law_search.PATH, (one,))
     turns = []
 

@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.formulation import law_variables
 from commonlaw.inference.provenance import outcomes_of_fit
+from commonlaw.inference.score import Score
 from commonlaw.inference.search_problem import prepare
 from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.solutions import follows_solutions, is_solved, runs_away
@@ -25,7 +26,7 @@ def stated(library, coefficients, curve, model_error=0.0, noise=0.05):
     problem = prepare(trials, terms, np.full((1, 1, len(terms)), np.nan), noise=np.array([noise]))
     (start,) = problem.starts
     estimate = replace(start, states=(curve[:, np.newaxis],), coefficients=np.array([coefficients]))
-    return problem, SearchState(np.ones((1, len(terms)), dtype=bool), (estimate,), model_error, 0.0)
+    return problem, SearchState(np.ones((1, len(terms)), dtype=bool), (estimate,), model_error, Score({}))
 
 
 def test_a_law_whose_solution_is_followed_is_solved():

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.inference import Score
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order
@@ -105,7 +106,7 @@ def _told_by_rates(trials: Trials) -> Orders:
 def of_best_order(
     find: Callable[[Order], Found],
     possible: Sequence[Sequence[int]],
-    value: Callable[[Found], float],
+    score: Callable[[Found], Score],
     enough: Callable[[Found], bool],
 ) -> tuple[list[Found], list[CommonlawError]]:
     """Return what is found for each order that is tried, and why nothing is found for others.
@@ -119,7 +120,7 @@ def of_best_order(
         What finds something of an order.
     possible
         The orders that each state may have, from low to high.
-    value
+    score
         Of what is found: less is better.
     enough
         Whether the law of the lowest orders fits within the noise.
@@ -143,7 +144,7 @@ def of_best_order(
             continue
         if not every:
             raise refused[-1]
-        before, best = best, min(every, key=lambda orders: value(every[orders]))
+        before, best = best, min(every, key=lambda orders: score(every[orders]))
         listed = [each for each in _neighbours(best, possible) if each not in tried]
         if highest not in tried or best == before or not listed:
             return list(every.values()), refused

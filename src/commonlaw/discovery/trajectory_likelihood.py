@@ -25,12 +25,12 @@ from commonlaw.inference import (
     CovarianceKind,
     ErrorKind,
     LawSearch,
+    Score,
     as_followed,
     begin_search,
     choose_errors,
     drives,
     error_kinds,
-    evidence_of_order,
     explained_on_finer_mesh,
     explains_whole_trials,
     finish,
@@ -41,6 +41,7 @@ from commonlaw.inference import (
     may_be_simpler,
     most_explaining,
     resolved,
+    score_of_order,
     search_supports,
     with_drive_said,
     with_interpolation,
@@ -234,7 +235,7 @@ class TrajectoryLikelihood(AbstractMethod):
                 ranked = [best, *(each for each in others if each not in lacking), *found]
                 best = ranked[most_explaining([each.search for each in ranked])]
             law = self._finished(trials, best, progress)
-        against = [(each.order, each.evidence - best.evidence) for each in ranked if each is not best]
+        against = [(each.order, each.score - best.score) for each in ranked if each is not best]
         return with_order_said(law, against, refused)
 
     def _ranked(
@@ -260,22 +261,22 @@ class TrajectoryLikelihood(AbstractMethod):
 
         several = any(len(each) > 1 for each in possible)
         lowest = one_order([each[0] for each in possible])
-        found, refused = of_best_order(begun, possible, lambda each: each.evidence, lambda each: each.is_simple)
-        best = min(found, key=lambda each: each.evidence)
+        found, refused = of_best_order(begun, possible, lambda each: each.score, lambda each: each.is_simple)
+        best = min(found, key=lambda each: each.score)
         if several and not (best.is_simple and not may_be_of_lower_order(best.search)):
             found = [self._finer(each, progress) for each in found]
         found = self._with_richer_terms(found, progress)
-        best = min(found, key=lambda each: each.evidence)
+        best = min(found, key=lambda each: each.score)
         if len(found) > 1 and self.errors == "auto" and not best.search.reason_for_errors:
             # A coarse mesh may hide a reason
             found = [self._resolved(each, progress) for each in found]
-            best = min(found, key=lambda each: each.evidence)
+            best = min(found, key=lambda each: each.score)
         if len(found) == 1 or self.errors != "auto" or best.search.reason_for_errors:
             found, failed = those_found(lambda each: self._with_errors(trials, each, progress), found)
             refused += failed
             if not found:
                 raise refused[-1]
-        return sorted(found, key=lambda each: each.evidence), refused
+        return sorted(found, key=lambda each: each.score), refused
 
     def _finer(self, found: "_Found", progress: ProgressCallback) -> "_Found":
         """Return a law on a mesh that may explain what was measured, if it was sought on a coarse one."""
@@ -309,9 +310,9 @@ class TrajectoryLikelihood(AbstractMethod):
         The best law first; but that of the lowest order where the best law is what one of lower order implies, or where
         rates may be a function of the states.
         """
-        left, done = sorted(found, key=lambda each: each.evidence), list[_Found]()
+        left, done = sorted(found, key=lambda each: each.score), list[_Found]()
         while left:
-            best = min([*done, *left], key=lambda each: each.evidence)
+            best = min([*done, *left], key=lambda each: each.score)
             lowest = min(left, key=lambda each: each.total_order)
             is_lower = lowest.total_order < best.total_order
             may_be_lower = is_lower and may_be_of_first_order(best.search)
@@ -342,7 +343,7 @@ class TrajectoryLikelihood(AbstractMethod):
         progress("searching among terms of higher degree")
         screened = Screened.of(found.followed, replace(whole, library=higher))
         more = replace(self._found(screened, found.followed, None, False, progress), is_of_higher_degree=True)
-        return more if more.is_simple and more.evidence < found.evidence else found
+        return more if more.is_simple and more.score < found.score else found
 
     def _found(
         self,
@@ -530,9 +531,9 @@ class _Found:
         return not (may_be_simpler(self.search, max(_MANY, sparse)) or may_be_series(self.search))
 
     @cached_property
-    def evidence(self) -> float:
-        """Minus twice its logarithm, comparable between orders."""
-        return evidence_of_order(self.search.problem, self.search.state)
+    def score(self) -> Score:
+        """By its evidence, comparable between orders."""
+        return score_of_order(self.search.problem, self.search.state)
 
 
 def universal_in(law: Law, asked: ModelStructure) -> Bools:

@@ -23,7 +23,7 @@ from commonlaw.inference.law_search import (
     search_supports,
 )
 from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
-from commonlaw.inference.orders import evidence_of_order, may_be_of_first_order, may_be_of_lower_order
+from commonlaw.inference.orders import may_be_of_first_order, may_be_of_lower_order, score_of_order
 from commonlaw.inference.parametric_search import (
     may_be_series,
     may_be_simpler,
@@ -34,6 +34,7 @@ from commonlaw.inference.parts import LawOfPart, law_of_all, typical
 from commonlaw.inference.provenance import levels_in_words
 from commonlaw.inference.refinement import refine
 from commonlaw.inference.scales import error_kinds
+from commonlaw.inference.score import Score
 from commonlaw.inference.screening import missed_terms, promising_terms
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_problem import prepare
@@ -53,6 +54,7 @@ __all__ = [
     "ErrorKind",
     "LawOfPart",
     "LawSearch",
+    "Score",
     "adapt",
     "as_followed",
     "begin_search",
@@ -66,7 +68,6 @@ __all__ = [
     "compare_by_parts",
     "drives",
     "error_kinds",
-    "evidence_of_order",
     "explained_on_finer_mesh",
     "explains_whole_trials",
     "finish",
@@ -85,6 +86,7 @@ __all__ = [
     "promising_terms",
     "refine",
     "resolved",
+    "score_of_order",
     "search_supports",
     "typical",
     "with_constants_found",

@@ -68,7 +68,7 @@ def weighted(chosen: SearchState) -> list[tuple[float, SearchState]]:
 
     By their evidence under the same errors; the chosen counts as no less probable than any other.
     """
-    above = np.array([0.0, *(max(0.0, each.value - chosen.value) for each in chosen.alternatives)])
+    above = np.array([0.0, *(max(0.0, each.score - chosen.score) for each in chosen.alternatives)])
     shares = np.exp(-above / 2) / np.exp(-above / 2).sum()
     others = sorted(zip(shares[1:].tolist(), chosen.alternatives, strict=True), key=lambda pair: -pair[0])
     return [(float(shares[0]), chosen), *others]

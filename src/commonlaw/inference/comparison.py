@@ -14,9 +14,10 @@ from commonlaw.inference.error_search import ErrorKind, kind_of
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.hypotheses import OF_LAWS, WORDS
 from commonlaw.inference.law_search import LawSearch, fit_terms, with_error_models
-from commonlaw.inference.orders import evidence_of_order
+from commonlaw.inference.orders import score_of_order
 from commonlaw.inference.parts import typical
 from commonlaw.inference.scales import check_one_scale, error_kinds
+from commonlaw.inference.score import Score
 from commonlaw.inference.search import fit_supports
 from commonlaw.inference.search_state import ANY_ERROR
 from commonlaw.law import Law, Provenance
@@ -96,7 +97,7 @@ def compare(
         with on_cluster(client):
             return compare_by_parts(laws, trials.parts or (trials,), settings, on_terminal())
     refuse_client(client)
-    value = _value_of({law.order for law in laws.values()})
+    score = _score_of({law.order for law in laws.values()})
     check_one_scale(list(laws.values()))
     same = [written_alike(law, trials.schema) for law in laws.values()]
     _check_one_unit(same, trials)
@@ -104,13 +105,13 @@ def compare(
         fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
         finest = max(each.problem.points for each in fitted)
         found = in_parallel(lambda each: _on_mesh(each, finest), fitted)
-        best = min(found, key=value)
+        best = min(found, key=score)
         if errors != "auto" or best.beyond_errors:
             kinds = error_kinds(errors, trials.schema)
             found = in_parallel(lambda each: with_error_models(each, None, kinds, lambda _: None), found)
     of_kinds = ["walk" if each.state.has_model_error else kind_of(each.problem.errors) for each in found]
-    values = np.array([value(each) for each in found])
-    above = values - values.min()
+    scores = [score(each) for each in found]
+    above = np.array([each - min(scores) for each in scores])
     weights = np.exp(-above / 2)
     frame = pd.DataFrame(
         {
@@ -159,11 +160,11 @@ def _of_part(laws: Mapping[str, Law], settings: Mapping[str, Any], part: TrialSt
         return compare({name: typical(law, trials.objects) for name, law in laws.items()}, trials, **settings)
 
 
-def _value_of(orders: Set[Order]) -> Callable[[LawSearch], float]:
+def _score_of(orders: Set[Order]) -> Callable[[LawSearch], Score]:
     """Return what gives minus twice the log-evidence, such that laws of these orders compare."""
     if len(orders) == 1:
-        return lambda found: found.state.value
-    return lambda found: evidence_of_order(found.problem, found.state)
+        return lambda found: found.state.score
+    return lambda found: score_of_order(found.problem, found.state)
 
 
 def written_alike(law: Law, schema: Schema) -> Law:

@@ -43,8 +43,9 @@ def with_drive_said(found: LawSearch, offered: Sequence[ParametricTerm | TiedTer
     terms = found.template.terms
     chosen = found.state.supports.any(axis=0) & terms.is_factor
     named = [terms.names[k] for k in np.flatnonzero(chosen) if _is_one_of(terms, int(k), offered)]
-    without = min((each.state.value for each in found.rivals if each.solver is not None), default=np.inf)
-    why = f"a drive that nobody measured; without it -2 log evidence is {without - found.state.value:.3g} more"
+    without = min((each.state.score for each in found.rivals if each.solver is not None), default=None)
+    more = np.inf if without is None else without - found.state.score
+    why = f"a drive that nobody measured; without it -2 log evidence is {more:.3g} more"
     step = Step(UNMEASURED_STATE, ", ".join(named) or "none", why)
     if not named:
         step = Step(UNMEASURED_STATE, "none", "no drive that nobody measured has a larger evidence")
@@ -75,8 +76,8 @@ def _without_needless_terms(found: LawSearch) -> LawSearch:
             fewer.append(state.supports.copy())
             fewer[-1][j, k] = False
         listed = [each for each in fit_neighbours(problem, state, fewer) if is_settled(problem, each)]
-        best = min(listed, key=lambda each: each.value, default=state)
-        if not best.value < state.value:
+        best = min(listed, key=lambda each: each.score, default=state)
+        if not best.score < state.score:
             break
         found = replace(found, state=best, found=(best,))
     return found

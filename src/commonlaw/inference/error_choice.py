@@ -40,5 +40,5 @@ def chosen(compared: Sequence[Hypothesis], needed: float = 0.0) -> Hypothesis:
 
     Errors other than white noise, under which coefficients are those of least squares, need so much evidence (2 log B).
     """
-    listed = sorted(compared, key=lambda each: each.state.value + (0.0 if each.kind == "white" else needed))
+    listed = sorted(compared, key=lambda each: each.state.score.total + (0.0 if each.kind == "white" else needed))
     return next((each for each in listed if is_solved(each.problem, each.state)), listed[0])

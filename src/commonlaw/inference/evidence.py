@@ -156,8 +156,13 @@ def _compiled(
 
 def noise_variance(factors: Floats, indices: Indices, measured: Measured) -> float:
     """Return the variance of the noise that a support leaves, in units of that which there is, see `Measured`."""
+    return measured.variance(residual_squares(factors, indices), len(indices) * len(factors))
+
+
+def residual_squares(factors: Floats, indices: Indices) -> float:
+    """Return the sum of squares that a support leaves on all objects."""
     left = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))[:, -1, -1]
-    return measured.variance(float(left @ left), len(indices) * len(factors))
+    return float(left @ left)
 
 
 def _orthogonal(columns: Floats) -> Floats:

@@ -24,7 +24,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.forecast_choice import of_each_size, score_of_forecasts, weighed_by_forecasts
 from commonlaw.inference.hypotheses import OF_LAWS, Hypothesis
-from commonlaw.inference.law_search import ChosenBy, LawSearch, resolved
+from commonlaw.inference.law_search import LawSearch, resolved
 from commonlaw.inference.provenance import LACKS_OF_FIT
 from commonlaw.inference.search import STRONG
 from commonlaw.law import Law, Uncertainty
@@ -70,7 +70,7 @@ def approximated(
     listed = explaining(rivals)
     if not listed:
         return None
-    best = replace(listed[0], chosen_by=ChosenBy.SOLUTIONS)
+    best = listed[0]
     if pool is not None and np.isneginf(score_of_forecasts(best, pool)):
         smaller = explaining(each for rival in rivals for each in _of_fewer_terms(rival))
         scores = [(score_of_forecasts(each, pool), each) for each in (*listed[1:], *smaller)]

@@ -13,7 +13,7 @@ from commonlaw.inference.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.error_search import ErrorKind
 from commonlaw.inference.explanation import approximated, with_approximation
 from commonlaw.inference.forecast_choice import best_forecaster
-from commonlaw.inference.law_search import ChosenBy, LawSearch
+from commonlaw.inference.law_search import LawSearch
 from commonlaw.inference.provenance import (
     ComparedTerms,
     alternatives,
@@ -22,6 +22,7 @@ from commonlaw.inference.provenance import (
     names_in,
     outcomes,
 )
+from commonlaw.inference.score import Kind
 from commonlaw.inference.search import beside_those_ahead, to_scale
 from commonlaw.inference.search_state import neighbours
 from commonlaw.inference.trial_differences import differing_trials
@@ -85,7 +86,7 @@ def finish(
         uncertainty=replace(
             law.uncertainty,
             inclusion_probabilities=(
-                None if found.chosen_by is ChosenBy.FORECASTS else inclusion_probabilities(template, compared)
+                None if found.state.score.kind is Kind.FORECASTS else inclusion_probabilities(template, compared)
             ),
             widening=widening_of(errors),
         ),
@@ -103,7 +104,7 @@ def finish(
         ),
     )
     others = other_laws(found.problem, found.state, law) if found.solver is not None else ()
-    others = with_rivals(others, law, [(each.state.value - state.value, each.fitted) for each in _different(found)])
+    others = with_rivals(others, law, [(each.state.score - state.score, each.fitted) for each in _different(found)])
 
     def with_pooled(law: Law) -> Law:
         return with_pooled_forecasts(law, universal(law), partial_pooling)
@@ -151,7 +152,7 @@ def compared_terms(found: LawSearch) -> list[list[ComparedTerms]]:
     Of terms that are given, these are those of rivals alone. What ranks ahead of the law could not be fitted, or its
     solutions do not follow the steps of the likelihood: it was no law to choose from, and is left out.
     """
-    laws = [(each.state.value - found.state.value, _names(each)) for each in found.rivals]
+    laws = [(each.state.score - found.state.score, _names(each)) for each in found.rivals]
     first, compared = _names(found), []
     near = neighbours(found.problem, found.state) if found.solver is not None else [[] for _ in first]
     for j, (own, given) in enumerate(zip(first, found.template.support, strict=True)):

@@ -20,7 +20,8 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.calibration import StandardizedErrors, standardized_errors
 from commonlaw.inference.error_search import ErrorKind, kind_of
 from commonlaw.inference.hypotheses import GROUPS, OF_LAWS, Hypothesis, hypotheses, under_each_kind
-from commonlaw.inference.law_search import ChosenBy, LawSearch
+from commonlaw.inference.law_search import LawSearch
+from commonlaw.inference.score import Kind, Score
 from commonlaw.inference.search_state import evidence_of
 from commonlaw.law import Law
 from commonlaw.likelihood import NotPositiveError
@@ -71,17 +72,16 @@ def best_forecaster(
 
 def _may_be_right(other: LawSearch, best: LawSearch) -> bool:
     """Return whether evidence prefers a law to the one that forecasts best, under errors of the same kind."""
-    return _errors_of(other) == _errors_of(best) and other.state.value < best.state.value
+    return _errors_of(other) == _errors_of(best) and other.state.score < best.state.score
 
 
 def weighed_by_forecasts(found: LawSearch, less: float) -> LawSearch:
     """Return a law that is less probable by the logarithm of the probability of what was left out."""
     return replace(
         found,
-        state=replace(found.state, value=2 * less, alternatives=()),
+        state=replace(found.state, score=Score({"forecasts": 2 * less}, Kind.FORECASTS), alternatives=()),
         solver=None,
         rivals=(),
-        chosen_by=ChosenBy.FORECASTS,
     )
 
 
@@ -145,7 +145,7 @@ def _others(found: LawSearch, kinds: Sequence[ErrorKind], progress: ProgressCall
     for supports in listed.values():
         under = under_each_kind(problem, supports, kinds)
         for group in GROUPS:
-            likeliest = sorted((each for each in under if each.kind in group), key=lambda each: each.state.value)[:1]
+            likeliest = sorted((each for each in under if each.kind in group), key=lambda each: each.state.score)[:1]
             yield from (
                 replace(plain, problem=each.problem, state=each.state, rivals=())
                 for each in likeliest

@@ -84,11 +84,11 @@ def hypotheses(
     found = []
     for number, group in enumerate(GROUPS, start=1):
         show = part(progress, number / (len(GROUPS) + 1), (number + 1) / (len(GROUPS) + 1))
-        for start in sorted((each for each in starts if each.kind in group), key=lambda each: each.state.value)[:1]:
+        for start in sorted((each for each in starts if each.kind in group), key=lambda each: each.state.score)[:1]:
             show(f"seeking the law with {WORDS[start.kind]}")
             with suppress(CommonlawError, NotPositiveError):
                 found.append(_in_turn(start, solver, show))
-    return sorted(found, key=lambda each: each.state.value)
+    return sorted(found, key=lambda each: each.state.score)
 
 
 @unannounced()
@@ -114,13 +114,13 @@ def _in_turn(start: Hypothesis, solver: AbstractSolver, progress: ProgressCallba
     for _ in range(_ROUNDS):
         found = _searched(problem, state, kind, solver, progress)
         others = [each for each in found if not np.array_equal(each.supports, state.supports)]
-        before = state.value
+        before = state.score
         for other in others[:1]:
             with suppress(NotPositiveError):
                 changed, fitted = with_errors_of_kind(problem, other, kind)
-                if fitted.value < state.value:
+                if fitted.score < state.score:
                     problem, state = changed, fitted
-        if not state.value < before:
+        if not state.score < before:
             break
     return Hypothesis(kind, problem, state, found)
 

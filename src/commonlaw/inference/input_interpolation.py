@@ -58,7 +58,7 @@ def best_interpolation(problem: SearchProblem, state: SearchState) -> Step:
     for between in BETWEEN:
         if between != before:
             with suppress(CommonlawError):
-                gains[between] = state.value - _fitted_with(problem, state, between).value
+                gains[between] = state.score - _fitted_with(problem, state, between).score
     best = max(gains, key=lambda each: gains[each], default=before)
     if gains and gains[best] > STRONG:
         why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"

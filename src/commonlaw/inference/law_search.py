@@ -5,7 +5,6 @@ Each step returns what the next one takes.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cached_property
 from typing import Literal
 
@@ -24,6 +23,7 @@ from commonlaw.inference.mesh_refinement import on_finer_mesh, until_resolved
 from commonlaw.inference.noise_growth import with_growing_noise
 from commonlaw.inference.residuals import unexplained
 from commonlaw.inference.scales import error_kinds
+from commonlaw.inference.score import Kind
 from commonlaw.inference.search import beside_alternatives, fit_supports, polish, search, to_scale
 from commonlaw.inference.search_problem import SearchProblem, prepare
 from commonlaw.inference.search_state import ANY_ERROR, PLAUSIBLE, SearchState
@@ -45,13 +45,7 @@ _RIVALS = 2
 """Laws of other terms that are fitted under each kind of errors, too."""
 
 
-class ChosenBy(StrEnum):
-    """What a law is chosen by, in the words of its history."""
-
-    EVIDENCE = "largest evidence"
-    FORECASTS = "best forecasts of what was left out"
-    SOLUTIONS = "largest evidence without process noise: solutions of the law with it explain whole trials less well"
-
+_BY_SOLUTIONS = "largest evidence without process noise: solutions of the law with it explain whole trials less well"
 
 PATH = BestSubset(largest=8, nodes=1)
 """Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
@@ -74,8 +68,6 @@ class LawSearch:
     rivals
         Laws of other terms that were fitted, and the search among plain ones, if terms with constants inside were
         offered; the largest evidence first.
-    chosen_by
-        What the law and its rivals are weighed by.
     approximation
         Of a law with process noise: the law of largest evidence under white noise, which solutions fit best.
     is_approximation
@@ -88,9 +80,14 @@ class LawSearch:
     solver: AbstractSolver | None
     found: Sequence[SearchState]
     rivals: "tuple[LawSearch, ...]" = ()
-    chosen_by: ChosenBy = ChosenBy.EVIDENCE
     approximation: "LawSearch | None" = None
     is_approximation: bool = False
+
+    @property
+    def chosen_by(self) -> str:
+        """What the law and its rivals were chosen by, in the words of its history."""
+        kind = self.state.score.kind
+        return _BY_SOLUTIONS if self.is_approximation and kind is Kind.EVIDENCE else kind
 
     def fitted(self) -> Law:
         """Return the law with its coefficients and their errors."""
@@ -358,10 +355,10 @@ def best_of(listed: Sequence[LawSearch]) -> LawSearch:
 
     Laws that are too fast for their steps, of those as likely as this, come last.
     """
-    ordered = sorted((replace(each, rivals=()) for each in listed), key=lambda each: each.state.value)
+    ordered = sorted((replace(each, rivals=()) for each in listed), key=lambda each: each.state.score)
     first, last = list[LawSearch](), list[LawSearch]()
     for each in ordered:
-        near = not first or each.state.value < first[0].state.value + PLAUSIBLE
+        near = not first or each.state.score - first[0].state.score < PLAUSIBLE
         (last if near and not follows_solutions(each.problem, each.state) else first).append(each)
     best, *others = [*first, *last]
     return replace(best, rivals=tuple(others))

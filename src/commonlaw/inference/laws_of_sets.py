@@ -95,7 +95,7 @@ class LawsOfSets:
         likely = self.likeliest(listed, estimates, done)[:most]
         fits = in_parallel(lambda each: self.fit(each, estimates), likely, done=_shown(done, 0.5, len(likely)))
         for terms, fitted in zip(likely, fits, strict=True):
-            if fitted is not None and fitted.state.value < best.state.value:
+            if fitted is not None and fitted.state.score < best.state.score:
                 best, rows = fitted, terms
         return best, rows
 
@@ -107,7 +107,7 @@ class LawsOfSets:
             for k in range(terms) if terms > 1 else ():
                 supports = best.state.supports.copy()
                 supports[j, built.indices_of(j, row, k)] = False
-                if evidence.value(supports) < best.state.value + PLAUSIBLE:
+                if evidence.value(supports) < best.state.score.total + PLAUSIBLE:
                     yield (*rows[:j], row.without(k), *rows[j + 1 :])
 
     def together(self, rows: tuple[TermSet, ...]) -> list[tuple[TermSet, ...]]:
@@ -118,7 +118,7 @@ class LawsOfSets:
         best = []
         for j in range(len(rows)):
             own = {
-                terms[j]: found.state.value
+                terms[j]: found.state.score
                 for terms, found in self.fitted.items()
                 if found is not None and terms[:j] == rows[:j] and terms[j + 1 :] == rows[j + 1 :]
             }

@@ -4,6 +4,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.inference.law_search import LawSearch
+from commonlaw.inference.score import Score
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState, promised
 from commonlaw.library import with_rates
@@ -19,7 +20,7 @@ _MOST_COMPARED = 500
 """Samples of an object that are compared."""
 
 
-def evidence_of_order(problem: SearchProblem, state: SearchState) -> float:
+def score_of_order(problem: SearchProblem, state: SearchState) -> Score:
     """Return minus twice the log-evidence of a law, which compares with that of a law of another order.
 
     The evidence of a search is the density of all that was measured after the start of each segment, with any start
@@ -29,16 +30,16 @@ def evidence_of_order(problem: SearchProblem, state: SearchState) -> float:
     rates). What the linearised likelihood promises away from the estimates counts as not there: of an order that does
     not suit, fits may get stuck in stiff laws.
     """
-    value, states = state.value + promised(problem, state), len(problem.noise)
+    score, states = state.score.plus("Laplace correction", promised(problem, state)), len(problem.noise)
     if not len(with_rates(problem.models[0].order, states)):
-        return value
+        return score
     rates = np.concatenate([each[:, states:] for own in problem.smoothed for each in own])
-    variances = np.nanmean(rates**2, axis=0)
+    variances, price = np.nanmean(rates**2, axis=0), 0.0
     for model, estimate in zip(problem.models, state.estimates, strict=True):
         for mesh, found, _ in model.parts(estimate):
             starts = found[mesh.first, states : model.width]
-            value += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
-    return value
+            price += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
+    return score.plus("initial conditions", price)
 
 
 def may_be_of_lower_order(found: LawSearch) -> bool:

@@ -121,7 +121,7 @@ def _with_offer(
     known = _Known()
     while True:
         best, rows, known = _searched(search, rows, curves, known, progress)
-        worse = best.state.value >= search.found.state.value
+        worse = not best.state.score < search.found.state.score
         finer = search.base.points if worse else resolved(best, progress).problem.points
         if finer <= search.base.points:
             return search, best, rows
@@ -145,7 +145,7 @@ class _Known:
 
         A finer mesh may show that it is not.
         """
-        return best.state.value < self.value + _RESOLVED
+        return best.state.score.total < self.value + _RESOLVED
 
 
 def _searched(
@@ -168,7 +168,7 @@ def _searched(
         if not known.suffice(best):
             progress(Stage("proposing terms with constants inside", number / _ROUNDS))
             sets = (*_proposed(search, best, rows, near), *known.sets)
-            known = _Known(sets, best.state.value if number > 0 and not best.lack_of_fit else -np.inf)
+            known = _Known(sets, best.state.score.total if number > 0 and not best.lack_of_fit else -np.inf)
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
         done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
         if len(rows) > 1:

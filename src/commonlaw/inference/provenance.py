@@ -9,8 +9,8 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.convergence import MAX_MOVE, MAX_POINTS
 from commonlaw.inference.error_search import kind_of
 from commonlaw.inference.first_noise import by_columns
-from commonlaw.inference.law_search import ChosenBy
 from commonlaw.inference.residuals import unexplained
+from commonlaw.inference.score import Kind
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.search_state import SearchState
 from commonlaw.inference.solutions import follows_solutions
@@ -45,7 +45,7 @@ def names_in(law: Law, support: Bools) -> tuple[str, ...]:
     return tuple(law.terms.names[k] for k in np.flatnonzero(support & law.terms.is_factor))
 
 
-def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]], chosen_by: ChosenBy) -> tuple[Alternative, ...]:
+def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]], chosen_by: str) -> tuple[Alternative, ...]:
     """Return the terms that each equation was chosen from, the best first, with what they were chosen by."""
     found = []
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
@@ -57,9 +57,9 @@ def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]], chosen_b
     return tuple(found)
 
 
-def _measures(each: ComparedTerms, probability: float, chosen_by: ChosenBy) -> dict[str, float | None]:
+def _measures(each: ComparedTerms, probability: float, chosen_by: str) -> dict[str, float | None]:
     """Return what a law is ranked by; scores of forecasts are no evidence, and none if these diverge."""
-    if chosen_by is ChosenBy.FORECASTS:
+    if chosen_by == Kind.FORECASTS:
         return {LOG_SCORE: each.difference / 2 if np.isfinite(each.difference) else None}
     return {"2 log B": each.difference, "probability": probability if probability >= np.finfo(float).tiny else 0.0}
 
@@ -221,7 +221,7 @@ def history(
     problem: SearchProblem,
     state: SearchState,
     compared: Sequence[Sequence[ComparedTerms]],
-    chosen_by: ChosenBy,
+    chosen_by: str,
 ) -> tuple[Step, ...]:
     """Return every choice that was made, in order, and what terms were chosen by."""
     resolved = f"a finer mesh moves the coefficients by less than {MAX_MOVE:g} standard errors"
@@ -303,14 +303,14 @@ def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
     return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
 
 
-def _why(listed: Sequence[ComparedTerms], chosen_by: ChosenBy) -> str:
+def _why(listed: Sequence[ComparedTerms], chosen_by: str) -> str:
     """Return what speaks for the chosen support of an equation."""
     chosen = next(each for each in listed if each.chosen)
     second = next((each for each in listed if not each.chosen), None)
     if second is None:
-        return "no other support was compared" if chosen_by is ChosenBy.EVIDENCE else chosen_by
+        return "no other support was compared" if chosen_by == Kind.EVIDENCE else chosen_by
     runner = ", ".join(second.names) or "no term"
     ahead = second.difference - chosen.difference
-    if chosen_by is ChosenBy.FORECASTS:
+    if chosen_by == Kind.FORECASTS:
         return f"{chosen_by}; the next, {runner}, has a log score {ahead / 2:.3g} lower"
     return f"{chosen_by}; the next, {runner}, is {np.exp(min(ahead / 2, 700)):.3g} times less probable"

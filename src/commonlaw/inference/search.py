@@ -86,7 +86,7 @@ def polish(
     best: SearchState | None = None
     for _ in range(_ROUNDS):
         state, evidence = fitted(problem, estimates, supports, model_error)
-        if best is not None and not state.value < best.value:
+        if best is not None and not state.score < best.score:
             break
         best = state
         chosen = evidence.choose(supports, solver)
@@ -214,8 +214,8 @@ def with_close_neighbours(
     seen, promising, vain = set[bytes](), dict[bytes, tuple[float, SearchState, Bools]](), 0
     while vain < MOST:
         best = found[0]
-        most = best.value + PLAUSIBLE
-        for near in (each for each in found if each.model_error == best.model_error and each.value < most):
+        most = best.score.total + PLAUSIBLE
+        for near in (each for each in found if each.model_error == best.model_error and each.score.total < most):
             if (key := near.supports.tobytes()) not in seen:
                 seen.add(key)
                 more = starts.near(near) if starts else lambda _: 0.0
@@ -252,15 +252,16 @@ def _comparable(
     own = to_scale(problem, state)[1]
     if not is_settled(problem, state):
         return []
-    return [replace(state, value=max(state.value, own.value) + (starts.price(state) if starts else 0.0))]
+    score = own.score if state.score < own.score else state.score
+    return [replace(state, score=score.plus("initial conditions", starts.price(state)) if starts else score)]
 
 
 def beside_alternatives(problem: SearchProblem, state: SearchState) -> SearchState:
     """Return the best of a state and its alternatives, fitted to a problem, and of what else may be as plausible."""
-    here = evidence_about(problem, state).value(state.supports)
-    states, starts = [replace(state, value=here)], AlikeStarts(problem, state)
+    here = evidence_about(problem, state).score(state.supports)
+    states, starts = [replace(state, score=here)], AlikeStarts(problem, state)
     for each in state.alternatives:
-        if each.value < state.value + PLAUSIBLE:
+        if each.score - state.score < PLAUSIBLE:
             with suppress(NotPositiveError):
                 states += _comparable(problem, each.estimates, each.supports, state.model_error, starts)
     best = with_close_neighbours(problem, states, starts)[0]
@@ -277,7 +278,7 @@ def beside_those_ahead(problem: SearchProblem, state: SearchState) -> SearchStat
         ahead = [
             (promise, supports)
             for promise, supports in promised_near(problem, state)
-            if promise < state.value and supports.tobytes() not in done
+            if promise < state.score.total and supports.tobytes() not in done
         ]
         if not ahead:
             break
@@ -286,7 +287,7 @@ def beside_those_ahead(problem: SearchProblem, state: SearchState) -> SearchStat
         with suppress(NotPositiveError):
             start = restricted(problem, evidence_about(problem, state), state.estimates, supports)
             for other in _comparable(problem, start, supports, state.model_error, starts):
-                best, rest = (other, state) if other.value < state.value else (state, other)
+                best, rest = (other, state) if other.score < state.score else (state, other)
                 state = best.with_alternatives([*state.alternatives, rest])
     return state
 

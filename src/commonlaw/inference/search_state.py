@@ -8,6 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.score import Part, Score
 from commonlaw.inference.search_problem import SearchProblem
 from commonlaw.inference.support_search import ComparedSupport, SupportEvidence
 from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, fit_each, linearize_each
@@ -44,7 +45,7 @@ _UNSETTLED = 4.0
 class SearchState:
     """Supports, shape (equations, terms), and the estimates of all objects with them.
 
-    The model error is its standard deviation in each step, relative to the noise; the value is minus twice the
+    The model error is its standard deviation in each step, relative to the noise; the score is minus twice the
     log-evidence, but for a constant. Alternatives are states with other supports, fitted under the same errors. The
     evidence for supports is kept where it was found with the state.
     """
@@ -52,26 +53,27 @@ class SearchState:
     supports: Bools
     estimates: tuple[Estimate, ...]
     model_error: float
-    value: float
+    score: Score
     alternatives: "tuple[SearchState, ...]" = ()
     linearized: "Linearized | None" = None
 
     def with_alternatives(self, others: Sequence["SearchState"]) -> "SearchState":
         """Return the state with others, which were fitted under the same errors: the best with each supports."""
-        listed = {each.supports.tobytes(): each for each in sorted(others, key=lambda each: -each.value)}
+        listed = {each.supports.tobytes(): each for each in sorted(others, key=lambda each: -each.score.total)}
         listed.pop(self.supports.tobytes(), None)
         kept = tuple(replace(each, alternatives=(), linearized=None) for each in listed.values())
         return replace(self, alternatives=kept)
 
     def keeping(self, before: "SearchState") -> "SearchState":
         """Return the state with the alternatives of one that was fitted before, by as much less plausible."""
-        more = self.value - before.value
-        return replace(self, alternatives=tuple(replace(each, value=each.value + more) for each in before.alternatives))
+        more = self.score - before.score
+        kept = (replace(each, score=each.score.plus("refit", more)) for each in before.alternatives)
+        return replace(self, alternatives=tuple(kept))
 
     @property
     def fitted(self) -> tuple[tuple[float, Bools], ...]:
         """2 log B of all alternatives against the state, with their supports."""
-        return tuple((each.value - self.value, each.supports) for each in self.alternatives)
+        return tuple((each.score - self.score, each.supports) for each in self.alternatives)
 
     @property
     def has_model_error(self) -> bool:
@@ -102,7 +104,7 @@ def list_by_evidence(found: Sequence[SearchState]) -> list[SearchState]:
     """Return what was found, the largest evidence first; nothing found is an error."""
     if not found:
         raise CommonlawError("no-law-near-measurements")
-    return sorted(found, key=lambda each: each.value)
+    return sorted(found, key=lambda each: each.score)
 
 
 def neighbours(problem: SearchProblem, state: SearchState) -> list[list[ComparedSupport]]:
@@ -127,7 +129,7 @@ def promised_near(problem: SearchProblem, state: SearchState) -> Iterator[tuple[
         for each in listed:
             supports = state.supports.copy()
             supports[j] = each.support
-            yield state.value + each.twice_log_bayes_factor - here, supports
+            yield state.score.total + each.twice_log_bayes_factor - here, supports
 
 
 def path(problem: SearchProblem, state: SearchState, solver: AbstractSolver) -> Iterator[Bools]:
@@ -161,8 +163,8 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     pairs = zip(linear, known, strict=True)
     problems = [each.problem.subtract(own.reshape(1, -1)) if own.any() else each.problem for each, own in pairs]
     outliers, cost, count = _outliers(problem, estimates)
-    extra, counted = offset(problem, linear, model_error), problem.counted.with_outliers(outliers, count)
-    extra += 0.0 if problem.noise_is_fixed else cost
+    counted = problem.counted.with_outliers(outliers, count)
+    extra = offsets(problem, linear, model_error) | {"outliers": 0.0 if problem.noise_is_fixed else cost}
     most, stated = problem.most_terms, problem.trials.schema.unmeasured
     in_ratios = _in_ratios(problem, estimates)
     return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, extra, stated, in_ratios)
@@ -200,13 +202,16 @@ def _in_ratios(problem: SearchProblem, estimates: Sequence[Estimate]) -> Floats 
     return np.where(own & same, values, 0.0).reshape(len(values), -1)
 
 
-def offset(problem: SearchProblem, linear: Sequence[Linearization], model_error: float) -> float:
+def offsets(problem: SearchProblem, linear: Sequence[Linearization], model_error: float) -> dict[Part, float]:
     """Return what is added to minus twice the log-evidence of all supports, for its errors.
 
     A model error is one more number to be found, at the price of any (BIC).
     """
-    price = price_of_model_error(model_error, sum(problem.measured)) + problem.price_of_errors
-    return sum(each.log_determinant for each in linear) + price
+    return {
+        "latent states": sum(each.log_determinant for each in linear),
+        "model error": price_of_model_error(model_error, sum(problem.measured)),
+        "error levels": problem.price_of_errors,
+    }
 
 
 def price_of_model_error(model_error: float, count: int) -> float:
@@ -250,7 +255,7 @@ def fitted(
     done = fit_each(problem.models, estimates, supports, model_errors)
     evidence = linearized_evidence(problem, done, model_errors[-1])
     known = Linearized(problem, done, evidence)
-    return SearchState(supports, done, model_error, evidence.value(supports), linearized=known), evidence
+    return SearchState(supports, done, model_error, evidence.score(supports), linearized=known), evidence
 
 
 def restricted(

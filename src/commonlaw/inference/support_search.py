@@ -3,8 +3,8 @@
 The least-squares problems have the terms of one equation after the other as columns.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -16,9 +16,11 @@ from commonlaw.inference.evidence import (
     cost_of_coefficients,
     minus_twice_log_evidence,
     noise_variance,
+    residual_squares,
     rss_with_each,
 )
 from commonlaw.inference.prices import Prices
+from commonlaw.inference.score import Part, Score
 from commonlaw.solvers import AbstractSolver
 
 MOST_TERMS = 20
@@ -46,8 +48,8 @@ class SupportEvidence:
 
     Problems are of unit variance, one for each object: columns are all terms of the first equation, then of the second,
     ... Which terms may enter which equation has shape (equations, terms). Supports
-    have prices beside what their coefficients cost. The offset is added to
-    the value of all supports, for a comparison with those of other problems. Equations that are stated, shape
+    have prices beside what their coefficients cost. The offsets are parts of
+    the score of all supports, for a comparison with those of other problems. Equations that are stated, shape
     (equations,), keep all terms that may enter. Constants inside of terms, and what such terms are multiplied by,
     scatter over objects in ratios: where the value of one is given, and not zero, shape (objects, columns), it is its
     logarithm that scatters.
@@ -58,7 +60,7 @@ class SupportEvidence:
     measured: Measured
     prices: Prices
     most: int = MOST_TERMS
-    offset: float = 0.0
+    offsets: Mapping[Part, float] = field(default_factory=dict)
     stated: Bools | None = None
     in_ratios: Floats | None = None
 
@@ -79,9 +81,26 @@ class SupportEvidence:
         return supports
 
     def value(self, supports: Bools) -> float:
-        """Return minus twice the log-evidence of supports of all equations, with what choosing them costs."""
-        evidence = self.offset + minus_twice_log_evidence(self._scattering, np.flatnonzero(supports), self.measured)
-        return evidence + sum(self.prices.of(each) for each in supports)
+        """Return the total of the `score` of supports of all equations."""
+        evidence = minus_twice_log_evidence(self._scattering, np.flatnonzero(supports), self.measured)
+        return sum(self.offsets.values()) + evidence + sum(self.prices.of(each) for each in supports)
+
+    def score(self, supports: Bools) -> Score:
+        """Return minus twice the log-evidence of supports of all equations, with their prior, part by part."""
+        indices, objects = np.flatnonzero(supports), len(self.problems)
+        evidence = minus_twice_log_evidence(self._scattering, indices, self.measured)
+        squares = residual_squares(self._scattering, indices)
+        likelihood = float(self.measured.deviance(squares, len(indices) * objects))
+        coefficients = cost_of_coefficients(len(indices), objects, self.measured)
+        return Score(
+            {
+                **self.offsets,
+                "likelihood": likelihood,
+                "coefficients": coefficients,
+                "scatter": evidence - likelihood - coefficients,
+                "structure": sum(self.prices.of(each) for each in supports),
+            }
+        )
 
     def noise_variance(self, supports: Bools) -> float:
         """Return the variance of the noise that supports of all equations leave, in units of that which there is."""

@@ -110,7 +110,7 @@ def with_unmeasured_state(
         return hypothesis.fitted(trials, most_samples)
 
     tried = [(each, law) for each in hypotheses if (law := fitted(each)) is not None]
-    tried.sort(key=lambda pair: pair[1].state.value)
+    tried.sort(key=lambda pair: pair[1].state.score)
     tried[:_AGAIN] = [(each, each.again(trials, most_samples, law)) for each, law in tried[:_AGAIN]]
     tried.sort(key=lambda pair: hypotheses.index(pair[0]))
     price = 2 * float(np.log(len(hypotheses)))
@@ -119,7 +119,7 @@ def with_unmeasured_state(
 
 def _dearer(found: LawSearch, price: float) -> LawSearch:
     """Return a law that costs more, as it is one of several."""
-    return replace(found, state=replace(found.state, value=found.state.value + price))
+    return replace(found, state=replace(found.state, score=found.state.score.plus("multiplicity", price)))
 
 
 def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -> LawSearch:
@@ -128,18 +128,18 @@ def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -
     They are one law in different words, which has the evidence of the best of them.
     """
     found = _honest(found)
-    best = min([found, *(law for _, law in laws)], key=lambda each: each.state.value)
+    best = min([found, *(law for _, law in laws)], key=lambda each: each.state.score)
     alike = [pair for pair in laws if _fit_alike(pair[1], best)]
     others = [law for _, law in laws if not _fit_alike(law, best)]
     if not alike:
-        more = [each.state.value - best.state.value for each in others]
+        more = [each.state.score - best.state.score for each in others]
         why = f"laws with one have at least {min(more):.3g} more of -2 log evidence" if more else "no law with one fits"
         step = Step(UNMEASURED_STATE, "none", why)
         return best_of([with_provenance(found, (step,), ()), *found.rivals, *others])
     (hypothesis, chosen), *same = alike
-    why = f"{hypothesis.words}; without it -2 log evidence is {found.state.value - best.state.value:.3g} more"
+    why = f"{hypothesis.words}; without it -2 log evidence is {found.state.score - best.state.score:.3g} more"
     step = Step(UNMEASURED_STATE, _equation(chosen), why)
-    chosen = replace(chosen, state=replace(chosen.state, value=best.state.value))
+    chosen = replace(chosen, state=replace(chosen.state, score=best.state.score))
     outcomes = (_ambiguous(hypothesis.name, same),) if same else ()
     return best_of([with_provenance(chosen, (step,), outcomes), found, *found.rivals, *others])
 
@@ -147,7 +147,7 @@ def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -
 def _honest(found: LawSearch) -> LawSearch:
     """Return a law without what its evidence only promises: fits to what no law explains may get stuck."""
     more = promised(found.problem, found.state)
-    return replace(found, state=replace(found.state, value=found.state.value + more))
+    return replace(found, state=replace(found.state, score=found.state.score.plus("Laplace correction", more)))
 
 
 def _ambiguous(name: str, same: "Sequence[tuple[_Hypothesis, LawSearch]]") -> Outcome:
@@ -217,13 +217,13 @@ class _Hypothesis:
     def fitted(self, trials: Trials, most_samples: int) -> LawSearch | None:
         """Return the law of largest evidence, none if the state has no effect in any that can be fitted."""
         laws = [each for few in self._begins if (each := self._searched(trials, few, most_samples)) is not None]
-        return min(laws, key=lambda each: each.state.value, default=None)
+        return min(laws, key=lambda each: each.state.score, default=None)
 
     def again(self, trials: Trials, most_samples: int, found: LawSearch) -> LawSearch:
         """Return the law that is found from the terms of another one: what a search begins with depends on them."""
         for _ in range(_ROUNDS):
             other = self._searched(trials, found.state.supports, most_samples)
-            if other is None or not other.state.value < found.state.value - _GAIN:
+            if other is None or not found.state.score - other.state.score > _GAIN:
                 break
             found = other
         return found
@@ -238,7 +238,7 @@ class _Hypothesis:
                 problem, state = to_scale(problem, with_close_neighbours(problem, [state])[0])
                 if not self._has_effect(state):
                     break
-                if np.isfinite(state.value) and promised(problem, state) < _PROMISED * len(state.estimates):
+                if np.isfinite(state.score.total) and promised(problem, state) < _PROMISED * len(state.estimates):
                     return LawSearch(self._template(trials), problem, state, None, (state,))
                 few = state.supports  # Fits that got stuck on the way may not from there
         return None
