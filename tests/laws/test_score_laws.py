@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import trajectory_likelihood
-from commonlaw.inference import comparison
+from commonlaw.inference import comparison, finish
 from commonlaw.inference.fit_setup import FitSetup
 from commonlaw.inference.law_search import fit_terms
 from commonlaw.inference.score import Kind, Score
@@ -22,7 +22,7 @@ PROBLEMS = {
 def discovered(request):
     """Trials, the law that `discover` finds, and the search that it comes from."""
     trials, settings = request.param
-    searches, finish = [], trajectory_likelihood.finish
+    searches = []
 
     def recorded(found, **rest):
         searches.append(found)
