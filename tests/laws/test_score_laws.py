@@ -5,11 +5,12 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import trajectory_likelihood
-from commonlaw.inference import comparison, finish
-from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.law_search import fit_terms
-from commonlaw.inference.score import Kind, Score
-from commonlaw.inference.search_state import evidence_about
+from commonlaw.inference import finish
+from commonlaw.inference.fit.state import evidence_about
+from commonlaw.inference.score.score import Kind, Score
+from commonlaw.inference.search.law_search import fit_terms
+from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.verbs import comparison
 
 PROBLEMS = {
     "drops": (cl.datasets.linear_drag(noise=0.05), {"order": 2, "library": "poly:3"}),

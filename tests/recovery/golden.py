@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
-from commonlaw.inference import finishing, refinement
+from commonlaw.inference.result import assembly
+from commonlaw.inference.verbs import refinement
 from tests.recovery.problems import PROBLEMS
 
 FILE = Path(__file__).with_name("golden.json")
@@ -45,7 +46,7 @@ def _score() -> Iterator[list[float]]:
 
         return patch.object(module, "fitted_law", fitted_law)
 
-    with of(finishing), of(refinement):
+    with of(assembly), of(refinement):
         yield noted
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
-from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.fit.problem import prepare
 from commonlaw.library import Variables, parse_library
 
 COMPETITION = ("a' = r a - s a^2 - m a b", "b' = q b - p b^2 - n a b")

@@ -8,9 +8,9 @@ from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from benchmarks.next_experiment import first_trials
-from commonlaw.inference.alike_starts import AlikeStarts
-from commonlaw.inference.search import fit_with
-from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.fit.annealing import fit_with
+from commonlaw.inference.fit.initial_condition_prior import AlikeStarts
+from commonlaw.inference.fit.problem import prepare
 from commonlaw.likelihood import linearize, whitened_from_starts
 from commonlaw.trials import Schema, Trial, Trials
 from tests.unit.trajectories import SUPPORT, of_prey, prey, terms_of

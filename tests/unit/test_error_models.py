@@ -11,9 +11,9 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 import commonlaw as cl
-from commonlaw.inference.first_noise import noise_floor
-from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.law_search import choose_errors, fit_terms
+from commonlaw.inference.data.noise import noise_floor
+from commonlaw.inference.search.law_search import choose_errors, fit_terms
+from commonlaw.inference.search.setup import FitSetup
 from commonlaw.law import Uncertainty
 from commonlaw.likelihood import ErrorModel
 from tests.refusals import refused

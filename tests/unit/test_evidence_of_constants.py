@@ -8,11 +8,11 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.inference import prepare
-from commonlaw.inference.poles import has_poles
-from commonlaw.inference.score import Score
-from commonlaw.inference.search import fit_with
-from commonlaw.inference.search_state import SearchState
-from commonlaw.inference.told_constants import are_constants_told
+from commonlaw.inference.fit.annealing import fit_with
+from commonlaw.inference.fit.poles import has_poles
+from commonlaw.inference.fit.practical_identifiability import are_constants_told
+from commonlaw.inference.fit.state import SearchState
+from commonlaw.inference.score.score import Score
 from commonlaw.library import Constant, Terms, Variables, parse_term
 
 TIMES = np.linspace(0, 3, 30)

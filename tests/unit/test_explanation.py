@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference import explanation
-from commonlaw.inference.explanation import effective_count, gain
+from commonlaw.inference.result import approximation
+from commonlaw.inference.result.approximation import effective_count, gain
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials.starts import with_starts
 
@@ -52,7 +52,7 @@ def test_the_order_is_one_of_which_a_law_explains_whole_trials(delayed):
 
 
 def test_of_laws_that_explain_whole_trials_none_is_taken_whose_forecasts_diverge(delayed, monkeypatch):
-    monkeypatch.setattr(explanation, "score_of_forecasts", lambda found, _: -np.inf if found.size > 2 else 1.0)
+    monkeypatch.setattr(approximation, "score_of_forecasts", lambda found, _: -np.inf if found.size > 2 else 1.0)
     law = cl.discover(delayed, order=1, library="poly:1")
     assert law.support.sum() == 2
     assert OutcomeKind.APPROXIMATION in {each.kind for each in law.outcomes}
@@ -105,6 +105,6 @@ def test_autocorrelated_residuals_count_as_the_variance_of_their_mean_square_say
 
 @pytest.mark.parametrize("starts", [{"w": 0.0}, {"w": None}])
 def test_what_laws_leave_is_compared_in_measured_states_whatever_latent_states_they_have(delayed, starts):
-    plain, latent = (explanation._constants(each) for each in (delayed, with_starts(delayed, starts)))
+    plain, latent = (approximation._constants(each) for each in (delayed, with_starts(delayed, starts)))
     assert len(latent) == len(plain) == 1
     np.testing.assert_array_equal(np.concatenate(latent[0]), np.concatenate(plain[0]))

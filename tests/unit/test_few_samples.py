@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference import few_samples
-from commonlaw.inference.search import search
+from commonlaw.inference.fit.annealing import search
+from commonlaw.inference.search import staged_search
 
 
 def swinging(damping, noise, samples, springs=1, step=0.05):
@@ -26,8 +26,8 @@ def few(monkeypatch):
         searched.append(sum(map(len, problem.trials)))
         return search(problem, *rest, **options)
 
-    monkeypatch.setattr(few_samples, "FEW_SAMPLES", 200)
-    monkeypatch.setattr(few_samples, "search", counting)
+    monkeypatch.setattr(staged_search, "FEW_SAMPLES", 200)
+    monkeypatch.setattr(staged_search, "search", counting)
     return searched
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference import forecast_choice
-from commonlaw.inference.calibration import StandardizedErrors
-from commonlaw.inference.law_search import LawSearch
+from commonlaw.inference.result import predictive_choice
+from commonlaw.inference.result.interval_calibration import StandardizedErrors
+from commonlaw.inference.search.law_search import LawSearch
 from commonlaw.likelihood import ErrorModel
 
 LEARNED = 9
@@ -61,7 +61,7 @@ def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(se
 
 
 def test_a_law_whose_solutions_explain_the_measurements_and_forecast_as_they_say_stays(monkeypatch):
-    monkeypatch.setattr(forecast_choice, "_others", lambda *_: pytest.fail("other laws were asked"))
+    monkeypatch.setattr(predictive_choice, "_others", lambda *_: pytest.fail("other laws were asked"))
     law = cl.discover(cl.datasets.linear_drag(noise=0.05, seed=1), order=2, library="poly:3")
     assert law.structure() == ("x'' = a + b v",)
 
@@ -72,11 +72,13 @@ def errors(sizes: np.ndarray, reach: float) -> StandardizedErrors:
 
 def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():
     missed = np.abs(np.random.default_rng(2).standard_normal((30, 8)))  # By far more than what 95 % reach
-    own = forecast_choice._score([errors(each, 1.0) for each in missed])
-    assert forecast_choice._score([errors(2 * each, 0.5) for each in missed]) == pytest.approx(own)
-    assert forecast_choice._score([errors(each, 2.0) for each in missed]) == pytest.approx(own - 30 * np.log(2))
-    assert forecast_choice._score([errors(each / 100, 1.0) for each in missed]) > own
-    assert forecast_choice._score([errors(each, 1.0) for each in missed] + [errors(np.full(8, np.inf), 1.0)]) == -np.inf
+    own = predictive_choice._score([errors(each, 1.0) for each in missed])
+    assert predictive_choice._score([errors(2 * each, 0.5) for each in missed]) == pytest.approx(own)
+    assert predictive_choice._score([errors(each, 2.0) for each in missed]) == pytest.approx(own - 30 * np.log(2))
+    assert predictive_choice._score([errors(each / 100, 1.0) for each in missed]) > own
+    assert (
+        predictive_choice._score([errors(each, 1.0) for each in missed] + [errors(np.full(8, np.inf), 1.0)]) == -np.inf
+    )
 
 
 def found_under(kind: ErrorModel, *, walks: bool, objects: int) -> SimpleNamespace:
@@ -91,10 +93,10 @@ def test_a_law_that_errs_is_in_doubt_where_its_forecasts_diverge(walks, monkeypa
     monkeypatch.setattr(LawSearch, "has_few_measurements", False)
     own = ErrorModel() if walks else ErrorModel(force=np.ones(1), force_time=1.0)
     one = found_under(own, walks=walks, objects=1)
-    assert forecast_choice._is_in_doubt(one, [errors(np.full(8, np.inf), 1.0)])
-    assert not forecast_choice._is_in_doubt(one, [errors(np.full(8, 3.0), 1.0)])  # One object may have met with chaos
+    assert predictive_choice._is_in_doubt(one, [errors(np.full(8, np.inf), 1.0)])
+    assert not predictive_choice._is_in_doubt(one, [errors(np.full(8, 3.0), 1.0)])  # One object may have met with chaos
     several = found_under(own, walks=walks, objects=3)
-    assert forecast_choice._is_in_doubt(several, [errors(np.full(8, 3.0), 1.0)] * 3)
-    assert not forecast_choice._is_in_doubt(several, [errors(np.full(8, 0.5), 1.0)] * 3)
+    assert predictive_choice._is_in_doubt(several, [errors(np.full(8, 3.0), 1.0)] * 3)
+    assert not predictive_choice._is_in_doubt(several, [errors(np.full(8, 0.5), 1.0)] * 3)
     exact = found_under(ErrorModel(), walks=False, objects=1)
-    assert not forecast_choice._is_in_doubt(exact, [errors(np.full(8, np.inf), 1.0)])
+    assert not predictive_choice._is_in_doubt(exact, [errors(np.full(8, np.inf), 1.0)])

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.array_types import Floats
-from commonlaw.inference.identifiability import stand_ins
+from commonlaw.inference.diagnose.confounding import stand_ins
 from tests.refusals import refused
 
 _BALLS = {"golf": (0.05, 0.004), "tennis": (0.1, 0.012)}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference import provenance
-from commonlaw.inference.score import Kind
+from commonlaw.inference.result import history
+from commonlaw.inference.score.score import Kind
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.library import PolynomialLibrary, Variables
 
@@ -17,7 +17,7 @@ def law_of_degree(degree):
 
 def compared(listed, values, chosen=0):
     return [
-        provenance.ComparedTerms(names, value, i == chosen)
+        history.ComparedTerms(names, value, i == chosen)
         for i, (names, value) in enumerate(zip(listed, values, strict=True))
     ]
 
@@ -25,22 +25,22 @@ def compared(listed, values, chosen=0):
 def test_probabilities_are_found_however_much_better_one_is():
     law, names = law_of_degree(1), [("1",), ("1", "x"), ()]
     listed = compared(names, [5000.0, 0.0, np.inf])
-    np.testing.assert_allclose(provenance.probabilities(listed), [0, 1, 0], atol=1e-300)
-    np.testing.assert_allclose(provenance.inclusion_probabilities(law, [listed]), [[1, 1, 0]])
+    np.testing.assert_allclose(history.probabilities(listed), [0, 1, 0], atol=1e-300)
+    np.testing.assert_allclose(history.inclusion_probabilities(law, [listed]), [[1, 1, 0]])
     even = compared(names[:2], [0.0, 2 * np.log(3)])
-    np.testing.assert_allclose(provenance.inclusion_probabilities(law, [even]), [[1, 0.25, 0]])
+    np.testing.assert_allclose(history.inclusion_probabilities(law, [even]), [[1, 0.25, 0]])
 
 
 def test_candidates_are_ranked_by_what_chose_among_them():
     law = law_of_degree(1)
     listed = [compared([("1",), ("x",), ("v",)], [0.0, 6.0, np.inf])]
-    by_evidence = provenance.alternatives(law, listed, Kind.EVIDENCE)
+    by_evidence = history.alternatives(law, listed, Kind.EVIDENCE)
     assert [each.measures["2 log B"] for each in by_evidence] == [0, 6, np.inf]
     assert by_evidence[1].measures["probability"] == pytest.approx(1 / (1 + np.exp(3)))
-    by_forecasts = provenance.alternatives(law, listed, Kind.FORECASTS)
+    by_forecasts = history.alternatives(law, listed, Kind.FORECASTS)
     assert [each.measures for each in by_forecasts] == [{LOG_SCORE: 0}, {LOG_SCORE: 3}, {LOG_SCORE: None}]
 
 
 def test_probabilities_are_no_denormal_numbers():
-    (_, other) = provenance.alternatives(law_of_degree(1), [compared([("1",), ("x",)], [0.0, 1450.0])], Kind.EVIDENCE)
+    (_, other) = history.alternatives(law_of_degree(1), [compared([("1",), ("x",)], [0.0, 1450.0])], Kind.EVIDENCE)
     assert other.measures["probability"] == 0

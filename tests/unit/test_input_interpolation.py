@@ -7,7 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import trajectory_likelihood
-from commonlaw.inference.input_interpolation import _left_out, supported_interpolation
+from commonlaw.inference.search.input_interpolation import _left_out, supported_interpolation
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
 from commonlaw.likelihood import meshes
 from commonlaw.likelihood.collocation import defects

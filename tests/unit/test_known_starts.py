@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.inference.known_starts import _Object
+from commonlaw.inference.fit.latent_initialization import _Object
 from commonlaw.library import Variables, parse_library
 from tests.refusals import refused
 from tests.unit.trajectories import trial

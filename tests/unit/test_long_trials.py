@@ -6,7 +6,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.discovery import default_method
 from commonlaw.inference import can_be_carried
-from commonlaw.inference.long_trials import as_many_as_are_carried
+from commonlaw.inference.data.subsampling import as_many_as_are_carried
 from commonlaw.outcomes import OutcomeKind
 
 NOISE = 0.01

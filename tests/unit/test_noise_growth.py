@@ -6,9 +6,9 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.formulation import law_variables
-from commonlaw.inference.noise_growth import growth, with_growing_noise
-from commonlaw.inference.search import fit_supports
-from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.fit.annealing import fit_supports
+from commonlaw.inference.fit.heteroscedasticity import growth, with_growing_noise
+from commonlaw.inference.fit.problem import prepare
 from commonlaw.library import PolynomialLibrary
 
 TIMES = np.linspace(0, 4, 300)

@@ -9,8 +9,8 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation.noise import _covariance, differences, noise_level
 from commonlaw.formulation import law_variables
-from commonlaw.inference.first_noise import noise_of_digits
-from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.data.noise import noise_of_digits
+from commonlaw.inference.fit.problem import prepare
 from tests.refusals import refused
 
 RNG_SEED = 0

@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 import commonlaw as cl
-from commonlaw.inference import law_search, parametric_search
+from commonlaw.inference.propose import parametric
+from commonlaw.inference.search import law_search
 from commonlaw.library import AbstractLibrary, Offer, Terms, Variables, parametric_term, parse_library
 
 
@@ -68,7 +69,7 @@ def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
 
 
 def test_what_is_offered_later_is_not_tried_where_a_law_of_few_numbers_leaves_noise(monkeypatch):
-    monkeypatch.setattr(parametric_search, "matching_ratios", lambda *_: pytest.fail("ratios were proposed"))
+    monkeypatch.setattr(parametric, "matching_ratios", lambda *_: pytest.fail("ratios were proposed"))
     times = np.linspace(0, 3, 60)
     noise = 0.01 * np.random.default_rng(2).standard_normal((60, 1))
     decay = cl.Trials.from_arrays([times], [np.exp(-times)[:, np.newaxis] + noise], names=["s"])
@@ -98,7 +99,7 @@ def test_what_is_offered_later_is_sought_in_equations_that_may_be_simpler(monkey
         sought.append(dict(most))
         return {}
 
-    monkeypatch.setattr(parametric_search, "matching_sets", proposed)
+    monkeypatch.setattr(parametric, "matching_sets", proposed)
     trials = cl.datasets.lorenz(samples=120, trials=2, noise=0.02, seed=1)
     cl.discover(trials, library=_Later(), cache=False, order=1)
     assert sought[0].keys() == {0, 1, 2}  # The first offer
@@ -165,7 +166,7 @@ def test_powers_up_to_the_highest_offered_may_be_a_series_and_a_function_is_foun
 
 def test_a_law_with_constants_inside_is_tried_with_one_plain_term_less(inhibited, monkeypatch):
     seen = []
-    fewer = parametric_search._with_fewer
+    fewer = parametric._with_fewer
 
     def with_one_more_first(search, best, rows, progress):
         more = replace(rows[0], plain=(*rows[0].plain, 1), starts=tuple(map(_with_zero, rows[0].starts)))
@@ -174,7 +175,7 @@ def test_a_law_with_constants_inside_is_tried_with_one_plain_term_less(inhibited
         seen.append((rows, fewer(again, fitted, (more,), progress)[1]))
         return best, rows
 
-    monkeypatch.setattr(parametric_search, "_with_fewer", with_one_more_first)
+    monkeypatch.setattr(parametric, "_with_fewer", with_one_more_first)
     cl.discover(inhibited, library="poly:1 + terms:s/(K + s + s^2/L)", cache=False, order=1)
     rows, found = seen[-1]
     assert rows[0].plain == ()

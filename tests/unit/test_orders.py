@@ -12,8 +12,8 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery import orders, trajectory_likelihood
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.inference import prepare, score_of_order
-from commonlaw.inference.residuals import unexplained
-from commonlaw.inference.search import fit_with
+from commonlaw.inference.fit.annealing import fit_with
+from commonlaw.inference.fit.lack_of_fit import unexplained
 from commonlaw.library import parse_library
 from tests.refusals import refused
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import lambertw
 
 import commonlaw as cl
-from commonlaw.inference.finishing import _is_same
+from commonlaw.inference.result.assembly import _is_same
 from commonlaw.law import Law, Provenance, with_constants_of
 
 

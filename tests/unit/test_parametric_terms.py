@@ -10,14 +10,14 @@ from scipy.optimize import curve_fit
 
 import commonlaw as cl
 from commonlaw.inference import prepare
-from commonlaw.inference.constant_banks import Banks
-from commonlaw.inference.constant_values import frequencies_in_time
-from commonlaw.inference.integral_matching import Course
-from commonlaw.inference.score import Score
-from commonlaw.inference.search_state import SearchState
-from commonlaw.inference.term_sets import Start, TermSet, matching_sets
-from commonlaw.inference.terms_of_sets import terms_of_sets
-from commonlaw.inference.told_constants import are_constants_told
+from commonlaw.inference.fit.integral_form import Course
+from commonlaw.inference.fit.parameter_grid import Banks
+from commonlaw.inference.fit.parameter_values import frequencies_in_time
+from commonlaw.inference.fit.practical_identifiability import are_constants_told
+from commonlaw.inference.fit.state import SearchState
+from commonlaw.inference.propose.candidate_terms import terms_of_sets
+from commonlaw.inference.propose.integral_ranking import Start, TermSet, matching_sets
+from commonlaw.inference.score.score import Score
 from commonlaw.library import Constant, PolynomialLibrary, Terms, Variables, parametric_term, parse_library
 from tests.refusals import refused
 

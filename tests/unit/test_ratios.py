@@ -11,7 +11,7 @@ from scipy.special import lambertw
 
 import commonlaw as cl
 from commonlaw.inference import prepare
-from commonlaw.inference.ratio_sets import matching_ratios
+from commonlaw.inference.propose.rational import matching_ratios
 from commonlaw.law import Provenance
 from commonlaw.library import PolynomialLibrary, RatioLibrary, Terms, Variables, parse_library, parse_term
 from tests.refusals import refused

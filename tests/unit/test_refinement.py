@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.inference import covariance
+from commonlaw.inference.fit import covariance
 from tests.refusals import refused
 
 NOISE = 0.3

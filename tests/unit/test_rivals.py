@@ -6,11 +6,12 @@ import pytest
 import commonlaw as cl
 from benchmarks.families import experiment
 from benchmarks.next_experiment import first_trials
-from commonlaw.inference import law_search, search, search_state
-from commonlaw.inference.averaging import weighted
-from commonlaw.inference.law_search import PATH
-from commonlaw.inference.score import Score
-from commonlaw.inference.search_problem import prepare
+from commonlaw.inference.fit import annealing, state as fits
+from commonlaw.inference.fit.problem import prepare
+from commonlaw.inference.result.averaging import weighted
+from commonlaw.inference.score.score import Score
+from commonlaw.inference.search import law_search
+from commonlaw.inference.search.law_search import PATH
 from commonlaw.library import Variables, parse_library
 
 
@@ -19,11 +20,11 @@ def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(
     trials = experiment("heights of balls").measured(0.05, seed)
     terms = parse_library("poly:3").bind(Variables(("x", "v")))
     problem = prepare(trials, terms, np.full((5, 1, len(terms)), np.nan))
-    found = search.search(problem, PATH, lambda _: None)
+    found = annealing.search(problem, PATH, lambda _: None)
     assert [name for name, inside in zip(terms.names, found[0].supports[0], strict=True) if inside] == ["1", "v"]
     fitted = {each.supports.tobytes() for each in found}
-    near = search_state.promised_near(problem, found[0])
-    plausible = [each for value, each in near if value < found[0].score.total + search_state.PLAUSIBLE]
+    near = fits.promised_near(problem, found[0])
+    plausible = [each for value, each in near if value < found[0].score.total + fits.PLAUSIBLE]
     assert len(plausible) > 1
     assert all(each.tobytes() in fitted for each in plausible)
 
@@ -32,13 +33,13 @@ def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
     trials = experiment("heights of balls").measured(0.05, 7)
     terms = parse_library("poly:3").bind(Variables(("x", "v")))
     problem = prepare(trials, terms, np.full((5, 1, len(terms)), np.nan))
-    best = search.search(problem, PATH, lambda _: None)[0]
-    (listed,) = search_state.neighbours(problem, best)
+    best = annealing.search(problem, PATH, lambda _: None)[0]
+    (listed,) = fits.neighbours(problem, best)
     assert listed[0].chosen
     fitted = {each.tobytes(): above for above, each in best.fitted}
     exact = [each for each in listed if each.support[np.newaxis].tobytes() in fitted and not each.chosen]
     assert len(exact) >= 3
-    again = search.fit_with(problem, exact[0].support[np.newaxis], search_state.NO_ERROR)
+    again = annealing.fit_with(problem, exact[0].support[np.newaxis], fits.NO_ERROR)
     assert exact[0].twice_log_bayes_factor == pytest.approx(again.score - best.score, abs=0.01)
 
 
@@ -48,10 +49,8 @@ def test_what_ranks_ahead_of_a_law_is_fitted_and_taken(beginning):
     terms = parse_library("poly:3").bind(Variables(("x", "v")))
     problem = prepare(trials, terms, np.full((5, 1, len(terms)), np.nan))
     supports = np.isin(terms.names, beginning)[np.newaxis]
-    state, _ = search_state.fitted(
-        problem, search.fit_supports(problem, supports).estimates, supports, search_state.NO_ERROR
-    )
-    best = search.beside_those_ahead(problem, state)
+    state, _ = fits.fitted(problem, annealing.fit_supports(problem, supports).estimates, supports, fits.NO_ERROR)
+    best = annealing.beside_those_ahead(problem, state)
     assert [name for name, inside in zip(terms.names, best.supports[0], strict=True) if inside] == ["1", "v"]
     assert any(np.array_equal(each.supports, supports) for each in best.alternatives)
     assert best.score < state.score
@@ -68,13 +67,13 @@ def test_laws_are_as_plausible_as_fits_of_their_own_have_evidence():
     first = first_trials("heights of balls", 19)
     terms = parse_library("poly:3").bind(Variables(("x", "v")))
     problem = prepare(first.measured(0.1, 19), terms, np.full((5, 1, len(terms)), np.nan))
-    best = search.search(problem, PATH, lambda _: None)[0]
+    best = annealing.search(problem, PATH, lambda _: None)[0]
     (own, state), *others = weighted(best)
     assert state is best
     plausible = [(share, each) for share, each in others if share > 0.02]
     assert len(plausible) >= 3
     for share, each in plausible:
-        again = search.fit_with(problem, each.supports, search_state.NO_ERROR)
+        again = annealing.fit_with(problem, each.supports, fits.NO_ERROR)
         assert np.log(own / share) == pytest.approx((again.score - best.score) / 2, abs=0.05)
 
 
@@ -87,7 +86,7 @@ def test_one_short_trial_of_each_object_is_enough_for_a_law_of_two_terms(noise, 
 
 
 def test_laws_that_are_the_better_ones_in_turn_are_not_fitted_without_end(monkeypatch):
-    one, other = (search_state.SearchState(np.eye(1, 2, k, dtype=bool), (), 0.0, Score({})) for k in range(2))
+    one, other = (fits.SearchState(np.eye(1, 2, k, dtype=bool), (), 0.0, Score({})) for k in range(2))
     begun = law_search.LawSearch(None, None, one, law_search.PATH, (one,))
     turns = []
 

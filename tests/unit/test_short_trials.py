@@ -6,7 +6,7 @@ from scipy.optimize import curve_fit
 
 import commonlaw as cl
 from commonlaw import datasets
-from commonlaw.inference.first_noise import estimated_noise
+from commonlaw.inference.data.noise import estimated_noise
 
 TIMES = np.linspace(0, 4, 5)
 

@@ -10,10 +10,10 @@ from scipy.special import beta
 from scipy.stats import multivariate_normal
 
 from commonlaw.formulation import LeastSquaresProblem, law_variables
-from commonlaw.inference import evidence
-from commonlaw.inference.evidence import Measured, minus_twice_log_evidence, rss_with_each
-from commonlaw.inference.prices import Prices, shifted
-from commonlaw.inference.support_search import SupportEvidence
+from commonlaw.inference.score import evidence
+from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence, rss_with_each
+from commonlaw.inference.score.structure_prior import Prices, shifted
+from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.kernel import VARIABLE
 from commonlaw.library import PolynomialLibrary, Terms, parse_term
 from commonlaw.solvers import BestSubset, StepwiseSelection

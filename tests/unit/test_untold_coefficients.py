@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference.evidence import Measured, minus_twice_log_evidence
+from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
 
 TIMES = np.linspace(0, 5, 50)
 RATES = {"a": (1.0, 2.0), "b": (0.7, 1.5), "c": (1.3, 0.0)}

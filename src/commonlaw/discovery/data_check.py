@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.identifiability import StandIns, stand_ins
+from commonlaw.inference.diagnose.confounding import StandIns, stand_ins
 from commonlaw.law.text import left_hand_sides
 from commonlaw.library import AbstractLibrary, Order
 from commonlaw.outcomes import Outcome, OutcomeKind

@@ -9,8 +9,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.comparison import written_alike
-from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.verbs.comparison import written_alike
 from commonlaw.law import Law
 from commonlaw.library import Expression, Terms, Variables
 from commonlaw.library.grammar import columns_in, read, with_names, write

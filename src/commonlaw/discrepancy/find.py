@@ -13,7 +13,7 @@ from commonlaw.discrepancy.setting import Setting
 from commonlaw.discrepancy.shares import shares
 from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, converged
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.covariance import errors_of
+from commonlaw.inference.fit.covariance import errors_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.script import call
 from commonlaw.library import Terms

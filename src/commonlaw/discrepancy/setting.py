@@ -10,9 +10,9 @@ from commonlaw.discrepancy.coordinates import Visited, with_properties_in, zero_
 from commonlaw.discrepancy.prior import Samples, factors, meaning
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionModel
-from commonlaw.inference.fit_setup import FitSetup
-from commonlaw.inference.mesh_refinement import FINEST
-from commonlaw.inference.search_problem import SearchProblem
+from commonlaw.inference.fit.mesh import FINEST
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.search.setup import FitSetup
 from commonlaw.law import Law
 from commonlaw.library import Terms, highest_columns
 from commonlaw.trials import Trials

@@ -7,8 +7,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.discrepancy.trajectories import FunctionFit
-from commonlaw.inference.search_problem import SearchProblem
-from commonlaw.inference.search_state import FINAL, MODEL_ERRORS
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.state import FINAL, MODEL_ERRORS
 from commonlaw.likelihood import fit
 
 

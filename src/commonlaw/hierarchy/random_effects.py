@@ -244,7 +244,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     # Fewer objects than parameters do not determine axes: all their scatter is along some of them
     if not 1 < size <= len(own) or not np.isnan(variances).all():
         return found.mixed(scale)
-    # What stands before a later coefficient goes with it, as in `commonlaw.inference.evidence`: turned upside down
+    # What stands before a later coefficient goes with it, as in the evidence: turned upside down
     root = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
     is_lost = np.linalg.cond(typical) > WORST_CONDITION  # Coefficients that hang together to the last digits
     axes = np.eye(size) if is_lost else np.linalg.eigh(np.cov(np.linalg.solve(root, own.T)))[1]

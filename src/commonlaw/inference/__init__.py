@@ -1,18 +1,29 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
-from commonlaw.inference.adaptation import adapt
-from commonlaw.inference.candidates import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
-from commonlaw.inference.comparison import compare, compare_by_parts, written_alike
-from commonlaw.inference.constants import outcomes_of_constants, with_constants_found
-from commonlaw.inference.covariance import CovarianceKind
-from commonlaw.inference.drives import drives, with_drive_said
-from commonlaw.inference.error_search import ErrorKind
-from commonlaw.inference.explanation import explains_whole_trials, most_explaining
-from commonlaw.inference.finishing import finish
-from commonlaw.inference.first_noise import known_noise
-from commonlaw.inference.fit_setup import as_followed
-from commonlaw.inference.input_interpolation import with_interpolation
-from commonlaw.inference.law_search import (
+from commonlaw.inference.data.noise import known_noise
+from commonlaw.inference.data.subsampling import MOST_SAMPLES, can_be_carried
+from commonlaw.inference.diagnose.coefficient_limits import Bounds
+from commonlaw.inference.fit.annealing import fit_supports
+from commonlaw.inference.fit.covariance import CovarianceKind
+from commonlaw.inference.fit.problem import prepare
+from commonlaw.inference.propose.forcing import drives, with_drive_said
+from commonlaw.inference.propose.latent_states import with_unmeasured_state
+from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_constants, with_constants_found
+from commonlaw.inference.propose.orders import may_be_of_first_order, may_be_of_lower_order, score_of_order
+from commonlaw.inference.propose.parametric import (
+    may_be_series,
+    may_be_simpler,
+    with_parametric_terms,
+    with_parametric_terms_under_errors,
+)
+from commonlaw.inference.propose.screening import missed_terms, promising_terms
+from commonlaw.inference.result.approximation import explains_whole_trials, most_explaining
+from commonlaw.inference.result.assembly import finish
+from commonlaw.inference.result.history import levels_in_words
+from commonlaw.inference.score.score import Score
+from commonlaw.inference.search.error_levels import ErrorKind
+from commonlaw.inference.search.input_interpolation import with_interpolation
+from commonlaw.inference.search.law_search import (
     CHOSEN,
     PATH,
     LawSearch,
@@ -22,25 +33,14 @@ from commonlaw.inference.law_search import (
     resolved,
     search_supports,
 )
-from commonlaw.inference.long_trials import MOST_SAMPLES, can_be_carried
-from commonlaw.inference.orders import may_be_of_first_order, may_be_of_lower_order, score_of_order
-from commonlaw.inference.parametric_search import (
-    may_be_series,
-    may_be_simpler,
-    with_parametric_terms,
-    with_parametric_terms_under_errors,
-)
-from commonlaw.inference.parts import LawOfPart, law_of_all, typical
-from commonlaw.inference.provenance import levels_in_words
-from commonlaw.inference.refinement import refine
-from commonlaw.inference.scales import error_kinds
-from commonlaw.inference.score import Score
-from commonlaw.inference.screening import missed_terms, promising_terms
-from commonlaw.inference.search import fit_supports
-from commonlaw.inference.search_problem import prepare
-from commonlaw.inference.unmeasured_search import with_unmeasured_state
-from commonlaw.inference.unseen import bounds
-from commonlaw.inference.unseen_bounds import Bounds
+from commonlaw.inference.search.log_scale import error_kinds
+from commonlaw.inference.search.setup import as_followed
+from commonlaw.inference.verbs.absent_terms import bounds
+from commonlaw.inference.verbs.adaptation import adapt
+from commonlaw.inference.verbs.chunks import LawOfPart, law_of_all, typical
+from commonlaw.inference.verbs.comparison import compare, compare_by_parts, written_alike
+from commonlaw.inference.verbs.other_terms import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
+from commonlaw.inference.verbs.refinement import refine
 from commonlaw.likelihood import HUBER_THRESHOLD
 
 __all__ = [

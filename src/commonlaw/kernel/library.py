@@ -64,7 +64,7 @@ class Vagueness(ctypes.Structure):
 
 
 class MeasuredStructure(ctypes.Structure):
-    """How surely measurements tell the scale of all noise, see `commonlaw.inference.evidence.Measured`."""
+    """How surely measurements tell the scale of all noise, see `commonlaw.inference.score.evidence.Measured`."""
 
     _fields_ = tuple((name, ctypes.c_double) for name in ("count", "freedom", "prior", "outliers", "least"))
 

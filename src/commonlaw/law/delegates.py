@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.patterns import Residuals
-    from commonlaw.inference.unseen_bounds import Bounds
+    from commonlaw.inference.diagnose.coefficient_limits import Bounds
     from commonlaw.verdict.law_verdict import LawVerdict
 
 

@@ -1,0 +1,163 @@
+"""How noisy measurements are before any law is known: as given, or by the samples alone."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation import noise_level
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.data.latent_states import EXACT, scales_of_starts, spread_within
+from commonlaw.trials import Schema, Trials
+from commonlaw.trials.headers import find_name
+from commonlaw.trials.repeats import pure_error
+
+FLOOR = 1e-4
+"""Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
+exactly than the steps of a law are integrated here."""
+
+LEAST_FREEDOM = 4
+"""Degrees of freedom of repeated measurements or residuals that tell the noise: its estimate is then off by a third."""
+
+_DECIMALS = 12
+"""More decimals than instruments have: numbers with as many are computed."""
+
+_MULTIPLE = 1e-3
+"""Differences that are so near to multiples of a step are multiples."""
+
+
+def noise_floor(trials: Trials) -> Floats:
+    """Return what noise a law is fitted under at least, shape (d,): a small share of each state, or that of its digits.
+
+    Of a state that nobody measured it is that of its starts.
+    """
+    return _floor(trials, noise_of_digits(trials))
+
+
+def noise_told(trials: Trials, share: float) -> tuple[Floats, Floats]:
+    """Return the `noise_floor`, and what exact measurements tell: a share of it, but no less than their digits."""
+    digits = noise_of_digits(trials)
+    floor = _floor(trials, digits)
+    return floor, np.maximum(share * floor, digits)
+
+
+def _floor(trials: Trials, digits: Floats) -> Floats:
+    found = np.maximum(FLOOR * spread_within(trials), digits)
+    return np.asarray(np.where(trials.schema.unmeasured, EXACT * scales_of_starts(trials), found))
+
+
+def noise_of_digits(trials: Trials) -> Floats:
+    """Return the noise of each state by the step to which its values were rounded, shape (d,), zero if there is none.
+
+    Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12).
+    """
+    columns = np.concatenate([trial.states for trial in trials]).T
+    steps = np.array([_step(column[np.isfinite(column)]) for column in columns])
+    return np.asarray(steps / np.sqrt(12))
+
+
+def _step(values: Floats) -> float:
+    """Return the step of which all differences of values are multiples, or that of their decimals, 0 if there is none.
+
+    Few values seldom are neighbours on their scale: of decimals, the last that any has is the step.
+    """
+    different = np.unique(values)
+    if len(different) < 3:
+        return 0.0
+    step = float(np.diff(different).min())
+    multiples = (different - different[0]) / step
+    if np.all(np.abs(multiples - np.round(multiples)) < _MULTIPLE):
+        return step
+    decimals = (places for places in range(_DECIMALS) if np.array_equal(np.round(different, places), different))
+    return next((10.0**-places for places in decimals), 0.0)
+
+
+def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:
+    """Return the noise of every state, shape (states,), whose name may be given with its unit: ``U [V]``.
+
+    Of states whose measurements have standard deviations of their own it is the median of these, and NaN of states
+    that nobody measured; None if nothing is known of any state.
+
+    Raises
+    ------
+    CommonlawError
+        If a state has none while others have, or two; a name is not a state, or a value is not positive.
+    """
+    states, columns = trials.schema.states, trials.schema.noise_columns
+    if noise is None and not columns:
+        return None
+    noise = {find_name(name, states, "state"): level for name, level in (noise or {}).items()}
+    for name, level in noise.items():
+        if name in trials.schema.starts:
+            raise CommonlawError("noise-of-latent", name=name)
+        if not (np.isfinite(level) and level > 0):
+            raise CommonlawError("noise-not-positive", name=name, level=level)
+        if name in columns:
+            raise CommonlawError("noise-given-twice", name=name, column=columns[name])
+    each = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
+    noise |= {name: float(np.nanmedian(each[:, states.index(name)])) for name in columns}
+    missing = [name for name in states if name not in noise and name not in trials.schema.starts]
+    if missing:
+        raise CommonlawError("noise-missing", states=missing)
+    return np.array([noise.get(name, np.nan) for name in states], dtype=np.float64)
+
+
+def by_columns(schema: Schema) -> str:
+    """Return what columns noise is given by, if by any, as the end of a sentence."""
+    columns = ", ".join(f"{state} by {column}" for state, column in schema.noise_columns.items())
+    return f" for each measurement, {columns}; their median" if columns else ""
+
+
+def parabola(times: Floats, values: Floats) -> Polynomial:
+    return Polynomial.fit(times, values, min(2, len(times) - 1))
+
+
+def _scatter(times: Floats, values: Floats) -> float:
+    return float(np.sum((values - parabola(times, values)(times)) ** 2)) / (len(times) - 3)
+
+
+_GIVE = "; known noise is given by `noise={{{0!r}: ...}}`"
+NOISE_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], float], str], ...] = (
+    (8, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, "from differences of neighbouring samples"),
+    (4, 3, _scatter, f"assumed: the scatter of all trials about parabolas{_GIVE}"),
+    (2, 0, lambda _, x: (0.05 * float(np.std(x))) ** 2, f"assumed: 5 % of the standard deviation of {{0}}{_GIVE}"),
+)
+"""How the variance of noise is estimated, the best first: values that it takes and spends, and what is said of it."""
+
+
+def told_by_repeats(trials: Trials) -> Bools:
+    """Return of which states repeated measurements estimate the noise, shape (states,)."""
+    freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))[1]
+    return np.asarray(freedom >= LEAST_FREEDOM)
+
+
+def estimated_noise(trials: Trials) -> tuple[Floats, str]:
+    """Return the noise of each state, of all trials in which it changes, shape (d,), and what it was taken from.
+
+    Of states that nobody measured it is NaN.
+    """
+    squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
+    repeated, freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))
+    by_repeats, reasons = told_by_repeats(trials), list[str]()
+    for j, name in enumerate(trials.schema.states):
+        if name in trials.schema.starts:
+            squares[:, j], weights[:, j] = np.nan, 1.0
+            continue
+        if by_repeats[j]:
+            squares[:, j], weights[:, j] = repeated[j] / freedom[j], 1.0
+            reasons.append("from repeated measurements")
+            continue
+        pairs = [(trial.times, trial.states[:, j]) for trial in trials]
+        measured = [(times[~np.isnan(values)], values[~np.isnan(values)]) for times, values in pairs]
+        counts = [len(values) * (len(np.unique(values)) > 1) for _, values in measured]
+        if not any(counts):
+            others = len(trials.schema.measured) > 1
+            remedy = "take its column as a property instead" if others else "measure it while it changes"
+            raise CommonlawError("state-constant", state=name, remedy=remedy)
+        least, spent, variance, reason = next((way for way in NOISE_WAYS if max(counts) >= way[0]), NOISE_WAYS[-1])
+        for i, count in enumerate(counts):
+            if count >= least:
+                squares[i, j], weights[i, j] = variance(*measured[i]), count - spent
+        reasons.append(reason.format(name))
+    return np.sqrt(np.average(squares, axis=0, weights=weights)), "; ".join(dict.fromkeys(reasons))

@@ -1,0 +1,202 @@
+"""How sure coefficients are."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.formulation import LeastSquaresProblem, column_scales
+from commonlaw.inference.data.noise import noise_floor
+from commonlaw.inference.fit.latent_scale import held_like_others, like_others, scatter_of_others
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.state import SearchState, evidence_about
+from commonlaw.law import Law
+from commonlaw.likelihood import ErrorModel, Regression, whitened
+
+CovarianceKind = Literal["likelihood", "bootstrap"]
+
+_BLOCKS = 30
+"""Blocks of an object's trials that are drawn: long enough to hold what errors have to do with each other."""
+
+_RESAMPLES = 500
+"""So many give standard errors to 3 %."""
+
+_UNTOLD = 1e-12
+"""Directions of columns of unit norm that are smaller say nothing."""
+
+
+def fitted_law(
+    law: Law, problem: SearchProblem, state: SearchState, covariance: CovarianceKind = "likelihood", seed: int = 0
+) -> Law:
+    """Return the law with the coefficients of a state, their covariance, and the errors of measurements and law."""
+    errors = errors_of(problem, state.model_error if state.has_model_error else 0.0)
+    state = like_others(problem, state)
+    return replace(
+        law,
+        properties=problem.trials.properties or law.properties,
+        coefficients=np.array([each.coefficients for each in state.estimates]),
+        uncertainty=replace(
+            law.uncertainty,
+            covariance=covariances(problem, state, covariance, seed),
+            shared_factor=None,
+            unpooled=None,
+            pooled=None,
+            noise=np.where(_known_starts(problem), noise_floor(problem.trials), problem.noise),
+            error_model=errors,
+            degrees_of_freedom=degrees_of_freedom(problem, state),
+            widening=None,
+            explanation=None,
+            other_laws=(),
+        ),
+    )
+
+
+def _known_starts(problem: SearchProblem) -> Bools:
+    schema = problem.trials.schema
+    return np.asarray(schema.unmeasured & ~schema.with_free_start)
+
+
+def degrees_of_freedom(problem: SearchProblem, state: SearchState) -> Floats | None:
+    """Return those of the estimate of each state's noise, shape (states,); None if the noise was given.
+
+    Of states that were not measured, or with less than one, they are those of all.
+    """
+    if problem.noise_given:
+        return None
+    found = residual_freedom(problem, state)
+    return np.where(found < 1, max(total_freedom(found), 1.0), found)
+
+
+def residual_freedom(problem: SearchProblem, state: SearchState) -> Floats:
+    """Return the degrees of freedom of the residuals of each state, shape (states,).
+
+    These are nu_j = n_j - tr H_j, the measurements, repeated ones too, less the trace of the hat matrix (Seber and Wild
+    1989, Nonlinear Regression, section 5.10); without a regression the coefficients count in their own equations.
+    States that were not measured have none.
+    """
+    meshes = [mesh for model in problem.models for mesh in model.meshes]
+    counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.measurements.pure_error[1]
+    listed = zip(problem.models, free_coefficients(problem, state), regressions(problem, state), strict=True)
+    used = [
+        np.array(model.order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in model.meshes], axis=0)
+        + free.sum(axis=1)
+        if regression is None
+        else regression.leverage
+        for model, free, regression in listed
+    ]
+    return np.where(problem.trials.schema.unmeasured, 0.0, counts - np.sum(used, axis=0))
+
+
+def total_freedom(freedom: Floats) -> float:
+    """Return the degrees of freedom of all states, a whole number in least squares, without errors of rounding."""
+    return round(float(np.sum(freedom)), 6)
+
+
+def free_coefficients(problem: SearchProblem, state: SearchState) -> list[Bools]:
+    """Return which coefficients of each object were found, each of shape (equations, terms)."""
+    pairs = zip(state.estimates, problem.known, strict=True)
+    return [(each.coefficients != 0) & np.isnan(known) for each, known in pairs]
+
+
+def regressions(problem: SearchProblem, state: SearchState) -> list[Regression | None]:
+    """Return the least squares of each object about a state; None where states follow more than their starts.
+
+    That is under a random walk or latent processes, and of laws that forget their starts.
+    """
+    if state.has_model_error or problem.models[0].latent.width:
+        return [None] * len(problem.models)
+    listed = zip(problem.models, state.estimates, free_coefficients(problem, state), strict=True)
+    return [Regression.of(*each) for each in listed]
+
+
+def factors(problem: SearchProblem, state: SearchState) -> list[Floats]:
+    """Return the triangular factor of each object's information on its free coefficients, and of the residuals."""
+    found = regressions(problem, state)
+    complete = [each.factor for each in found if each is not None]
+    if len(complete) == len(found):
+        return complete
+    linearized = evidence_about(problem, state).problems
+    return [
+        rows.restrict(np.flatnonzero(free).tolist()).factor if regression is None else regression.factor
+        for regression, rows, free in zip(found, linearized, free_coefficients(problem, state), strict=True)
+    ]
+
+
+def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:
+    """Return the errors beside white noise, a model error relative to it as a random walk, none if it is zero."""
+    if not model_error:
+        return problem.errors
+    step = np.median(np.concatenate([np.diff(trial.times) for trial in problem.trials]))
+    return replace(problem.errors, walk=model_error * problem.models[0].unit / np.sqrt(step))
+
+
+def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind, seed: int) -> Floats:
+    """Return each object's covariance of its coefficients, shape (objects, parameters, parameters).
+
+    Parameters are the coefficients that are not zero for some object, in the order of `numpy.argwhere`. Those that are
+    known, or zero for an object, have no variance.
+
+    By the inverse of Fisher's information, with free initial states, or by the bootstrap: the scatter of coefficients
+    when blocks of the trials are drawn anew, which holds for noise of other kinds too (the bootstrap of innovations,
+    Stoffer and Wall 1991, in blocks, and linearised about the law).
+    """
+    coefficients = np.array([each.coefficients for each in state.estimates])
+    support = np.any(coefficients != 0, axis=0)
+    found = np.zeros((len(state.estimates), support.sum(), support.sum()))
+    triangles = factors(problem, state) if kind == "likelihood" else ()
+    for o, (model, estimate) in enumerate(zip(problem.models, state.estimates, strict=True)):
+        free = (estimate.coefficients != 0) & np.isnan(problem.known[o])
+        indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
+        if kind == "bootstrap":
+            trials = [rows for rows, _ in whitened(model, estimate, state.fitted_model_error)]
+            covariance = bootstrapped(trials, inner, seed)
+        else:
+            factor = triangles[o][:, :-1]
+            covariance = _inverse(factor)
+            if (held := held_like_others(problem, o) & free).any():
+                covariance = _with_held(factor, held[free], scatter_of_others(problem, state)[held])
+        found[o][np.ix_(indices, indices)] = covariance
+    return found
+
+
+def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> Floats:
+    """Return the covariance of least squares on blocks of rows, drawn with replacement.
+
+    `trials` has the rows ``[library | target]`` of each, whitened, and `indices` the columns of the library that are
+    used.
+    """
+    each = -(-_BLOCKS // len(trials))
+    columns = [*indices, -1]
+    blocks = [part for rows in trials for part in np.array_split(rows[:, columns], each) if len(part)]
+    factors = np.array([LeastSquaresProblem.of(part[:, :-1], part[:, -1:]).factor for part in blocks])
+    drawn = np.random.default_rng(seed).integers(len(blocks), size=(_RESAMPLES, len(blocks)))
+    stacked = factors[drawn].reshape(_RESAMPLES, -1, len(columns))
+    norms = column_scales(np.concatenate(factors))
+    reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(indices))
+    # What no drawn block tells is zero
+    estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=_UNTOLD), reduced[:, inner, -1:])[..., 0]
+    return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))
+
+
+def _with_held(factor: Floats, held: Bools, variances: Floats) -> Floats:
+    """Return the covariance of coefficients of which some are held with variances of their own, shape (k, k).
+
+    The others follow them as far as the trials say.
+    """
+    found, free = np.zeros((len(held), len(held))), ~held
+    follow = -np.linalg.pinv(factor[:, free]) @ factor[:, held]
+    moved = follow * variances
+    found[np.ix_(held, held)] = np.diag(variances)
+    found[np.ix_(free, held)] = moved
+    found[np.ix_(held, free)] = moved.T
+    found[np.ix_(free, free)] = _inverse(factor[:, free]) + moved @ follow.T
+    return found
+
+
+def _inverse(factor: Floats) -> Floats:
+    """Return the inverse of ``factor' factor``, shape (k, k), from the factor, whose digits it keeps."""
+    norms = column_scales(factor)
+    inverse = np.linalg.pinv(factor / norms, rcond=1e-14) / norms[:, np.newaxis]
+    return np.asarray(inverse @ inverse.T)

@@ -1,0 +1,102 @@
+"""Whether the solutions of a law go where the likelihood has them.
+
+The likelihood takes one implicit step from sample to sample, or a few. Of laws that are too fast for these, steps may
+lead anywhere, from one resting point to the next, say, and a law that errs in each step may then follow anything.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.effort import unannounced
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.state import SearchState
+from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
+from commonlaw.likelihood import Mesh, jacobians
+from commonlaw.spacing import evenly_spaced
+
+_OBJECTS = 20
+"""Objects whose trajectories are followed at most, evenly spread."""
+
+_DIVISIONS = (4, 8, 16, 32, 64)
+"""Of a step, until more change little: so many are stable where rates are up to 180 in a step."""
+
+_LITTLE = 0.1
+"""Standard deviations of the noise in which more divisions of all steps agree."""
+
+
+def is_solved(problem: SearchProblem, state: SearchState) -> bool:
+    """Return whether solutions of a law follow the trials, from their starts and step by step."""
+    return follows_solutions(problem, state) and not runs_away(problem, state)
+
+
+@unannounced()
+def runs_away(problem: SearchProblem, state: SearchState) -> bool:
+    """Whether a trajectory of a trial that the law was learned from diverges there, from its fitted start."""
+    found, between = [], problem.trials.schema.input_between
+    for i in evenly_spaced(len(problem.models), _OBJECTS):
+        model, estimate = problem.models[i], state.estimates[i]
+        for mesh, states in zip(model.meshes, estimate.states, strict=True):
+            cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
+            for first, last in pairwise(cuts):
+                times = mesh.times[first:last]
+                field = replace(
+                    model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last], between)
+                )
+                found.append(InitialValueProblem(field, states[first, : model.width], times, ""))
+    return any(each.outcome for each in simulate(found, tolerance=1e-6))
+
+
+def follows_solutions(problem: SearchProblem, state: SearchState) -> bool:
+    """Return whether steps of the likelihood end where solutions do but for less than the noise, in the mean square.
+
+    Both begin at the estimated states, and without forces.
+    """
+    indices = evenly_spaced(len(problem.models), _OBJECTS)
+    squares = [own for i in indices for own in _squared_errors(problem, state, i)]
+    return bool(np.mean(np.concatenate(squares)) < 1)
+
+
+def _squared_errors(problem: SearchProblem, state: SearchState, index: int) -> Iterator[Floats]:
+    """Yield squared errors of the steps of an object, mesh by mesh, in units of the variance of the noise.
+
+    They are infinite where steps are too fast to be followed.
+    """
+    model, estimate = problem.models[index], state.estimates[index]
+    field, d = model.field(estimate.coefficients), model.equations
+    for mesh, states in zip(model.meshes, estimate.states, strict=True):
+        own, on = states[:, : model.width], mesh.contiguous
+        std = np.broadcast_to(problem.std_of(mesh), (len(mesh), d))[1:][on]
+        with np.errstate(all="ignore"):
+            linear = jacobians(field, mesh, own)
+            try:  # Where a step without a defect ends, to first order
+                missed = np.linalg.solve(linear.end[on], linear.defects[on][:, :, np.newaxis])[:, :, 0]
+            except np.linalg.LinAlgError:
+                missed = np.full_like(linear.defects[on], np.inf)
+            found = np.full_like(missed, np.inf)
+            for count in _DIVISIONS:
+                found, before = _followed(field, mesh, own, count)[on], found
+                if (np.abs(found - before)[:, :d] < _LITTLE * std).all():
+                    break
+            squares = ((found - own[1:][on] + missed)[:, :d] / std) ** 2
+        yield np.where(np.isfinite(squares), squares, np.inf).ravel()
+
+
+def _followed(field: VectorField, mesh: Mesh, states: Floats, count: int) -> Floats:
+    """Return the states at the ends of all steps, from those at their starts, by as many steps of Runge and Kutta."""
+    z, h = states[:-1], mesh.steps[:, np.newaxis] / count
+
+    def rates(z: Floats, share: float) -> Floats:
+        inputs = mesh.inputs[:-1] if mesh.held else (1 - share) * mesh.inputs[:-1] + share * mesh.inputs[1:]
+        return field.derivatives(np.column_stack([z, inputs, mesh.times[:-1] + share * mesh.steps]))
+
+    for k in range(count):
+        first = rates(z, k / count)
+        second = rates(z + h / 2 * first, (k + 0.5) / count)
+        third = rates(z + h / 2 * second, (k + 0.5) / count)
+        last = rates(z + h * third, (k + 1) / count)
+        z = z + h / 6 * (first + 2 * second + 2 * third + last)
+    return z

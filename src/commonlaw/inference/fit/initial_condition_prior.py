@@ -1,0 +1,208 @@
+"""The evidence for laws where trials start alike: the starts that a law asks for are drawn from one distribution.
+
+A search takes any start for as likely. A law that is wrong may then follow trials from starts that scatter more than
+those that they had, at no price. Here starts are normal about one mean, as wide as they scatter by the law; both are
+the likeliest ones (parametric empirical Bayes, as of coefficients over objects). Where trials start far apart, or
+starts were measured well, that says of all laws the same.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.state import SearchState, evidence_about
+from commonlaw.inference.score.evidence import minus_twice_log_evidence
+from commonlaw.inference.score.supports import SupportEvidence, scattering
+from commonlaw.likelihood import Estimate, NotPositiveError, whitened_from_starts
+
+_FEWEST = 3
+"""Trials from which on starts tell how they scatter."""
+
+_MOST = 10_000
+"""Numbers from which on trials tell laws apart whatever they say of starts, which would take long."""
+
+_EXACT = 1e-4
+"""Variance of starts by their errors, relative to that between trials, below which laws cannot differ by them."""
+
+_VARIANCES = 10.0 ** np.arange(-4, 2)
+"""Those of starts that are tried, relative to the mean square by the law: what is between matters little."""
+
+_SWEEPS = 2
+"""How often the variance of each state is chosen again, given the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class AlikeStarts:
+    """What the starts of trials say of laws, beside a law of reference, in minus twice the log-evidence.
+
+    Nothing of few trials, of very many samples, of errors that have a memory, and of states that nobody measured; nor
+    where starts are known much better than they scatter.
+    """
+
+    problem: SearchProblem
+    reference: SearchState
+    _known: "dict[tuple[Estimate, ...], _StartsOfLaw | None]" = field(default_factory=dict)
+
+    def price(self, state: SearchState) -> float:
+        """Return how much less plausible a law is by its starts."""
+        reference = self._of_reference
+        found = None if reference is None else self._of(state)
+        return 0.0 if reference is None or found is None else found.own_price - reference.own_price
+
+    def near(self, state: SearchState) -> Callable[[Bools], float]:
+        """Return what says how much less plausible other supports are than those of a state, linearised about it.
+
+        Their starts scatter as those of the state.
+        """
+        found = None if self._of_reference is None else self._of(state)
+        if found is None:
+            return lambda _: 0.0
+        return lambda supports: found.price(supports) - found.own_price
+
+    @cached_property
+    def _of_reference(self) -> "_StartsOfLaw | None":
+        found = self._of(self.reference) if self._tell else None
+        return None if found is None or found.are_exact else found
+
+    @property
+    def _tell(self) -> bool:
+        """Whether there are enough trials, each of one segment, without other processes beside their states."""
+        trials, models = self.problem.trials, self.problem.models
+        segments = sum(int(mesh.first.sum()) for model in models for mesh in model.meshes)
+        latent = any(model.latent.width for model in models)
+        few = sum(self.problem.measured) <= _MOST
+        return _FEWEST <= len(trials) == segments and few and not latent and not trials.schema.starts
+
+    def _of(self, state: SearchState) -> "_StartsOfLaw | None":
+        """Return what is said of a law; nothing if that cannot be computed."""
+        if state.estimates not in self._known:
+            self._known[state.estimates] = None
+            with suppress(NotPositiveError, np.linalg.LinAlgError):
+                found = _StartsOfLaw.of(self.problem, state)
+                self._known[state.estimates] = found if np.isfinite(found.own_price) else None
+        return self._known[state.estimates]
+
+
+@dataclass(frozen=True, eq=False)
+class _StartsOfLaw:
+    """What the likelihood, linearised about a law, says of starts and coefficients.
+
+    Starts of all trials, shape (trials, states), are less their mean. The triangles of each trial, shape (trials, size,
+    size), have as columns changes of its start, all terms that may enter the equations, and the target; so many trials
+    of each object follow each other.
+    """
+
+    problem: SearchProblem
+    state: SearchState
+    starts: Floats
+    triangles: Floats
+    counts: tuple[int, ...]
+    log_determinant: float
+
+    @classmethod
+    def of(cls, problem: SearchProblem, state: SearchState) -> "_StartsOfLaw":
+        """Return what is said about the estimates of a state."""
+        triangles, starts, counts, total = list[Floats](), list[Floats](), list[int](), 0.0
+        for model, estimate in zip(problem.models, state.estimates, strict=True):
+            rows, log_determinant = whitened_from_starts(model, estimate, state.fitted_model_error, problem.allowed)
+            triangles += [_triangle(each) for each in rows]
+            starts += [states[mesh.first] for mesh, states, _ in model.parts(estimate)]
+            counts.append(len(rows))
+            total += log_determinant
+        found, own = np.concatenate(starts), np.array(triangles)
+        found = found - found.mean(axis=0)
+        own[:, :, -1] += np.matmul(own[:, :, : found.shape[1]], found[:, :, np.newaxis])[:, :, 0]
+        return cls(problem, state, found, own, tuple(counts), total)
+
+    @property
+    def are_exact(self) -> bool:
+        """Whether starts, if the law were known, are known much better than they scatter."""
+        states = self.starts.shape[1]
+        inverse = np.linalg.inv(self.triangles[:, :states, :states])
+        errors = np.mean(np.sum(inverse**2, axis=2), axis=0)
+        return bool(np.all(errors < _EXACT * self._typical))
+
+    @property
+    def _typical(self) -> Floats:
+        """The mean squares of starts, shape (states,)."""
+        return np.asarray(np.maximum(np.mean(self.starts**2, axis=0), np.finfo(float).tiny))
+
+    def price(self, supports: Bools) -> float:
+        """Return minus twice the log-evidence of supports, less that where any starts are as likely."""
+        (factors,), (log_determinant,) = self._likeliest
+        return float(log_determinant) + self._evidence(factors, supports) - self._free(supports)
+
+    @cached_property
+    def own_price(self) -> float:
+        """The same of the law itself."""
+        return self.price(self.state.supports)
+
+    @cached_property
+    def _likeliest(self) -> tuple[Floats, Floats]:
+        """What `_of_objects` returns for the variances that are the likeliest with the law itself."""
+        supports, states = self.state.supports, self.starts.shape[1]
+        kept = np.concatenate([np.arange(states), states + np.flatnonzero(supports[self.problem.allowed]), [-1]])
+        own = replace(self, triangles=np.asarray(np.linalg.qr(self.triangles[:, :, kept], mode="r")))
+        variances = self._typical
+        for _ in range(_SWEEPS):
+            for j in range(states):
+                tried = np.tile(variances, (len(_VARIANCES), 1))
+                tried[:, j] = _VARIANCES * self._typical[j]
+                factors, log_determinants = own._of_objects(tried)
+                values = log_determinants + [self._evidence(each, supports, supports) for each in factors]
+                variances = tried[np.argmin(values)]
+        return self._of_objects(variances[np.newaxis])
+
+    def _evidence(self, factors: Floats, supports: Bools, columns: Bools | None = None) -> float:
+        """Return minus twice the log-evidence of supports on factors that have columns of these terms, or of all."""
+        columns = self.problem.allowed if columns is None else columns
+        states, ratios = self.starts.shape[1], None
+        if self._about.in_ratios is not None:
+            own = self._about.in_ratios[:, columns.ravel()]
+            ratios = np.column_stack([own, np.zeros((len(own), states))])
+        indices = np.append(np.flatnonzero(supports[columns]), columns.sum() + np.arange(states))
+        measured = self._about.measured.without(-self.starts.size)
+        return minus_twice_log_evidence(scattering(factors, ratios), indices, measured, common=states)
+
+    def _free(self, supports: Bools) -> float:
+        """Return minus twice the log-evidence of supports, without their prices, where any starts are as likely."""
+        return self._about.value(supports) - sum(self._about.prices.of(each) for each in supports)
+
+    @cached_property
+    def _about(self) -> SupportEvidence:
+        """The evidence about the law, with starts that are free."""
+        return evidence_about(self.problem, self.state)
+
+    def _of_objects(self, variances: Floats) -> tuple[Floats, Floats]:
+        """Return triangles of objects, shape (models, objects, size, size), and log-determinants, shape (models,).
+
+        Columns are coefficients, the mean of all starts, and the target. Starts of trials are integrated out.
+        """
+        (trials, size, _), (models, states) = self.triangles.shape, variances.shape
+        joint = np.zeros((models, trials, size + states, states + size))
+        joint[:, :, :size, :states] = joint[:, :, :size, size - 1 : -1] = self.triangles[:, :, :states]
+        joint[:, :, :size, states : size - 1] = self.triangles[:, :, states:-1]
+        joint[:, :, :size, -1] = self.triangles[:, :, -1]
+        joint[:, :, size:, :states] = np.eye(states) / np.sqrt(variances)[:, np.newaxis, np.newaxis]
+        reduced = np.asarray(np.linalg.qr(joint, mode="r"))
+        own = np.diagonal(reduced[:, :, :states, :states], axis1=2, axis2=3)
+        with np.errstate(divide="ignore"):
+            log_determinants = 2 * np.log(np.abs(own)).sum(axis=(1, 2)) + trials * np.log(variances).sum(axis=1)
+        of_each = np.split(reduced[:, :, states:, states:], np.cumsum(self.counts)[:-1], axis=1)
+        stacked = np.zeros((models, len(self.counts), max(self.counts) * size, size))
+        for o, found in enumerate(of_each):
+            stacked[:, o, : self.counts[o] * size] = found.reshape(models, -1, size)
+        return np.asarray(np.linalg.qr(stacked, mode="r")), self.log_determinant + log_determinants
+
+
+def _triangle(rows: Floats) -> Floats:
+    """Return the triangular factor of rows, shape (columns, columns)."""
+    found = np.zeros((rows.shape[1],) * 2)
+    reduced = np.linalg.qr(rows, mode="r")
+    found[: len(reduced)] = reduced
+    return found

@@ -1,0 +1,57 @@
+"""The scale of a state that was never measured on an object, which its trials do not tell: other objects do.
+
+Twice the state and half of the coefficient before it in the equations of measured states leave these as they are. So
+the coefficients before it there are held at the mean of the objects on which it was measured.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.data.latent_states import begun
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.state import MODEL_ERRORS, SearchState
+from commonlaw.likelihood import fit
+
+_MUCH = 1.2
+"""By which factor the deviance may be larger where coefficients are held; beyond it they stay free."""
+
+
+def held_like_others(problem: SearchProblem, index: int) -> Bools:
+    """Return which coefficients of an object are held like those of others, shape (equations, terms)."""
+    measured = problem.measured_states[index]
+    terms = problem.models[index].terms
+    of_unmeasured = np.array([any(c in term.columns() for c in np.flatnonzero(~measured)) for term in terms.terms])
+    is_known = any(own.all() for own in problem.measured_states)
+    return np.asarray(measured[:, np.newaxis] & of_unmeasured & is_known)
+
+
+def scatter_of_others(problem: SearchProblem, state: SearchState) -> Floats:
+    """Return the variances of the coefficients of objects with all states, shape (equations, terms).
+
+    Of a single object nothing tells how objects differ: then it is as if by as much as the coefficient.
+    """
+    whole = _of_whole(problem, state)
+    return np.asarray(np.var(whole, axis=0, ddof=1) * (1 + 1 / len(whole)) if len(whole) > 1 else whole[0] ** 2)
+
+
+def like_others(problem: SearchProblem, state: SearchState) -> SearchState:
+    """Return the state with objects fitted again of which some coefficients are held."""
+    whole = _of_whole(problem, state)
+    if len(whole) in (0, len(problem.models)):
+        return state
+    errors = (*(each for each in MODEL_ERRORS if each > state.fitted_model_error), state.fitted_model_error)
+    estimates = list(state.estimates)
+    for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
+        if not problem.measured_states[o].all():
+            free = state.supports & ~held_like_others(problem, o)
+            found = fit(model, begun(model, start, whole), free, errors)
+            if found.deviance < _MUCH * estimates[o].deviance:
+                estimates[o] = found
+    return replace(state, estimates=tuple(estimates))
+
+
+def _of_whole(problem: SearchProblem, state: SearchState) -> list[Floats]:
+    pairs = zip(state.estimates, problem.measured_states, strict=True)
+    return [each.coefficients for each, own in pairs if own.all()]

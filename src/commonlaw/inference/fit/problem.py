@@ -1,0 +1,413 @@
+"""What the search for a law starts from: each object's trials, their noise, and smooth curves through them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.formulation import refuse_constant_states
+from commonlaw.inference.data.latent_states import begun, filled_curves, spread_within, typical_states
+from commonlaw.inference.data.noise import (
+    FLOOR,
+    LEAST_FREEDOM,
+    NOISE_WAYS,
+    by_columns,
+    estimated_noise,
+    noise_floor,
+    told_by_repeats,
+)
+from commonlaw.inference.data.smoothing import first_coefficients, smooth_curves
+from commonlaw.inference.data.subsampling import MOST_SAMPLES, as_many_as_are_carried
+from commonlaw.inference.fit.latent_initialization import (
+    begun_at_starts,
+    with_exact_starts,
+    with_noise_of_unmeasured,
+)
+from commonlaw.inference.score.evidence import Measured
+from commonlaw.inference.score.noise_prior import Measurements
+from commonlaw.inference.score.structure_prior import FACTOR, Prices, shifted
+from commonlaw.inference.score.supports import MOST_TERMS, SAMPLES_FOR_A_TERM
+from commonlaw.library import Terms, with_rates
+from commonlaw.likelihood import (
+    HUBER_THRESHOLD,
+    NO_ERRORS,
+    ErrorModel,
+    Estimate,
+    Mesh,
+    ObservationModel,
+    Prior,
+    TrajectoryModel,
+    interpolate,
+    meshes,
+)
+from commonlaw.trials import Trial, Trials
+from commonlaw.trials.trial import with_typical
+
+_PRIOR = 2.0
+"""Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchProblem:
+    """What was measured on each object, ready to be searched for a law.
+
+    The starts are smoothed states, and coefficients of all allowed terms by least squares on smoothed rates; `smoothed`
+    are those states (and rates) of each object's trials, each of shape (n, D). `measured` counts the numbers that were
+    measured on each object. The noise of each state has shape (d,); it and other errors are those of all objects; the
+    `first_noise` is that before any law, which stays if it was given.
+    Coefficients that are known have shape (objects,
+    equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step. The
+    `samples` say which of all are fitted, nothing if all are. Of states that nobody measured, coefficients that would
+    fit the first object about `as_good` as those that it begins with may be known, each of shape (equations, terms).
+    So many terms were to choose from `besides`, which the price of supports counts. Where terms are given, their
+    residuals may tell the noise that differences of few samples do not.
+    """
+
+    trials: Trials
+    models: tuple[TrajectoryModel, ...]
+    starts: tuple[Estimate, ...]
+    smoothed: tuple[tuple[Floats, ...], ...]
+    measured: tuple[int, ...]
+    noise: Floats
+    noise_reason: str
+    known: Floats
+    first_noise: Floats
+    noise_given: bool
+    points: int = 1
+    errors: ErrorModel = NO_ERRORS
+    samples: str = ""
+    as_good: tuple[Floats, ...] = ()
+    besides: int = 0
+    residuals_tell_noise: bool = False
+
+    @property
+    def allowed(self) -> Bools:
+        """Which terms may enter which equation, shape (equations, terms)."""
+        return np.asarray(np.isnan(self.known[0]))
+
+    @cached_property
+    def measured_states(self) -> tuple[Bools, ...]:
+        """Which states of each object were measured in one of its trials, each of shape (states,)."""
+        groups = (self.trials.of_object(name) for name in self.trials.objects)
+        return tuple(
+            np.asarray(np.isfinite(np.concatenate([trial.states for trial in group])).any(axis=0)) for group in groups
+        )
+
+    @property
+    def most_terms(self) -> int:
+        """How many terms an equation may have.
+
+        Objects share the support, so that all of them together pay for its terms. What an object has of its own, the
+        initial states of its trials and its coefficients, takes as many measured numbers.
+        """
+        pairs = zip(self.models, self.trials.objects, strict=True)
+        starts = [model.width * len(self.trials.of_object(name)) for model, name in pairs]
+        left = min(n - own for n, own in zip(self.measured, starts, strict=True))
+        shared = sum(self.measured) // SAMPLES_FOR_A_TERM
+        return int(np.clip(min(left, shared) // len(self.noise), 1, MOST_TERMS))
+
+    @property
+    def noise_is_fixed(self) -> bool:
+        """Whether what a law leaves does not change the noise.
+
+        It was given, trials are too short to tell it, or more samples tell it than those that are fitted.
+        """
+        return self.noise_given or bool(self.samples) or not (self.tells_noise or self.residuals_tell_noise)
+
+    @property
+    def tells_noise(self) -> bool:
+        """Whether differences of the samples of some trial tell the noise of a state, or repeated measurements do."""
+        return bool(told_by_repeats(self.trials).any()) or any(
+            np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials
+        )
+
+    def is_determined(self, coefficients: int) -> bool:
+        """Return whether the residuals of all objects, with so many coefficients, have enough degrees of freedom."""
+        starts = sum(model.width * len(model.meshes) for model in self.models)
+        return sum(self.measured) - starts - coefficients >= LEAST_FREEDOM
+
+    def starts_with(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+        """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
+        pairs = zip(self.starts, estimates, strict=True)
+        return tuple(replace(start, coefficients=own.coefficients) for start, own in pairs)
+
+    def with_priors(self, priors: Sequence[Prior | None]) -> "SearchProblem":
+        """Return the problem with what the coefficients of each object are beforehand, if anything is known."""
+        pairs = zip(self.models, priors, strict=True)
+        return replace(self, models=tuple(replace(model, prior=prior) for model, prior in pairs))
+
+    def of_objects(self, indices: Sequence[int]) -> "SearchProblem":
+        """Return the problem of some of the objects alone, with the same errors."""
+        names = [self.trials.objects[i] for i in indices]
+        trials = self.trials.with_trials([each for each in self.trials if each.object in names])
+        return replace(
+            self,
+            trials=trials,
+            models=tuple(self.models[i] for i in indices),
+            starts=tuple(self.starts[i] for i in indices),
+            smoothed=tuple(self.smoothed[i] for i in indices),
+            measured=tuple(self.measured[i] for i in indices),
+            known=self.known[indices],
+        )
+
+    def of_trials(self, trials: Sequence[Trial], known: Floats, guess: Floats) -> "SearchProblem":
+        """Return the problem of other trials of the same schema, with the same errors, and on as fine a mesh.
+
+        Coefficients that are known, and those that fits may begin with, both of shape (objects, equations, terms), are
+        those of the objects of these trials.
+        """
+        model, some = self.models[0], self.trials.with_trials(trials)
+        threshold = model.observation.huber_threshold
+        found = prepare(some, model.terms, known, noise=self.first_noise, huber_threshold=threshold, guess=guess)
+        while found.points < self.points:
+            found = found.finer()
+        models = tuple(replace(each, unit=model.unit) for each in found.models)
+        return replace(found, models=models).with_errors(self.noise, self.errors, self.noise_reason)
+
+    def noisier(self, factor: Floats | float, reason: str) -> "SearchProblem":
+        """Return the same problem with the noise times a factor, of each state or of all, and the reason for it."""
+        each = np.broadcast_to(factor, self.noise.shape)
+        units = np.concatenate([each, each[with_rates(self.models[0].order, len(each))]])
+        models = tuple(replace(model, unit=units * model.unit) for model in self.models)
+        return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
+
+    def with_huber_threshold(self, threshold: float) -> "SearchProblem":
+        """Return the same problem with other standard deviations beyond which a measurement counts as an outlier."""
+        models = (
+            replace(each, observation=replace(each.observation, huber_threshold=threshold)) for each in self.models
+        )
+        return replace(self, models=tuple(models))
+
+    def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
+        """Return the same problem with other noise, shape (d,), and other errors, and the reason for them."""
+        stds, models, starts = iter(self._by_mesh(self.measurements.white_std(noise, errors) / noise)), [], []
+        for model, start in zip(self.models, self.starts, strict=True):
+            states = tuple(each[:, : model.width] for each in start.states)
+            meshes = [mesh.with_scale(next(stds)) for mesh in model.meshes]
+            observation = replace(model.observation, noise=noise)
+            own = replace(model, meshes=meshes, observation=observation)
+            own, start = own.with_latent(errors.latent, replace(start, states=states))
+            models.append(own)
+            starts.append(start)
+        return replace(
+            self, models=tuple(models), starts=tuple(starts), noise=noise, errors=errors, noise_reason=reason
+        )
+
+    @property
+    def under_white_noise(self) -> "SearchProblem":
+        """The same problem without other errors than white noise, of the level that was estimated first."""
+        return self.with_errors(self.first_noise, NO_ERRORS, "of the first estimate") if self.errors else self
+
+    def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
+        """Return the same problem that starts from the states of estimates, at which noise in proportion is taken."""
+        starts = tuple(replace(start, states=each.states) for start, each in zip(self.starts, estimates, strict=True))
+        return replace(self, starts=starts).with_errors(self.noise, self.errors, self.noise_reason)
+
+    @cached_property
+    def measurements(self) -> Measurements:
+        """What says how probable levels of errors are, whatever the law."""
+        meshes = tuple(mesh for model in self.models for mesh in model.meshes)
+        states = tuple(own for start in self.starts for own in start.states)
+        return Measurements(
+            self.trials,
+            meshes,
+            states,
+            self.first_noise,
+            self.models[0].order,
+            sum(self.measured),
+            self.noise_is_fixed,
+            _PRIOR if self.tells_noise else 0.0,
+        )
+
+    @cached_property
+    def counted(self) -> Measured:
+        """How many numbers were measured, and how surely they tell the scale of the noise."""
+        return self.measurements.counted(self.noise, self.errors, self.white_std)
+
+    @property
+    def least_variance(self) -> float:
+        """What the variance of the noise that laws are fitted under is at least, in units of what it is."""
+        return self.measurements.least_variance(self.noise)
+
+    @cached_property
+    def prices(self) -> Prices:
+        """What supports cost.
+
+        Where a state of second order is counted from is somebody's choice, unless trials come by its zero.
+        """
+        terms, states = self.models[0].terms, len(self.noise)
+        given = ~self.allowed.any(axis=0) & np.any(np.nan_to_num(self.known) != 0, axis=(0, 1))
+        found = []
+        for j in with_rates(self.models[0].order, states):
+            seen = np.concatenate([trial.states[:, j] for trial in self.trials])
+            if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
+                found.append(shifted(terms, j) & ~given)
+        return Prices(FACTOR * terms.complexities, tuple(found), float(np.log(sum(self.measured))), self.besides)
+
+    @cached_property
+    def price_of_errors(self) -> float:
+        """What the levels of errors cost, see `Measurements.price`."""
+        return self.measurements.price(self.noise, self.errors, self.white_std)
+
+    def std_of(self, mesh: Mesh) -> Floats:
+        """Return the white noise of each measurement at the state where it is, shape (n, d)."""
+        return mesh.scale * self.noise
+
+    @cached_property
+    def white_std(self) -> Floats:
+        """The same of all meshes, one behind the other, shape (points, d)."""
+        return np.concatenate([self.std_of(mesh) for model in self.models for mesh in model.meshes])
+
+    def _by_mesh(self, values: Floats) -> list[Floats]:
+        """Return values at the points of all meshes, one behind the other, mesh by mesh."""
+        lengths = [len(mesh) for model in self.models for mesh in model.meshes]
+        return np.split(values, np.cumsum(lengths)[:-1])
+
+    def padded(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+        """Return estimates with as many latent processes as the problem has, which begin at zero if they are new."""
+        pairs = zip(self.models, estimates, strict=True)
+        return tuple(
+            each
+            if all(states.shape[1] == model.width + model.latent.width for states in each.states)
+            else model.with_latent(model.latent, each)[1]
+            for model, each in pairs
+        )
+
+    def finer(self) -> "SearchProblem":
+        """Return the same problem with twice as many points for each sampling step."""
+        points = 2 * self.points
+        groups = [self.trials.of_object(name) for name in self.trials.objects]
+        pairs = zip(self.models, groups, strict=True)
+        between = self.trials.schema.input_between
+        models = tuple(replace(model, meshes=meshes(group, points, input_between=between)) for model, group in pairs)
+        starts = tuple(
+            replace(start, states=tuple(map(Mesh.halfway, model.meshes, start.states)))
+            for model, start in zip(self.models, self.starts, strict=True)
+        )
+        return replace(self, models=models, starts=starts, points=points).with_errors(
+            self.noise, self.errors, self.noise_reason
+        )
+
+
+def prepare(
+    trials: Trials,
+    terms: Terms,
+    known: Floats,
+    *,
+    noise: Floats | None = None,
+    huber_threshold: float = HUBER_THRESHOLD,
+    most_samples: int = MOST_SAMPLES,
+    guess: Floats | None = None,
+) -> SearchProblem:
+    """Return the problem of finding a law of these trials.
+
+    Parameters
+    ----------
+    trials
+        What was measured.
+    terms
+        The library, over states and the rates of those of second order.
+    known
+        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
+    noise
+        Standard deviation of each state, shape (d,), if it is known, see `known_noise`; by default it is estimated.
+    huber_threshold
+        Beyond how many standard deviations a measurement counts as an outlier, see `ObservationModel`.
+    most_samples
+        Samples that are fitted at most, see `as_many_as_are_carried`; all of them tell the noise.
+    guess
+        Coefficients, shape (objects, equations, terms): what those constants inside of terms begin with that are to be
+        found, and likely signs of those in equations of unmeasured states.
+
+    Raises
+    ------
+    CommonlawError
+        If a trial is too short, or a term is not finite on it, the message names the trial; or if the Huber threshold
+        is not above zero.
+    """
+    trials = with_exact_starts(trials, terms, known[0])
+    scale, order = spread_within(trials), terms.variables.order_of(len(trials.schema.states))
+    trials = trials.with_trials([replace(each, noise=np.maximum(each.noise, FLOOR * scale)) for each in trials])
+    samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
+    extremes = {name: np.array([np.fmin.reduce(each), np.fmax.reduce(each)]) for name, each in samples.items()}
+    started = trials.schema.unmeasured
+    refuse_constant_states({name: np.where(started, np.nan, each) for name, each in extremes.items()}, trials.schema)
+    given = noise is not None
+    noise, reason = estimated_noise(trials) if noise is None else (noise, "as given")
+    levels = np.fmax(noise, FLOOR * scale if given else noise_floor(trials))
+    if started.any():
+        levels = with_noise_of_unmeasured(levels, trials)
+    carried = as_many_as_are_carried(trials, levels, most_samples)
+    trials = carried.trials
+    groups = [trials.of_object(name) for name in trials.objects]
+    curves = [[smooth_curves(trial, order, started) for trial in group] for group in groups]
+    unit, second = levels, with_rates(order, len(scale))
+    if len(second):
+        rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
+        unit = np.concatenate([levels, levels[second] * np.nanstd(rates, axis=0) / scale[second]])
+    between, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
+    models = [
+        TrajectoryModel(
+            terms,
+            [_with_starts(mesh, levels, started) for mesh in meshes(group, input_between=between)],
+            observation,
+            unit,
+        )
+        for group in groups
+    ]
+    if started.any():
+        starts, curves, as_good = begun_at_starts(
+            models, trials, curves, known, np.zeros_like(known) if guess is None else guess
+        )
+    else:
+        begins = known if guess is None else np.where(np.isnan(known) & ~terms.is_factor, guess, known)
+        starts, as_good = _begun_along_curves(models, groups, curves, begins), []
+    typical = typical_states(curves)
+    measured = tuple(int(sum(trial.counts[:, ~trial.absent].sum() for trial in group)) for group in groups)
+    smooth = tuple(tuple(filled_curves(own, typical)) for own in curves)
+    problem = SearchProblem(
+        trials,
+        tuple(models),
+        tuple(starts),
+        smooth,
+        measured,
+        levels,
+        reason,
+        known,
+        levels,
+        given,
+        samples=carried.words,
+        as_good=tuple(as_good),
+    )
+    return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
+
+
+def _with_starts(mesh: Mesh, levels: Floats, started: Bools) -> Mesh:
+    """Return a mesh on which starts of states that nobody measured are as exact as they are."""
+    if not started.any():
+        return mesh
+    return mesh.with_scale(
+        np.where(started & mesh.observed, with_typical(mesh.noise, levels) * mesh.averaging / levels, 1.0)
+    )
+
+
+def _begun_along_curves(
+    models: Sequence[TrajectoryModel],
+    groups: Sequence[Sequence[Trial]],
+    curves: Sequence[Sequence[tuple[Floats, Floats]]],
+    known: Floats,
+) -> list[Estimate]:
+    """Return the smoothed states and rates of each object, and coefficients of all allowed terms by least squares."""
+    starts, own_laws, typical = [], [], typical_states(curves)
+    for model, group, own, fixed in zip(models, groups, curves, known, strict=True):
+        usable = [pair for pair in zip(group, own, strict=True) if np.isfinite(pair[1][0]).all()]
+        coefficients = first_coefficients(model.terms, usable, fixed) if usable else np.nan_to_num(fixed)
+        starts.append(Estimate(tuple(interpolate(filled_curves(own, typical))), coefficients))
+        own_laws.append([coefficients] if usable else [])
+    others = [each for own in own_laws for each in own]
+    for o, own in enumerate(curves):
+        if any(np.isnan(states).any() for states, _ in own):
+            starts[o] = begun(models[o], starts[o], own_laws[o] or others)
+    return starts

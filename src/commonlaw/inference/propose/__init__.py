@@ -1,0 +1,1 @@
+"""Other models to compare: richer terms, ratios, forcing, latent states, orders."""

@@ -1,0 +1,279 @@
+"""The search for laws that have terms with constants inside, from a law that has none.
+
+Sets of terms that may explain each equation are proposed along curves that are near, see `term_sets`; those of
+all equations are fitted to the trajectories, one equation's after the other, and the law of largest evidence gives
+curves that are nearer. The law without such terms stays unless the evidence pays for the larger choice.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+
+import numpy as np
+
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.propose.candidate_laws import FAR, LawsOfSets, tried_together, without_processes
+from commonlaw.inference.propose.integral_ranking import HOPELESS, MOST_NUMBERS, TermSet, matching_sets
+from commonlaw.inference.propose.rational import matching_ratios
+from commonlaw.inference.search.error_levels import kind_of
+from commonlaw.inference.search.law_search import LawSearch, best_of, resolved, with_error_models
+from commonlaw.library import Monomial, Offer
+from commonlaw.likelihood import ErrorModel, Estimate
+from commonlaw.progress import ProgressCallback, Stage
+
+_ROUNDS = 4
+"""How often sets are proposed along curves, of the best law or smoothed, and fitted."""
+
+_LOOSE = 0.3
+"""Model error from which states are near the measurements, whatever the law."""
+
+_MOST_TRIED, _MOST_FITTED = 30, 8
+"""Sets of an equation that are fitted in a round at most, from where they were proposed, and those of them that are
+fitted in all ways."""
+
+_MOST_TOGETHER = 4
+"""Laws of sets of all equations, tried together, that are fitted in all ways."""
+
+_RESOLVED = 1.0
+"""What a finer mesh may take from twice the log-evidence of a law whose curves it leaves as they are."""
+
+_FEWEST = 2
+"""Coefficients and constants that a ratio has at least."""
+
+
+def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: ProgressCallback) -> LawSearch:
+    """Return the law of largest evidence with some of what is offered or without, with the others as its rivals.
+
+    Parameters
+    ----------
+    found
+        The law among plain terms.
+    offers
+        What an equation may have besides. Those after the first are tried where `may_be_simpler`, and pay for what was
+        to choose from before, too.
+    progress
+        Takes what is being done.
+    """
+    search, best = LawsOfSets(found, _base(found), Offer(())), found
+    rows = search.rows_of_found()
+    for i, offer in enumerate(offers):
+        fewest = _FEWEST if i else -1  # The first is tried in any equation
+        if not offer.count:
+            continue
+        if i and not may_be_simpler(best, fewest):
+            break
+        search, best, rows = _with_offer(search.offering(offer, fewest), best, rows, progress)
+    return best_of(search.listed())
+
+
+def with_parametric_terms_under_errors(
+    found: LawSearch, before: ErrorModel, offers: Sequence[Offer], progress: ProgressCallback
+) -> LawSearch:
+    """Return the law of largest evidence when what is offered is sought under errors of the measurements, too.
+
+    Beside white noise, if there are any: under noise in proportion small values say more, where such terms may bend.
+    Parameters are those of `with_parametric_terms`; the law is found with its errors, and such terms were sought under
+    those `before`.
+    """
+    plain = found.among_plain
+    errors = plain.problem.errors
+    if not any(each.count for each in offers) or errors.of_law or kind_of(errors) in ("white", kind_of(before)):
+        return found
+    again = with_parametric_terms(plain, offers, progress)
+    again = with_error_models(again, None, (kind_of(errors),), progress)
+    return best_of([found, *found.rivals, again, *again.rivals])
+
+
+def may_be_series(found: LawSearch) -> bool:
+    """Return whether a law has what may be the beginning of a series, cut off where the library ends.
+
+    That are three powers of one variable with the same factor, in equal steps (as of an exponential function, or of a
+    sine) up to the highest degree that is offered: a function with a constant inside says as much in two numbers.
+    """
+    terms = found.template.terms
+    highest = max((each.degree for each in terms.terms if isinstance(each, Monomial)), default=0)
+    for support in found.state.supports & terms.is_factor:
+        exponents = {each.exponents for k in np.flatnonzero(support) if isinstance(each := terms.terms[k], Monomial)}
+        for last in (each for each in exponents if sum(each) == highest):
+            for column, power in enumerate(last):
+                before = [(*last[:column], each, *last[column + 1 :]) for each in range(power)]
+                steps = range(1, power // 2 + 1)
+                if any({before[power - step], before[power - 2 * step]} <= exponents for step in steps):
+                    return True
+    return False
+
+
+def may_be_simpler(found: LawSearch, numbers: int) -> bool:
+    """Return whether a law of richer terms may say more than one that was found, or as much in so few numbers."""
+    most = int(found.state.supports.sum(axis=1).max())
+    return most > numbers or bool(found.lack_of_fit)
+
+
+def _with_offer(
+    search: LawsOfSets, best: LawSearch, rows: "tuple[TermSet, ...]", progress: ProgressCallback
+) -> "tuple[LawsOfSets, LawSearch, tuple[TermSet, ...]]":
+    """Return a search with the law of largest evidence, and its terms, on a mesh that is fine enough."""
+    curves = _near(search.found)
+    if not best.lack_of_fit:  # Its solutions are as near as can be
+        curves = (without_processes(best, best.state.estimates),)
+    known = _Known()
+    while True:
+        best, rows, known = _searched(search, rows, curves, known, progress)
+        worse = not best.state.score < search.found.state.score
+        finer = search.base.points if worse else resolved(best, progress).problem.points
+        if finer <= search.base.points:
+            return search, best, rows
+        progress("fitting laws again on a finer mesh")
+        search, near = search.on_finer_mesh(best, finer)
+        curves = (near,)
+
+
+@dataclass(frozen=True)
+class _Known:
+    """Sets of terms that were proposed for each equation.
+
+    And minus twice the log-evidence of a law that explains what was measured, along whose curves they were.
+    """
+
+    sets: tuple[list[list[TermSet]], ...] = ()
+    value: float = -np.inf
+
+    def suffice(self, best: LawSearch) -> bool:
+        """Return whether others would propose the same, as a law that is as likely was along its own curves.
+
+        A finer mesh may show that it is not.
+        """
+        return best.state.score.total < self.value + _RESOLVED
+
+
+def _searched(
+    search: LawsOfSets,
+    rows: "tuple[TermSet, ...]",
+    curves: Sequence[Sequence[Estimate]],
+    known: _Known,
+    progress: ProgressCallback,
+) -> "tuple[LawSearch, tuple[TermSet, ...], _Known]":
+    """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known.
+
+    And the sets of terms that were proposed, beside those that are known.
+    """
+    departs = search.found.state.has_model_error  # Which makes up for what one equation lacks while another has it
+    best = search.fit(rows, curves[0]) if departs or any(row.others for row in rows) else None
+    best, left = best or search.found, list(curves)
+    for number in range(_ROUNDS):
+        before, begun, most = best, rows, _most(best, rows)
+        near, *left = left
+        if not known.suffice(best):
+            progress(Stage("proposing terms with constants inside", number / _ROUNDS))
+            sets = (*_proposed(search, best, rows, near), *known.sets)
+            known = _Known(sets, best.state.score.total if number > 0 and not best.lack_of_fit else -np.inf)
+        steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
+        done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
+        if len(rows) > 1:
+            best, rows = search.better(best, rows, _joint(known.sets, most), _MOST_TOGETHER, near, done[0])
+        for j, own in enumerate(zip(*known.sets, strict=True)):
+            few = [each for each in _in_turn(own) if each.numbers <= _most(best, rows)[j]]
+            listed = [(*rows[:j], each, *rows[j + 1 :]) for each in few[:_MOST_TRIED]]
+            best, rows = search.better(best, rows, listed, _MOST_FITTED, near, done[j + 1])
+        if len(rows) > 1 and best.lack_of_fit:
+            best, rows = search.better(best, rows, search.together(begun), _MOST_TOGETHER, near, done[-1])
+        if best is not before:
+            left = [without_processes(best, best.state.estimates), *(left if best.lack_of_fit else ())]
+            rows = search.with_coefficients(rows, best)
+            search.near.clear()
+        if not left:
+            break
+    return *_with_fewer(search, best, rows, progress), known
+
+
+def _with_fewer(
+    search: LawsOfSets, best: LawSearch, rows: "tuple[TermSet, ...]", progress: ProgressCallback
+) -> "tuple[LawSearch, tuple[TermSet, ...]]":
+    """Return the law of largest evidence when terms are left out, one after the other, that it may do without."""
+    done, before = partial(_stage, progress, 1.0, 0.0), None
+    while best is not before and best is not search.found:
+        before, near = best, without_processes(best, best.state.estimates)
+        best, rows = search.better(best, rows, list(search.with_one_less(best, rows)), _MOST_TOGETHER, near, done)
+    return best, rows
+
+
+def _base(found: LawSearch) -> SearchProblem:
+    """Return the problem of a search without errors of the law, and how many terms are to choose from `besides`.
+
+    These are all: the terms of a law are not yet among them.
+    """
+    problem = replace(found.problem, besides=len(found.template.terms))
+    return problem.under_white_noise if problem.errors.of_law else problem
+
+
+def _near(found: LawSearch) -> tuple[tuple[Estimate, ...], ...]:
+    """Return states near the true ones, in two ways.
+
+    Those that follow the measurements with the help of the law, but may leave it, and those that were smoothed.
+    """
+    loose = next((each for each in found.found if each.model_error >= _LOOSE), None)
+    smoothed = found.problem.starts
+    curves = ([loose.estimates] if loose else []) + [smoothed]
+    return tuple(without_processes(found, each) for each in curves)
+
+
+def _in_turn(proposed: Sequence[Sequence[TermSet]]) -> list[TermSet]:
+    """Return sets of several lists, each the most promising first: the best of each size before the second best."""
+    ranks, found = Counter[tuple[int, int]](), dict[TermSet, tuple[int, int]]()
+    for number, own in enumerate(proposed):
+        for each in own:
+            found.setdefault(each, (ranks[number, each.numbers], each.numbers))
+            ranks[number, each.numbers] += 1
+    return sorted(found, key=lambda each: found[each])
+
+
+def _joint(known: Sequence[Sequence[Sequence[TermSet]]], most: Sequence[int]) -> list[tuple[TermSet, ...]]:
+    """Return sets for all equations together, of lists of each equation's, the most promising first.
+
+    The first of each, and those with most numbers of the first of each size, up to a size that all have.
+    """
+    found = dict[tuple[TermSet, ...], None]()
+    for proposed in known:
+        found |= dict.fromkeys(product(*(own[: tried_together(len(proposed))] for own in proposed)))
+    in_turn = [_in_turn(own) for own in zip(*known, strict=True)]
+    for numbers in range(1, max(most) + 1):
+        small = [[each for each in own if each.numbers <= numbers] for own in in_turn]
+        if all(small):
+            found[tuple(max(own, key=lambda each: each.numbers) for own in small)] = None
+    return [rows for rows in found if all(row.numbers <= own for row, own in zip(rows, most, strict=True))]
+
+
+def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
+    """Return how many numbers are looked at in each equation: where noise explains the law, as many or fewer.
+
+    Of exact measurements one more, where the law leaves as much as tells others apart.
+    """
+    if best.lack_of_fit:
+        return [MOST_NUMBERS] * len(rows)
+    left = sum(each.deviance for each in best.state.estimates) / sum(best.problem.measured)
+    is_exact = best.problem.least_variance >= 1
+    return [row.numbers + int(is_exact and left > best.problem.counted.least) for row in rows]
+
+
+def _proposed(
+    search: LawsOfSets, best: LawSearch, rows: Sequence[TermSet], estimates: Sequence[Estimate]
+) -> Iterator[list[list[TermSet]]]:
+    """Yield sets of terms of each equation beside the best law so far and its terms, the most promising first.
+
+    With others, and with ratios of sums. Where noise explains the law, equations that may not be simpler keep their
+    terms.
+    """
+    sought = [bool(best.lack_of_fit) or row.numbers > search.fewest for row in rows]
+    most = {j: own for j, (own, is_sought) in enumerate(zip(_most(best, rows), sought, strict=True)) if is_sought}
+    hopeless = HOPELESS if best.lack_of_fit else FAR
+    listed = [matching_sets(search.base, estimates, search.offer.terms, most, hopeless)]
+    if search.offer.ratios:
+        listed.append(matching_ratios(search.base, estimates, search.offer.ratios, most, hopeless))
+    for found in listed:
+        yield [found.get(j, [row]) for j, row in enumerate(rows)]
+
+
+def _stage(progress: ProgressCallback, begun: float, share: float, done: float) -> None:
+    progress(Stage("fitting laws with constants inside of terms", begun + share * done))

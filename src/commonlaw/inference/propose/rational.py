@@ -1,0 +1,359 @@
+"""Ratios of two sums of terms that fit an equation best: ranked by sums of squares of integrals, see `term_sets`.
+
+Given the coefficients below, those above are found by least squares (variable projection; Golub and Pereyra 1973).
+Denominators of two terms are all compared at a bank of values, each with every small set of terms above; the best of
+them get another term, and so on. What is compared are measurements with integrals of ratios along near curves: the
+rates are not multiplied by the denominator, which would make errors of those of the regressors.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain, combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.inference.fit.integral_form import INSIDE, Course, closest, projected, unit, with_steps
+from commonlaw.inference.fit.poles import with_points_between
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.propose.integral_ranking import HOPELESS, MOST_NUMBERS, OBJECTS, Start, TermSet, for_all
+from commonlaw.library import Ratios, Terms
+from commonlaw.likelihood import Estimate
+from commonlaw.parallel import in_parallel
+from commonlaw.spacing import evenly_spaced
+
+_BANK = 10.0 ** np.arange(-2.0, 2.1, 0.25)
+"""Coefficients below that are tried, relative to those that make terms below of one size."""
+
+_MOST_ABOVE, _MOST_BELOW, _MOST_BESIDE = 3, 4, 2
+"""Terms above, below and beside a ratio at most."""
+
+_MOST_SETS = 400
+"""Sets of terms above and beside that are compared at most, smaller ones first."""
+
+_WIDENED = 4
+"""Denominators of one size to which another term is added."""
+
+_CLOSE, _KEPT = 6, 3
+"""Sets of as many numbers whose denominators are found to more digits, and of which so many are fitted."""
+
+
+def matching_ratios(
+    problem: SearchProblem,
+    estimates: Sequence[Estimate],
+    offered: Sequence[Ratios],
+    most: Mapping[int, int],
+    hopeless: float = HOPELESS,
+) -> dict[int, list[TermSet]]:
+    """Return ratios that fit best for how many numbers they have, the most promising first, by equation.
+
+    Parameters
+    ----------
+    problem
+        What was measured, and the plain terms.
+    estimates
+        States near the true ones, of each object.
+    offered
+        The ratios among which is chosen.
+    most
+        How many numbers those of an equation have at most, by its index.
+    hopeless
+        Ratios that leave so many times the least sum of squares are not kept, but for the best of each size.
+    """
+    indices = evenly_spaced(len(problem.models), OBJECTS)
+    courses = [Course.of(problem, o, estimates[o], ()) for o in indices]
+    found = dict[int, list[TermSet]]()
+    for equation, numbers in most.items():
+        scored = list[tuple[float, TermSet]]()
+        for each in offered:
+            sides = [_Sides.of(course, equation, each) for course in courses]
+            sides = [own for own in sides if len(own.target)]
+            scored += _Ranked(problem, equation, each, sides, numbers, hopeless).best() if sides else []
+        found[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """Terms above, below and beside along the curves of an object, and its measurements of a state.
+
+    Parameters
+    ----------
+    target
+        What was measured, relative to its noise, without what free starts explain, shape (m,).
+    operator
+        Integrals of rates that are one at a single point, shape (m, n).
+    beside
+        Integrals of plain terms, shape (m, terms).
+    above, below
+        Values of terms along the curves, shape (n, terms).
+    between
+        Values of terms below at these states and others between them, shape (k, terms).
+    """
+
+    target: Floats
+    operator: Floats
+    beside: Floats
+    above: Floats
+    below: Floats
+    between: Floats
+
+    @classmethod
+    def of(cls, course: Course, equation: int, offered: Ratios) -> "_Sides":
+        """Return the terms of ratios along the curves of an object, for an equation."""
+        from scipy.linalg import block_diag
+
+        match, values = course.match(equation), course.banks.values
+        variables = course.problem.models[course.index].terms.variables
+        beside, above, below = (Terms(variables, each) for each in (offered.beside, offered.above, offered.below))
+        along = values[np.concatenate([np.empty(0, dtype=np.int64), *match.integrals.points])]
+        return cls(
+            match.target,
+            block_diag(*match.integrals.operators),
+            match.integrals.of(beside.evaluate(values)),
+            above.evaluate(along),
+            below.evaluate(along),
+            below.evaluate(with_points_between(values)),
+        )
+
+    def columns(self, below: Sequence[int], coefficients: Floats) -> Floats:
+        """Return integrals of all terms above and beside, shape (values, m, terms), at some coefficients below.
+
+        These have the shape (values, terms below).
+        """
+        with np.errstate(all="ignore"):
+            rates = self.above[:, np.newaxis, :] / (self.below[:, below] @ coefficients.T)[:, :, np.newaxis]
+            ratios = np.tensordot(self.operator, rates, axes=1).transpose(1, 0, 2)
+        return np.concatenate([ratios, np.broadcast_to(self.beside, (len(ratios), *self.beside.shape))], axis=2)
+
+    def whole(self, below: Sequence[int], coefficients: Floats) -> Bools:
+        """Return at which coefficients a denominator does not vanish, shape (values,)."""
+        signs = np.sign(self.between[:, below] @ coefficients.T)
+        return np.asarray(np.ptp(signs, axis=0) == 0)
+
+    def left(self, below: Sequence[int], coefficients: Floats, sets: Sequence[Indices]) -> Floats:
+        """Return what sets of terms leave of the sum of squares, shape (values, sets), see `columns`.
+
+        The sets of each size have the shape (sets, size).
+        """
+        columns = self.columns(below, coefficients)
+        with np.errstate(over="ignore"):
+            norms = np.linalg.norm(columns, axis=1, keepdims=True)
+        columns = np.divide(columns, norms, out=np.zeros_like(columns), where=np.isfinite(norms) & (norms > 0))
+        gram, inner = np.matmul(columns.transpose(0, 2, 1), columns), np.matmul(self.target, columns)
+        gained = []
+        for own in sets:
+            inside = gram[:, own[:, :, np.newaxis], own[:, np.newaxis, :]] + INSIDE * np.eye(own.shape[1])
+            found = np.linalg.solve(inside, inner[:, own][..., np.newaxis])[..., 0]
+            gained.append(np.sum(inner[:, own] * found, axis=2))
+        left = self.target @ self.target - np.concatenate(gained, axis=1)
+        left[~self.whole(below, coefficients)] = np.inf
+        return np.asarray(np.maximum(left, np.finfo(float).tiny))
+
+    def fitted(self, below: Sequence[int], coefficients: Floats, terms: Sequence[int]) -> tuple[Floats, Floats]:
+        """Return coefficients of some terms above and beside by least squares, and what is left of the target.
+
+        All is left where the denominator, of coefficients of shape (terms below,), vanishes.
+        """
+        if not self.whole(below, coefficients[np.newaxis]).all():
+            return np.zeros(len(terms)), self.target
+        columns, norms = unit(self.columns(below, coefficients[np.newaxis])[0][:, terms])
+        found = np.linalg.lstsq(columns, self.target, rcond=1e-12)[0]
+        return found / np.where(norms > 0, norms, 1.0), self.target - columns @ found
+
+    def closest(self, below: Sequence[int], begin: Floats, terms: Sequence[int]) -> Floats:
+        """Return the coefficients below that leave least, near some, of which none is zero."""
+
+        def linearized(values: Floats) -> tuple[Floats, Floats]:
+            several = np.column_stack([with_steps(values), np.full(len(begin), begin[-1])])
+            if not self.whole(below, several[:1]).all():
+                return self.target, np.zeros((len(self.target), len(values)))
+            return projected(self.target, self.columns(below, several)[:, :, terms])
+
+        return np.append(closest(linearized, begin[:-1]), begin[-1])
+
+
+class _Shape(NamedTuple):
+    """Which terms are above, below and beside, by their indices."""
+
+    above: tuple[int, ...]
+    below: tuple[int, ...]
+    beside: tuple[int, ...]
+
+    @property
+    def numbers(self) -> int:
+        return len(self.above) + len(self.below) - 1 + len(self.beside)
+
+
+class _Score(NamedTuple):
+    """What a shape leaves of all measurements at coefficients below, of shape (objects, terms below)."""
+
+    squares: float
+    below: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Ranked:
+    """Ratios for an equation, of so many numbers at most, by what they leave of the measurements of all objects.
+
+    Those with one more number are looked at, too, from which a term may be dropped.
+    """
+
+    problem: SearchProblem
+    equation: int
+    offered: Ratios
+    sides: Sequence[_Sides]
+    at_most: int
+    hopeless: float
+
+    def best(self) -> list[tuple[float, TermSet]]:
+        """Return the best shapes of each size, with their criterion."""
+        found = self._all()
+        groups: dict[int, list[tuple[float, _Shape]]] = {}
+        for shape, score in found.items():
+            groups.setdefault(shape.numbers, []).append((score.squares, shape))
+        most = min(groups, key=lambda numbers: self._criterion(numbers, min(groups[numbers])[0]), default=0)
+        most = min(most, self.at_most)
+        closer: dict[int, list[tuple[float, _Shape]]] = {}
+        for numbers in range(most + 2):
+            for _, shape in sorted(groups.get(numbers, []))[:_CLOSE]:
+                found[shape] = self._closely(shape, found[shape])
+                closer.setdefault(numbers, []).append((found[shape].squares, shape))
+        for numbers in range(most + 1, 1, -1):
+            for _, shape in sorted(closer.get(numbers, []))[:1]:
+                for less, score in self._without_one(shape, found[shape]):
+                    listed = closer.setdefault(less.numbers, [])
+                    if less not in {own for _, own in listed} or score.squares < found[less].squares:
+                        found[less] = score
+                        closer[less.numbers] = [(score.squares, less), *(each for each in listed if each[1] != less)]
+        least = {numbers: min(listed)[0] for numbers, listed in closer.items()}
+        enough = min(least, key=lambda numbers: self._criterion(numbers, least[numbers]), default=0)
+        return [
+            (self._criterion(numbers, squares), own)
+            for numbers, listed in closer.items()
+            for place, (squares, shape) in enumerate(sorted(listed)[:_KEPT])
+            if numbers <= min(enough + 1, self.at_most) and (not place or squares <= self.hopeless * least[enough])
+            if (own := self._with_starts(shape, found[shape])) is not None
+        ]
+
+    def _all(self) -> dict[_Shape, _Score]:
+        """Return what all shapes leave that are compared."""
+        found = dict[_Shape, _Score]()
+        count = len(self.offered.below)
+        listed = [(below, np.ones((len(self.sides), 1))) for below in combinations(range(count), 1)]
+        for size in range(2, min(_MOST_BELOW, count) + 1):
+            wider = dict[_Shape, _Score]()
+            for below, coefficients in listed:
+                for new in range(count) if size > 2 else range(below[0] + 1, count):
+                    if new not in below:
+                        self._add(wider, (*below, new), coefficients)
+            found |= wider
+            listed = self._most_promising(wider)
+        return found
+
+    def _without_one(self, shape: _Shape, score: _Score) -> Iterator[tuple[_Shape, _Score]]:
+        """Yield shapes with one term less, at the coefficients below that leave least near those of the larger one."""
+        for place, terms in enumerate(shape):
+            for k in range(len(terms)):
+                parts = [*shape]
+                parts[place] = terms[:k] + terms[k + 1 :]
+                less, columns = _Shape(*parts), np.delete(np.arange(len(shape.below)), k if place == 1 else [])
+                if less.above and len(less.below) > 1 and self.offered.is_reduced(less.above, less.below):
+                    yield less, self._closely(less, _Score(np.inf, score.below[:, columns]))
+
+    def _most_promising(self, found: dict[_Shape, _Score]) -> list[tuple[tuple[int, ...], Floats]]:
+        """Return the denominators of the best shapes, with their coefficients."""
+        listed = dict[tuple[int, ...], Floats]()
+        for shape, score in sorted(found.items(), key=lambda each: self._criterion(each[0].numbers, each[1].squares)):
+            listed.setdefault(shape.below, score.below)
+            if len(listed) == _WIDENED:
+                break
+        return list(listed.items())
+
+    def _add(self, found: dict[_Shape, _Score], below: tuple[int, ...], coefficients: Floats) -> None:
+        """Add what all shapes leave of a denominator whose last term is new; the others have these coefficients."""
+        sets = [each for each in self._by_size if each.shape[1] + len(below) - 1 <= self.at_most + 1]
+        if not sets:
+            return
+        order, ordered = np.argsort(below), tuple(sorted(below))
+        ratio = self.offered.ratio((), ordered, self.problem.models[0].terms.variables)
+        tried = _BANK if ratio.degree % 2 == 0 else np.concatenate([_BANK, -_BANK])
+        sizes = [np.sqrt(np.mean(each.below**2, axis=0)) for each in self.sides]
+        banks = list[Floats]()
+        for side, own, size in zip(self.sides, coefficients, sizes, strict=True):
+            here = np.sqrt(np.mean((side.below[:, below[:-1]] @ own) ** 2))
+            new = tried * here / (size[below[-1]] or 1.0)  # An input may be zero in all trials of an object
+            banks.append(np.column_stack([np.tile(own, (len(new), 1)), new])[:, order])
+        left = in_parallel(lambda each, bank: each.left(ordered, bank, sets), self.sides, banks)
+        places = [np.argmin(each, axis=0) for each in left]
+        squares = np.sum([np.min(each, axis=0) for each in left], axis=0)
+        reduced = self.offered.is_reduced((), ordered)  # So is any ratio then
+        for k, terms in enumerate(chain.from_iterable(own.tolist() for own in sets)):
+            shape = self._shape(ordered, terms)
+            better = shape not in found or squares[k] < found[shape].squares
+            counts = shape.numbers <= MOST_NUMBERS and np.isfinite(squares[k])
+            if better and counts and (reduced or self.offered.is_reduced(shape.above, ordered)):
+                best = np.array([bank[place[k]] for bank, place in zip(banks, places, strict=True)])
+                found[shape] = _Score(float(squares[k]), best)
+
+    def _shape(self, below: tuple[int, ...], terms: Sequence[int]) -> _Shape:
+        count = len(self.offered.above)
+        return _Shape(tuple(k for k in terms if k < count), below, tuple(k - count for k in terms if k >= count))
+
+    def _terms(self, shape: _Shape) -> list[int]:
+        """Return the columns of the terms above and beside."""
+        return [*shape.above, *(len(self.offered.above) + k for k in shape.beside)]
+
+    @cached_property
+    def _by_size(self) -> list[Indices]:
+        """The sets of terms above and beside, shape (sets, size) for each size."""
+        plain, count = self.problem.models[0].terms.terms, len(self.offered.above)
+        free = self.problem.allowed[self.equation]
+        beside = [count + k for k, each in enumerate(self.offered.beside) if each in plain and free[plain.index(each)]]
+        found, total = list[Indices](), 0
+        for size in range(1, _MOST_ABOVE + _MOST_BESIDE + 1):
+            own = [
+                (*above, *others)
+                for many in range(max(1, size - _MOST_BESIDE), min(size, _MOST_ABOVE) + 1)
+                for above in combinations(range(count), many)
+                for others in combinations(beside, size - many)
+            ]
+            total += len(own)
+            if not own or (size > 1 and total > _MOST_SETS):
+                break
+            found.append(np.array(own))
+        return found
+
+    def _criterion(self, numbers: int, squares: float) -> float:
+        """Return what ranks shapes of different size: the BIC."""
+        count = sum(len(each.target) for each in self.sides)
+        return count * float(np.log(max(squares, 1e-300))) + numbers * len(self.sides) * float(np.log(count))
+
+    def _closely(self, shape: _Shape, score: _Score) -> _Score:
+        """Return a score at the coefficients below that leave least of each object, near those that are known."""
+        terms = self._terms(shape)
+        below = [side.closest(shape.below, own, terms) for side, own in zip(self.sides, score.below, strict=True)]
+        pairs = zip(self.sides, below, strict=True)
+        left = [side.fitted(shape.below, own, terms)[1] for side, own in pairs]
+        return _Score(sum(float(each @ each) for each in left), np.array(below))
+
+    def _with_starts(self, shape: _Shape, score: _Score) -> TermSet | None:
+        """Return a shape with what fits begin with: what each object has by itself, and with what is typical below."""
+        variables, terms = self.problem.models[0].terms.variables, self._terms(shape)
+        norms = [np.sqrt(np.mean(each.below[:, shape.below] ** 2, axis=0)) for each in self.sides]
+        sizes = np.median(np.abs(score.below) * norms, axis=0)
+        ratio = self.offered.ratio(shape.above, shape.below, variables, sizes)
+        plain = self.problem.models[0].terms.terms
+        scaled = score.below / score.below[:, [ratio.reference]]
+        objects, starts = len(self.problem.models), list[Start]()
+        for below in (scaled, np.tile(np.median(scaled, axis=0), (len(scaled), 1)))[: len(scaled)]:
+            constants = [ratio.values_of_constants(own) for own in below]
+            if any(each is None for each in constants):
+                continue
+            fits = [side.fitted(shape.below, own, terms)[0] for side, own in zip(self.sides, below, strict=True)]
+            ordered = np.roll(np.array(fits), len(shape.beside), axis=1)
+            starts.append(Start(for_all(ordered, objects), (for_all(np.array(constants), objects),)))
+        beside = tuple(plain.index(self.offered.beside[k]) for k in shape.beside)
+        return TermSet(beside, (ratio,), tuple(starts)) if starts else None

@@ -1,0 +1,152 @@
+"""Few dozens of candidate terms out of hundreds, before supports are searched, and a look afterwards at all others.
+
+Terms are chosen one after the other for each equation, by what they explain of smoothed rates of all objects together
+(orthogonal matching pursuit; Tropp and Gilbert 2007), and at each step those stay that explain nearly as much. Smoothed
+rates are less accurate than trajectories, so nothing rests on them: once a law is found, each term that was left out is
+tried on the likelihood linearised about it (a score test), and comes back if it would improve the evidence.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.effort import check_memory
+from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.inference.data.noise import estimated_noise
+from commonlaw.inference.data.smoothing import smooth_curves, terms_and_rates
+from commonlaw.inference.data.subsampling import as_many_as_are_carried
+from commonlaw.inference.fit.state import neighbours
+from commonlaw.inference.score.supports import MOST_TERMS
+from commonlaw.inference.search.law_search import LawSearch
+from commonlaw.library import Terms
+from commonlaw.trials import Trial, Trials
+from commonlaw.wording import counted
+
+MOST_SEARCHED = 70
+"""Terms of an equation among which supports are searched as they are: beyond, the search takes minutes."""
+
+_KEPT = 40
+"""Terms that are kept of more, about, for all equations together."""
+
+_BESIDE = 3
+"""How many terms are kept at each step, those that explain most."""
+
+_SAMPLES = 10_000
+"""Samples that tell what terms explain."""
+
+_TRIED = 30
+"""Terms that are tried at a time on a law."""
+
+_INSIDE = 1e-12
+"""Columns whose square is less than this share outside the span of others explain nothing more."""
+
+
+def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> Bools:
+    """Return which terms are worth a search, shape (terms,): about forty, or all if there are no more than seventy.
+
+    Parameters
+    ----------
+    trials
+        What was measured.
+    terms
+        The library, over the states of a law of first order, or states and rates of one of second order.
+    known
+        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
+    needed
+        Terms that stay in any case, shape (terms,).
+
+    Raises
+    ------
+    CommonlawError
+        If a trial is too short, a term is not finite on it, or the terms take more memory than there is.
+    """
+    if len(terms) <= MOST_SEARCHED:
+        return np.ones(len(terms), dtype=np.bool_)
+    objects = trials.objects
+    size = 8 * (2 * (1 + known.shape[1]) * len(objects) * len(terms) ** 2 + 3 * _SAMPLES * len(terms))
+    check_memory(f"screening of {counted(len(terms), 'term')}", size, "take a smaller library")
+    some = as_many_as_are_carried(trials, estimated_noise(trials)[0], _SAMPLES).trials
+    problems = [_regression(some.of_object(name), terms, own) for name, own in zip(objects, known, strict=True)]
+    factors = np.array([each.factor for each in problems if each is not None])
+    allowed = np.isnan(known[0])
+    kept = needed.copy()
+    ranked = [_ranked(factors, j, len(terms), own) for j, own in enumerate(allowed)]
+    for _ in range(MOST_TERMS):
+        if kept.sum() >= _KEPT:
+            break
+        for step in ranked:
+            kept[next(step, [])] = True
+    return kept
+
+
+def missed_terms(found: LawSearch, terms: Terms) -> Bools:
+    """Return which terms that were left out would improve the evidence of a law that was found, shape (terms,).
+
+    Parameters
+    ----------
+    found
+        The search among the terms that were kept, in their order.
+    terms
+        All terms.
+    """
+    problem, state, kept = found.problem, found.state, np.isin(terms.names, found.template.terms.names)
+    if kept.all():
+        return np.zeros_like(kept)
+    inside = np.flatnonzero(kept)[state.supports.any(axis=0)]
+    mine, missed = np.isin(np.flatnonzero(kept), inside), np.zeros_like(kept)
+    left_out = np.flatnonzero(~kept)
+    for tried in np.array_split(left_out, -(-len(left_out) // _TRIED)):
+        several = terms.take([*inside, *tried])
+
+        def wider(values: Floats, new: float, count: int = len(tried)) -> Floats:
+            own = values[..., mine]
+            return np.concatenate([own, np.full((*own.shape[:-1], count), new)], axis=-1)
+
+        estimates = tuple(replace(each, coefficients=wider(each.coefficients, 0.0)) for each in state.estimates)
+        supports = wider(state.supports.astype(np.float64), 0.0) > 0
+        extended = replace(
+            problem,
+            models=tuple(replace(model, terms=several) for model in problem.models),
+            known=wider(problem.known, np.nan),
+        )
+        for listed in neighbours(extended, replace(state, supports=supports, estimates=estimates, alternatives=())):
+            for each in listed:
+                if each.chosen:
+                    break
+                missed[tried[each.support[len(inside) :]]] = True
+    return missed
+
+
+def _regression(group: Sequence[Trial], terms: Terms, known: Floats) -> LeastSquaresProblem | None:
+    """Return the regression of smoothed rates of one object on all terms; None if a state was measured in no trial."""
+    order = terms.variables.order_of(group[0].states.shape[1])
+    pairs = [(trial, smooth_curves(trial, order)) for trial in group]
+    complete = [pair for pair in pairs if np.isfinite(pair[1][0]).all()]
+    if not complete:
+        return None
+    library, rates = terms_and_rates(terms, complete)
+    return LeastSquaresProblem.of(library, rates - library @ np.nan_to_num(known).T)
+
+
+def _ranked(factors: Floats, equation: int, terms: int, allowed: Bools) -> Iterator[Indices]:
+    """Yield step by step the terms that explain most of what the best of the steps before leave, the best first."""
+    columns = factors[:, :, [*range(terms), terms + equation]]
+    norms = np.sum(columns**2, axis=1)
+    rest, free = columns, allowed.copy()
+    while True:
+        outside = np.sum(rest**2, axis=1)
+        inner = np.einsum("opt,op->ot", rest, rest[..., -1])
+        clear = outside > _INSIDE * norms
+        gains = np.sum(np.divide(inner**2, outside, out=np.zeros_like(inner), where=clear), axis=0)[:-1]
+        gains[~free] = 0.0
+        best = np.argsort(-gains)[:_BESIDE]
+        if not gains[best[0]] > 0:
+            return
+        yield best[gains[best] > 0]
+        free[best[0]] = False
+        own = rest[:, :, best[0]]
+        sizes = np.linalg.norm(own, axis=1, keepdims=True)
+        basis = np.divide(own, sizes, out=np.zeros_like(own), where=sizes**2 > _INSIDE * norms[:, best[:1]])
+        rest = rest - np.einsum("op,ot->opt", basis, np.einsum("op,opt->ot", basis, rest))

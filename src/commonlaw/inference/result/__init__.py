@@ -1,0 +1,1 @@
+"""From a search to a law: covariance, bands, averages, history."""

@@ -1,0 +1,225 @@
+"""Whether solutions of a law explain the measurements, or only the process noise of the law does.
+
+A law with process noise may follow any measurements: the noise makes up from sample to sample for what the law lacks.
+Its likelihood compares predictions of the next sample, by which the empty law with a smooth force is the best
+description of a smooth curve that no law of the library follows within a small noise. A law is to explain whole
+trials, though. So a law with process noise is weighed against laws of the same library without it by what their
+solutions leave of whole trials, from initial conditions that are fitted to these:
+
+    2 log B = sum over trials of n_eff log(s_C^2 / s_R^2) - p log n,
+
+with s^2 the mean square that the law with process noise (C) and its rival without (R) leave, p coefficients of the
+rival, n measurements, and n_eff independent ones that autocorrelated residuals are worth.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.effort import unannounced
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.fit.annealing import STRONG
+from commonlaw.inference.result.history import LACKS_OF_FIT
+from commonlaw.inference.result.predictive_choice import of_each_size, score_of_forecasts, weighed_by_forecasts
+from commonlaw.inference.search.error_levels import kind_of
+from commonlaw.inference.search.error_models import OF_LAWS, Hypothesis
+from commonlaw.inference.search.law_search import LawSearch, resolved
+from commonlaw.law import Law, Uncertainty
+from commonlaw.likelihood import NotPositiveError
+from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.progress import ProgressCallback
+from commonlaw.trials import Trials
+
+Series = list[Floats]
+"""Residuals of one state, trial by trial, each of shape (n,)."""
+
+
+def approximated(
+    found: LawSearch, progress: ProgressCallback, pool: Callable[[Law], Law] | None = None
+) -> LawSearch | None:
+    """Return the law without process noise that explains whole trials better than the law that was found, if any does.
+
+    The evidence for it must be strong, at the price of its coefficients (BIC), which were fitted to whole trials, and
+    it must explain more than a constant for each trial does. Of several the one of largest evidence is taken, but if
+    its forecasts of what was left out diverge: then the best forecaster of all, laws of fewer terms among them.
+
+    Parameters
+    ----------
+    found
+        By `choose_errors`. Nothing is compared if its law has no process noise, or laws without were not fitted.
+    progress
+        Takes what is being done.
+    pool
+        How coefficients of objects learn from each other in forecasts; none where the terms are given.
+    """
+    if not has_process_noise(found):
+        return None
+    rivals = [each for each in _without_process_noise(found) if each.size]
+    if not rivals:
+        return None
+    progress("comparing residuals of whole trials")
+    least = _left_by(found), _constants(found.problem.trials)
+
+    def explaining(listed: Iterable[LawSearch]) -> list[LawSearch]:
+        pairs = [(_evidence_over(each, least), each) for each in listed]
+        return [each for value, each in sorted(pairs, key=lambda pair: -pair[0]) if value > STRONG]
+
+    listed = explaining(rivals)
+    if not listed:
+        return None
+    best = listed[0]
+    if pool is not None and np.isneginf(score_of_forecasts(best, pool)):
+        smaller = explaining(each for rival in rivals for each in _of_fewer_terms(rival))
+        scores = [(score_of_forecasts(each, pool), each) for each in (*listed[1:], *smaller)]
+        most, first = max(scores, key=lambda pair: pair[0], default=(-np.inf, best))
+        best = best if np.isneginf(most) else weighed_by_forecasts(first, 0.0)
+    return replace(resolved(best, progress), is_approximation=True)
+
+
+def explains_whole_trials(found: LawSearch) -> bool:
+    """Return whether solutions of a law leave at most twice its errors of measurement of whole trials."""
+    if has_process_noise(found):
+        return False
+    problem, correlated = found.problem, found.problem.errors.correlated
+    variances = np.mean(problem.white_std**2, axis=0) + (0.0 if correlated is None else correlated**2)
+    pairs = zip(_left_by(found), variances[_measured(problem.trials)], strict=True)
+    return all(_mean_square(series) <= 4 * variance for series, variance in pairs)
+
+
+def most_explaining(ranked: Sequence[LawSearch]) -> int:
+    """Return the index of the law that explains whole trials best, of those of several orders.
+
+    It is the first, of the largest evidence, unless the evidence of another without process noise is strong, as in
+    `approximated`.
+    """
+    first = ranked[0]
+    least = _left_by(first), _constants(first.problem.trials)
+    evidences = [
+        max((_evidence_over(rival, least) for rival in _without_process_noise(each) if rival.size), default=-np.inf)
+        for each in ranked
+    ]
+    best = int(np.argmax(evidences))
+    return best if evidences[best] > max(evidences[0], 0.0) + STRONG else 0
+
+
+def _evidence_over(rival: LawSearch, others: Iterable[Sequence[Series]]) -> float:
+    """Return 2 log B of a law over all that leaves others, at the price of its coefficients."""
+    left, count = _left_by(rival), sum(rival.problem.measured)
+    price = rival.size * len(rival.problem.models) * float(np.log(count))
+    return min(gain(left, other) for other in others) - price
+
+
+def _of_fewer_terms(found: LawSearch) -> Iterator[LawSearch]:
+    """Yield the likeliest law of each size below that of one among plain terms, under white noise."""
+    if found.solver is None:
+        return
+    hypothesis = Hypothesis("white", found.problem, found.state, found.state.alternatives)
+    for supports in of_each_size(hypothesis, found.solver, found.size - 1):
+        with suppress(CommonlawError, NotPositiveError):
+            problem, state = hypothesis.fit(supports)
+            yield replace(found, problem=problem, state=state)
+
+
+def has_process_noise(found: LawSearch) -> bool:
+    """Return whether the errors of a law are its own, not those of measurements."""
+    return found.state.has_model_error or kind_of(found.problem.errors) in OF_LAWS
+
+
+def _without_process_noise(found: LawSearch) -> Iterator[LawSearch]:
+    for each in (found, *found.rivals):
+        if each.approximation is not None:
+            yield each.approximation
+        if not has_process_noise(each):
+            yield each
+
+
+def with_approximation(found: LawSearch, outcomes: Sequence[Outcome]) -> tuple[Outcome, ...]:
+    """Return outcomes of a law that was found; those of one by `approximated` say how large its lack of fit is."""
+    if not found.is_approximation:
+        return tuple(outcomes)
+    schema, noise = found.problem.trials.schema, found.problem.first_noise
+    left = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in _left_by(found)]
+    parts = [
+        f"{value:.3g} {schema.units.get(name, '')}".rstrip() + f" in {name} (noise {level:.2g})"
+        for name, value, level in zip(schema.measured, left, noise[~schema.unmeasured], strict=True)
+    ]
+    of = "this law" if found.solver is None else "this law, the best of its library,"
+    lack = Outcome(
+        OutcomeKind.APPROXIMATION,
+        "",
+        f"lack of fit: {of} leaves a residual RMS of {', '.join(parts)}",
+        "add terms, or use the law as an approximation",
+    )
+    return (lack, *(each for each in outcomes if each.kind not in LACKS_OF_FIT))
+
+
+def _left_by(found: LawSearch) -> list[Series]:
+    """Return what solutions of a law leave of whole trials, state by state; infinite if none can be fitted."""
+    law, trials = found.fitted(), found.problem.trials
+    with suppress(CommonlawError, NotPositiveError, ArithmeticError, np.linalg.LinAlgError):
+        return _residuals(law, trials)
+    return _constants(trials, np.inf)
+
+
+@unannounced()
+def _residuals(law: Law, trials: Trials) -> list[Series]:
+    measured = np.concatenate([each.states for each in trials])
+    spread = np.nanstd(measured, axis=0)
+    noise = np.where(spread > 0, spread, 1.0)  # So that samples of a state count alike, and none as an outlier
+    own = replace(law, uncertainty=Uncertainty(covariance=law.uncertainty.covariance, noise=noise))
+    forecast = own.predict(trials, start="all", averaged=False)
+    pairs = list(zip(forecast.trials, (each.states for each in forecast.trajectories), strict=True))
+    return [
+        [_seen(trial.states[:, j] - states[:, j]) for trial, states in pairs] for j in np.flatnonzero(_measured(trials))
+    ]
+
+
+def _constants(trials: Trials, left: float = 0.0) -> list[Series]:
+    """Return what the mean of each trial leaves, state by state, and so much more."""
+    return [
+        [_seen(each.states[:, j] - np.nanmean(each.states[:, j]) + left) for each in trials]
+        for j in np.flatnonzero(_measured(trials))
+    ]
+
+
+def _measured(trials: Trials) -> Bools:
+    """Return which states were measured, as laws may differ in others, shape (states,)."""
+    return ~trials.schema.unmeasured
+
+
+def _seen(left: Floats) -> Floats:
+    """Return the residuals of what was measured."""
+    return left[~np.isnan(left)]
+
+
+def gain(of: Sequence[Series], over: Sequence[Series]) -> float:
+    """Return twice the log-likelihood ratio of residuals with a smaller variance over those with a larger one.
+
+    Residuals of a lack of fit are autocorrelated, and count as so many independent ones as they are worth.
+    """
+    return sum(
+        sum(map(effective_count, one)) * float(np.log(_mean_square(two) / _mean_square(one)))
+        for one, two in zip(of, over, strict=True)
+    )
+
+
+def _mean_square(series: Series) -> float:
+    return max(float(np.mean(np.concatenate(series) ** 2)), np.finfo(float).tiny)
+
+
+def effective_count(residuals: Floats) -> float:
+    """Return how many independent numbers have a mean square as accurate as that of a series, shape (n,).
+
+    n/(1 + 2 sum of rho_k^2) with autocorrelations rho_k up to the first that is not positive (Bayley and Hammersley
+    1946, for a variance; Geyer 1992 for where the sum ends).
+    """
+    count, power = len(residuals), float(residuals @ residuals)
+    if not power > 0:
+        return float(count)
+    correlations = np.correlate(residuals, residuals, "full")[count:] / power
+    ends = np.flatnonzero(correlations <= 0)
+    kept = correlations[: ends[0]] if len(ends) else correlations
+    return float(count / (1 + 2 * np.sum(kept**2)))

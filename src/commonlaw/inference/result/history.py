@@ -1,0 +1,316 @@
+"""What is said of a law: the choices on the way to it, and what else was to choose from."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.data.latent_states import unmeasured_in_words
+from commonlaw.inference.data.noise import by_columns
+from commonlaw.inference.diagnose.convergence import MAX_MOVE, MAX_POINTS
+from commonlaw.inference.fit.discretization import follows_solutions
+from commonlaw.inference.fit.lack_of_fit import unexplained
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.state import SearchState
+from commonlaw.inference.score.score import Kind
+from commonlaw.inference.score.supports import MOST_TERMS
+from commonlaw.inference.search.error_levels import kind_of
+from commonlaw.law import Alternative, Law, Step
+from commonlaw.law.tables import LOG_SCORE
+from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.trials import Schema
+from commonlaw.wording import counted
+
+_LISTED = 12
+"""Supports of each equation that are kept as alternatives, besides the chosen one."""
+
+_LIKELY = 0.01
+"""Supports that are more probable are kept, too."""
+
+
+class ComparedTerms(NamedTuple):
+    """Terms of an equation by name, and whether they were chosen.
+
+    The difference is 2 log B of the chosen ones against them, or twice that of log scores where forecasts chose.
+    """
+
+    names: tuple[str, ...]
+    difference: float
+    chosen: bool
+
+
+def names_in(law: Law, support: Bools) -> tuple[str, ...]:
+    """Return the names of the terms of a support, but not of constants inside of them."""
+    return tuple(law.terms.names[k] for k in np.flatnonzero(support & law.terms.is_factor))
+
+
+def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]], chosen_by: str) -> tuple[Alternative, ...]:
+    """Return the terms that each equation was chosen from, the best first, with what they were chosen by."""
+    found = []
+    for equation, listed in zip(law.left_hand_sides, compared, strict=True):
+        likely = probabilities(listed)
+        for i, each in enumerate(listed):
+            if i < _LISTED or likely[i] > _LIKELY:
+                measures = _measures(each, float(likely[i]), chosen_by)
+                found.append(Alternative(equation, each.names, measures, False, each.chosen))
+    return tuple(found)
+
+
+def _measures(each: ComparedTerms, probability: float, chosen_by: str) -> dict[str, float | None]:
+    """Return what a law is ranked by; scores of forecasts are no evidence, and none if these diverge."""
+    if chosen_by == Kind.FORECASTS:
+        return {LOG_SCORE: each.difference / 2 if np.isfinite(each.difference) else None}
+    return {"2 log B": each.difference, "probability": probability if probability >= np.finfo(float).tiny else 0.0}
+
+
+def inclusion_probabilities(law: Law, compared: Sequence[Sequence[ComparedTerms]]) -> Floats:
+    """Return the probability that a term is in its equation, among the sets compared, shape (equations, terms).
+
+    A constant is in it with the terms that it is inside of.
+    """
+    rows = []
+    for listed in compared:
+        weights = probabilities(listed)
+        supports = np.array([[name in each.names for name in law.terms.names] for each in listed])
+        inside, outside = weights @ supports, weights @ ~supports
+        rows.append(inside / (inside + outside))
+    found, terms = np.array(rows), law.terms
+    for place in terms.constants:
+        of = [k for k in np.flatnonzero(terms.is_factor) if terms.terms[k].columns() >= terms.terms[place].columns()]
+        found[:, place] = found[:, of].max(axis=1)
+    return found
+
+
+def probabilities(listed: Sequence[ComparedTerms]) -> Floats:
+    """Return how probable each set of terms is among those compared, by its evidence (Kass and Raftery 1995)."""
+    factors = np.array([each.difference for each in listed])
+    weights = np.exp((factors.min() - factors) / 2)
+    return np.asarray(weights / weights.sum())
+
+
+_LEVELS = "levels of largest evidence for errors of this kind"
+
+
+def outcomes(
+    law: Law, problem: SearchProblem, state: SearchState, is_converged: bool, *, tried_errors: bool
+) -> tuple[Outcome, ...]:
+    """Return what a user should know of a law that was chosen by these trials."""
+    found = [*outcomes_of_fit(problem, state, is_converged, tried_errors=tried_errors, chosen=True)]
+    found += [
+        Outcome(OutcomeKind.EMPTY_SUPPORT, side, "no candidate term explains it better than noise", "offer other terms")
+        for j, side in enumerate(law.left_hand_sides)
+        if not any(each.coefficients[j].any() for each in state.estimates)
+    ]
+    most = problem.most_terms
+    found += [
+        Outcome(
+            OutcomeKind.FEW_SAMPLES,
+            side,
+            f"it has {counted(most, 'term')}, as many as so few samples can tell apart",
+            "measure more samples or trials, or offer fewer terms",
+        )
+        for side, support in zip(law.left_hand_sides, state.supports, strict=True)
+        if support.sum() == most < min(MOST_TERMS, problem.allowed.sum(axis=1).max())
+    ]
+    return tuple(found)
+
+
+LACKS_OF_FIT = OutcomeKind.APPROXIMATION, OutcomeKind.MODEL_ERROR, OutcomeKind.RESIDUALS
+"""What may be known of the fit of a law."""
+
+
+def outcomes_of_fit(
+    problem: SearchProblem, state: SearchState, is_converged: bool, *, tried_errors: bool, chosen: bool = False
+) -> tuple[Outcome, ...]:
+    """Return what to know of a law by its fit: errors that it has itself, or that are not explained, and samples.
+
+    The remedies depend on whether errors of other kinds were tried, and whether the law was chosen from a library.
+    """
+    found = list[Outcome]()
+    if not (state.has_model_error or (is_converged and follows_solutions(problem, state))):
+        text = "the fit did not converge: coefficients and standard errors are not those of least squares"
+        guesses = "" if chosen else "give other first guesses or bounds of coefficients, or "
+        remedy = f"{guesses}measure more often where the states change fast"
+        found.append(Outcome(OutcomeKind.NOT_CONVERGED, "", text, remedy))
+    if state.has_model_error or problem.errors.of_law:
+        error = f"; it has a model error, {model_error_step(problem, state).choice}"
+        remedy = "add terms, give a larger noise if it is known, or use the law as an approximation"
+        of = ", the best of its library," if chosen else ""
+        text = f"the measurements depart from this law{of} by more than errors of measurement{error}"
+        found.append(Outcome(OutcomeKind.MODEL_ERROR, "", text, remedy))
+    elif left := _left(problem, state):
+        remedy = "standard errors and bands may be too narrow: add terms"
+        remedy += "" if tried_errors else ", or use `errors='auto'`"
+        found.append(
+            Outcome(OutcomeKind.RESIDUALS, "", f"white noise does not explain what the law leaves: {left}", remedy)
+        )
+    return (*found, *outcomes_of_samples(problem))
+
+
+def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
+    """Return a word on coefficients of a law of states that nobody measured that are not told, or fit as well."""
+    found = _not_told(law) if problem.trials.schema.starts else ()
+    if not problem.as_good:
+        return found
+    names = ", ".join(problem.trials.schema.starts)
+    others = "; or ".join(
+        ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in law.named_coefficients)
+        for each in problem.as_good
+    )
+    text = (
+        f"other coefficients fit {law.objects[0]} as well: {others}; with the signs of the equations as far as "
+        f"possible, those by which {names} changes fastest were taken"
+    )
+    remedy = "give what is known of them as numbers in the equations, or measure another state"
+    return (*found, Outcome(OutcomeKind.AMBIGUOUS, "", text, remedy))
+
+
+def _not_told(law: Law) -> tuple[Outcome, ...]:
+    """Return which coefficients have standard errors larger than themselves, of which objects."""
+    lost = dict[str, list[str]]()
+    for name, values, errors in zip(law.objects, *law.letter_values(), strict=True):
+        letters = [each for each, value, error in zip(law.letters, values, errors, strict=True) if error > abs(value)]
+        if letters:
+            lost.setdefault(", ".join(letters), []).append(name)
+    names = ", ".join(law.schema.starts)
+    return tuple(
+        Outcome(
+            OutcomeKind.NOT_IDENTIFIABLE,
+            ", ".join(objects),
+            f"with {names} unmeasured the trials do not tell {letters}: standard errors are larger than the values",
+            "give what is known as a number, say where trials start, or measure longer",
+        )
+        for letters, objects in lost.items()
+    )
+
+
+def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
+    """Return outcomes of a law without those that a fit to other measurements decides anew."""
+    kinds = {*LACKS_OF_FIT, OutcomeKind.NOT_CONVERGED, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
+    return tuple(each for each in outcomes if each.kind not in kinds)
+
+
+def _left(problem: SearchProblem, state: SearchState) -> str:
+    """Return what white noise does not explain of what the law leaves, in words; nothing under other errors."""
+    return unexplained(problem, state) if kind_of(problem.errors) == "white" else ""
+
+
+def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:
+    """Return what to know of a law that was fitted to some of the samples."""
+    if not problem.samples:
+        return ()
+    text = f"fitted were {problem.samples}; all of them told the noise"
+    remedy = "coefficients would be more accurate by all: `method=TrajectoryLikelihood(max_samples=...)` takes more"
+    return (Outcome(OutcomeKind.SAMPLES, "", text, remedy),)
+
+
+def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
+    """Return which samples were fitted, if these are not all, and which states were never measured in a trial."""
+    why = "as many as the likelihood of trajectories carries"
+    lacking = unmeasured_in_words(problem.trials)
+    unmeasured = Step("unmeasured states", lacking, "fitted with the law, which other trials tell")
+    return (
+        *((Step("samples", problem.samples, why),) if problem.samples else ()),
+        *((unmeasured,) if lacking else ()),
+    )
+
+
+def history(
+    law: Law,
+    problem: SearchProblem,
+    state: SearchState,
+    compared: Sequence[Sequence[ComparedTerms]],
+    chosen_by: str,
+) -> tuple[Step, ...]:
+    """Return every choice that was made, in order, and what terms were chosen by."""
+    resolved = f"a finer mesh moves the coefficients by less than {MAX_MOVE:g} standard errors"
+    mesh = resolved if problem.points < MAX_POINTS else "the finest there is"
+    steps = [
+        *sample_steps(problem),
+        noise_step(problem),
+        Step(
+            "library",
+            counted(int(law.terms.is_factor.sum()) + problem.besides, "term")
+            + (f" for each of {len(law.states)} equations" if len(law.states) > 1 else ""),
+            ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 or problem.besides else ""),
+        ),
+        Step(
+            "mesh",
+            f"{problem.points} step{'s' if problem.points > 1 else ''} from sample to sample",
+            "a law with a model error needs no finer one" if state.has_model_error else mesh,
+        ),
+    ]
+    for equation, listed in zip(law.left_hand_sides, compared, strict=True):
+        chosen = next(each.names for each in listed if each.chosen)
+        steps.append(Step(f"terms of {equation}", ", ".join(chosen) or "none", _why(listed, chosen_by)))
+    return (*steps, *fit_steps(problem, state))
+
+
+def noise_step(problem: SearchProblem) -> Step:
+    """Return what noise was taken."""
+    reason = f"as given{by_columns(problem.trials.schema)}" if problem.noise_given else problem.noise_reason
+    return Step("noise", levels_in_words(problem.noise, problem.trials.schema), reason)
+
+
+def levels_in_words(levels: Floats, schema: Schema) -> str:
+    """Return the levels of errors of measurements in words, of each state that has any."""
+    return ", ".join(
+        f"{name}: {100 * level:.3g} % of it, on a logarithmic scale"
+        if name in schema.logarithmic
+        else f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
+        for name, level in zip(schema.states, levels, strict=True)
+        if name not in schema.starts
+    )
+
+
+def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
+    """Return what errors there are beside noise, how the coefficients were found, and what the trajectories leave."""
+    schema = problem.trials.schema
+    names, errors = schema.states, problem.errors
+    time = f" {schema.units.get(schema.time, '')}".rstrip()
+    found = []
+    if errors.proportional is not None:
+        shares = (f"{100 * each:.3g} % of {name}" for name, each in zip(names, errors.proportional, strict=True))
+        found.append(Step("noise in proportion", ", ".join(shares), _LEVELS))
+    if errors.correlated is not None:
+        levels = levels_in_words(errors.correlated, schema)
+        found.append(Step("errors with a memory", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
+    deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
+    deviance += float(np.sum(problem.measurements.pure_error[0] / problem.noise**2))
+    return (
+        *found,
+        model_error_step(problem, state),
+        Step(
+            "coefficients",
+            f"maximum likelihood of {len(problem.trials)} trajectories",
+            f"deviance {deviance / count:.3f} for each of {count} measurements, about 1 expected",
+        ),
+    )
+
+
+def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
+    """Return what error the law itself has."""
+    why, errors, schema = _LEVELS, problem.errors, problem.trials.schema
+    if errors.force is not None:
+        levels = (f"{name}: {each:.3g}" for name, each in zip(schema.states, errors.force, strict=True))
+        time = f"{errors.force_time:.3g} {schema.units.get(schema.time, '')}".rstrip()
+        return Step("model error", f"a smooth force on {', '.join(levels)}; over {time}", why)
+    if state.has_model_error:
+        return Step("model error", f"a random walk, in each step {state.model_error:.3g} times the noise", why)
+    left = _left(problem, state)
+    fine = "residuals of the law's solutions are within the measurement errors"
+    return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
+
+
+def _why(listed: Sequence[ComparedTerms], chosen_by: str) -> str:
+    """Return what speaks for the chosen support of an equation."""
+    chosen = next(each for each in listed if each.chosen)
+    second = next((each for each in listed if not each.chosen), None)
+    if second is None:
+        return "no other support was compared" if chosen_by == Kind.EVIDENCE else chosen_by
+    runner = ", ".join(second.names) or "no term"
+    ahead = second.difference - chosen.difference
+    if chosen_by == Kind.FORECASTS:
+        return f"{chosen_by}; the next, {runner}, has a log score {ahead / 2:.3g} lower"
+    return f"{chosen_by}; the next, {runner}, is {np.exp(min(ahead / 2, 700)):.3g} times less probable"

@@ -1,0 +1,1 @@
+"""What laws are compared by: the parts of the score."""

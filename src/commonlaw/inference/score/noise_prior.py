@@ -1,0 +1,142 @@
+"""What all measurements of a problem say of the levels of errors, whatever law they follow."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.data.noise import FLOOR, noise_told
+from commonlaw.inference.score.evidence import Measured
+from commonlaw.library import Order
+from commonlaw.likelihood import ErrorModel, Mesh
+from commonlaw.trials import Trials
+from commonlaw.trials.repeats import pure_error
+from commonlaw.trials.trial import with_typical
+
+_EXACT = 0.1
+"""Share of the noise that laws are fitted under at least down to which exact measurements tell them apart: meshes that
+resolve less would have to be much finer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """All trials, and the meshes of all objects, one behind the other.
+
+    Parameters
+    ----------
+    trials
+        What was measured.
+    meshes
+        Of all objects.
+    states
+        The states (and rates) at which noise in proportion is taken, of each mesh, shape (n, D).
+    first_noise
+        The noise of each state before any law, shape (d,).
+    order
+        Of the laws.
+    count
+        How many numbers were measured.
+    noise_is_fixed
+        Whether what a law leaves does not change the noise.
+    """
+
+    trials: Trials
+    meshes: Sequence[Mesh]
+    states: Sequence[Floats]
+    first_noise: Floats
+    order: Order
+    count: int
+    noise_is_fixed: bool
+    prior: float
+
+    def white_std(self, noise: Floats, errors: ErrorModel) -> Floats:
+        """Return the white noise of all measurements, shape (points, d), if that of the states has shape (d,).
+
+        States that never change tell nothing of it, and keep that estimated first; those that are exactly zero, such as
+        a species that is absent, have none.
+        """
+        std = errors.white_std(self._usual_states, with_typical(self._given, noise))
+        still = np.where(self._absent, FLOOR * self.first_noise, self.first_noise)
+        return np.where(self._still, with_typical(self._given, still), std) * self._averaging
+
+    def counted(self, noise: Floats, errors: ErrorModel, std: Floats) -> Measured:
+        """Return how many numbers were measured, and how surely they tell the scale of noise that has these levels.
+
+        The noise estimated first counts as so many measurements of each state as `_PRIOR` says (an inverse gamma
+        distribution of the variance). Of exact measurements laws may leave less than what they are fitted under, and
+        then those count for more that leave less, down to a share of it; but digits tell no less than their steps.
+        """
+        if self.noise_is_fixed:
+            return Measured(self.count)
+        inflation = self._inflation(noise, errors, std)
+        prior, least = self.prior * float(np.sum(1 / inflation)), self._floors[1] / noise
+        squares, repeated = self.pure_error
+        freedom = self._freedom + float(repeated.sum()) + self.prior * len(inflation)
+        prior += float(np.sum(squares / noise**2))
+        return Measured(self.count, freedom, prior, least=float(np.max(least) ** 2))
+
+    def least_variance(self, noise: Floats) -> float:
+        """Return what the variance of the noise that laws are fitted under is at least, in units of what it is."""
+        return float(np.max(self._floors[0] / noise) ** 2)
+
+    def price(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
+        """Return what levels cost: each but those of the noise as any number (BIC), the noise by its prior."""
+        price = errors.hyperparameters * float(np.log(self.count))
+        if not self.noise_is_fixed:
+            price += self.prior * float(np.sum(np.log(self._inflation(noise, errors, std))))
+        return price
+
+    def _inflation(self, noise: Floats, errors: ErrorModel, std: Floats) -> Floats:
+        """Return the variance of the noise over that estimated first, of each state that was measured.
+
+        It is what differences of neighbouring samples see: of errors with a memory, the share at the highest frequency.
+        """
+        relative = np.where(self._absent, 1.0, std / (with_typical(self._given, noise) * self._averaging))
+        variance = noise**2 * np.mean(relative**2, axis=0)
+        if errors.correlated is not None:
+            variance = variance + errors.correlated**2 * np.tanh(self._step / (2 * errors.memory))
+        return np.asarray(variance / self.first_noise**2)[~self.trials.schema.unmeasured]
+
+    @cached_property
+    def measured(self) -> Floats:
+        """States as measured at all points, shape (points, d); NaN where they were not."""
+        return np.concatenate([each.measured for each in self.meshes])
+
+    @cached_property
+    def _usual_states(self) -> Floats:
+        return np.concatenate(self.states)[:, : len(self.first_noise)]
+
+    @cached_property
+    def _given(self) -> Floats:
+        return np.concatenate([np.broadcast_to(each.noise, each.measured.shape) for each in self.meshes])
+
+    @cached_property
+    def _averaging(self) -> Floats:
+        return np.concatenate([np.broadcast_to(each.averaging, each.measured.shape) for each in self.meshes])
+
+    @cached_property
+    def _still(self) -> Bools:
+        return np.concatenate([each.still for each in self.meshes])
+
+    @cached_property
+    def _absent(self) -> Bools:
+        return np.concatenate([each.absent for each in self.meshes])
+
+    @cached_property
+    def pure_error(self) -> tuple[Floats, Floats]:
+        """The squares of repeated measurements of each state and their degrees of freedom, each of shape (d,)."""
+        return pure_error([trial.repeats for trial in self.trials], len(self.first_noise))
+
+    @cached_property
+    def _freedom(self) -> int:
+        return sum(each.degrees_of_freedom(self.order) for each in self.meshes)
+
+    @cached_property
+    def _floors(self) -> tuple[Floats, Floats]:
+        return noise_told(self.trials, _EXACT)
+
+    @cached_property
+    def _step(self) -> float:
+        return float(np.median(np.concatenate([np.diff(trial.times) for trial in self.trials])))

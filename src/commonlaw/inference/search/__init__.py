@@ -1,0 +1,1 @@
+"""The search for the law of one order: supports, inputs, errors."""

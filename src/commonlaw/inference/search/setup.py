@@ -1,0 +1,123 @@
+"""Where a fit begins: trials on the scale of a law and between its samples, and, where terms are known, what is fitted.
+
+Finding a law begins with `as_followed`; refining, comparing, adapting and its discrepancy begin with a `FitSetup`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.data.noise import known_noise
+from commonlaw.inference.fit.problem import SearchProblem, prepare
+from commonlaw.inference.search.input_interpolation import supported_interpolation, with_interpolation
+from commonlaw.inference.search.log_scale import on_log_scale
+from commonlaw.law import Law
+from commonlaw.law.meeting import matched, matched_noise
+from commonlaw.likelihood import HUBER_THRESHOLD, Prior
+from commonlaw.trials import Trials
+from commonlaw.trials.logarithms import with_logarithms
+
+
+def as_followed(trials: Trials, logarithmic: Sequence[str], input_between: str) -> Trials:
+    """Return trials as a law follows them: the logarithms of some states, and how inputs go on between samples.
+
+    ``"auto"`` begins with what the samples of the inputs support.
+    """
+    between = supported_interpolation(trials) if input_between == "auto" else input_between
+    return with_interpolation(with_logarithms(trials, logarithmic), between)
+
+
+@dataclass(frozen=True, eq=False)
+class FitSetup:
+    """A law whose terms are known, and the trials that its coefficients are fitted to.
+
+    Parameters
+    ----------
+    law
+        Of the objects of the trials.
+    trials
+        What was measured, in the units of the law, as it follows them.
+    noise
+        Standard deviation of each state's noise, shape (states,), if it is known.
+    huber_threshold
+        Standard deviations beyond which a measurement counts as an outlier, infinite for none.
+    input_between
+        The interpolation of inputs between samples, or ``"auto"``, which begins with what these support.
+    priors
+        What the coefficients of each object are beforehand, where the others say it; none of any if it is empty.
+    """
+
+    law: Law
+    trials: Trials
+    noise: Floats | None
+    huber_threshold: float
+    input_between: str
+    priors: Sequence[Prior | None] = ()
+
+    @classmethod
+    def of(
+        cls,
+        law: Law,
+        trials: Trials,
+        noise: Mapping[str, float] | None = None,
+        huber_threshold: float = HUBER_THRESHOLD,
+        input_between: str | None = None,
+        positive: Sequence[str] | None = None,
+    ) -> "FitSetup":
+        """Return the setup for a law and trials as they were given.
+
+        Parameters
+        ----------
+        law, trials
+            Of any units and objects that go together.
+        noise
+            By state, in the units of the trials.
+        huber_threshold
+            See `FitSetup`.
+        input_between
+            The interpolation of inputs between samples; None for that of the law.
+        positive
+            States that are on a logarithmic scale; None for those of the law.
+
+        Raises
+        ------
+        CommonlawError
+            If the law is of discrete time, its objects do not share their terms, or law, trials and noise do not fit.
+        """
+        law = law if positive is None else on_log_scale(law, positive)
+        levels = matched_noise(law, trials, noise)
+        if not law.schema.doses:
+            trials = trials.with_trials([each.measured() for each in trials])
+        trials = matched(law, trials)
+        between = law.schema.input_between if input_between is None else input_between
+        trials = as_followed(trials, law.schema.logarithmic, between)
+        return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold, between)
+
+    @property
+    def known(self) -> Floats:
+        """Coefficients that are known, shape (objects, equations, terms), NaN where one is to be found."""
+        found, law = np.where(self.law.support, np.nan, 0.0) + np.zeros_like(self.law.coefficients), self.law
+        certain = law.standard_errors == 0
+        found[certain] = law.coefficients[certain]
+        return found
+
+    def problem(self) -> SearchProblem:
+        """Return what was measured, ready to be fitted by the terms of the law."""
+        noise, huber, law = self.noise, self.huber_threshold, self.law
+        begin = law.coefficients
+        problem = prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, guess=begin)
+        problem = replace(problem, residuals_tell_noise=problem.is_determined(int(np.isnan(self.known).sum())))
+        return problem.with_priors(self.priors) if self.priors else problem
+
+
+def _of_objects(law: Law, trials: Trials) -> Law:
+    """Return the law of the objects of these trials, which it can be fitted to."""
+    if law.order == 0:
+        raise CommonlawError("discrete-not-refined")
+    law = law.select(trials.objects)
+    if not law.shared:
+        raise CommonlawError("refine-own-terms")
+    return law

@@ -1,0 +1,1 @@
+"""What is done with laws: compare, refine, adapt, take other terms."""

@@ -1,0 +1,117 @@
+"""How large the coefficient of a term that is not in a law could be, without the measurements showing it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.diagnose.coefficient_limits import Bound, Bounds
+from commonlaw.inference.verbs.other_terms import candidate_law
+from commonlaw.law import Law, Provenance
+from commonlaw.law.quantiles import two_sided, upper_bound
+from commonlaw.library import Terms, parse_term, parse_terms
+from commonlaw.progress import ProgressCallback, Stage, on_terminal
+from commonlaw.trials import Trials
+
+_MOST = 30
+"""Terms that are fitted one by one unless they are named: each takes as long as a fit."""
+
+
+def bounds(
+    law: Law,
+    trials: Trials,
+    terms: Sequence[str] | None = None,
+    *,
+    level: float = 0.95,
+    progress: ProgressCallback | None = None,
+) -> Bounds:
+    """Return how large coefficients of absent terms could be, see `Law.bounds`."""
+    two_sided(level)
+    progress = on_terminal() if progress is None else progress
+    if law.order == 0 or not law.shared:
+        raise CommonlawError("limits-unsupported")
+    pairs = _absent(law, terms)
+    if terms is None and len(pairs) > _MOST:
+        raise CommonlawError("limits-of-many-terms", count=len(pairs))
+    values = _visited(law, trials)
+    found: list[Bound] = []
+    for i, (equation, name) in enumerate(pairs):
+        progress(Stage(f"fitting the law with {name}", i / len(pairs)))
+        found += _of_term(law, trials, equation, name, values, level)
+    return Bounds(tuple(found), level)
+
+
+def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
+    """Return equations and terms that are not in them: those of the library, or those that are named."""
+    if terms is None:
+        factors = np.flatnonzero(law.terms.is_factor).tolist()
+        return [(j, law.terms.names[k]) for j in range(len(law.states)) for k in factors if not law.support[j, k]]
+    names = law.terms.variables.names
+    wanted = [parse_term(text, law.terms.variables).text(names) for text in terms]
+    listed = [(j, name) for name in wanted for j in range(len(law.states))]
+    there = [(j, law.terms.names[k]) for j, k in np.argwhere(law.support).tolist()]
+    for pair in listed:
+        if pair in there and len(law.states) == 1:
+            raise CommonlawError("limit-of-present-term", term=pair[1])
+    return [pair for pair in listed if pair not in there]
+
+
+def _visited(law: Law, trials: Trials) -> Floats:
+    """Return the variables along the law's trajectories of the trials, shape (n, variables)."""
+    forecast = law.predict(trials, averaged=False)
+    rows = []
+    for trial, found in zip(forecast.trials, forecast.trajectories, strict=True):
+        rows.append(law.terms.variables.natural(np.column_stack([found.states, trial.inputs, trial.times])))
+    whole = np.concatenate(rows)
+    return np.asarray(whole[np.isfinite(whole).all(axis=1)])
+
+
+def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats, level: float) -> Iterator[Bound]:
+    wider = _with_term(law, name)
+    index = wider.terms.index(name)
+    support = wider.support.copy()
+    support[equation, index] = True
+    estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
+    fitted = candidate_law(wider, trials, support, own_noise=estimated).law
+    place = fitted.terms.index(name)
+    units = fitted.coefficient_units()
+    reach = float(fitted.uncertainty.reach(len(law.states), level)[equation])
+    known = fitted.uncertainty.degrees_of_freedom
+    degrees = np.inf if known is None else float(known[equation])
+    plain = replace(law.terms.variables, constants=())
+    expression = wider.terms.terms[index].expression(law.terms.variables.names)
+    sizes = np.abs(parse_terms([expression], plain).evaluate(values))
+    left = law.left_hand_sides[equation]
+    for o, owner in enumerate(fitted.objects):
+        coefficient, error = (
+            float(fitted.coefficients[o, equation, place]),
+            float(fitted.standard_errors[o, equation, place]),
+        )
+        at_most = float(upper_bound(coefficient, error, degrees, level))
+        ends = coefficient - reach * error, coefficient + reach * error
+        yield Bound(
+            left,
+            name,
+            owner,
+            coefficient,
+            error,
+            *ends,
+            at_most,
+            at_most * float(sizes.max()),
+            units.get((left, name), ""),
+        )
+
+
+def _with_term(law: Law, name: str) -> Law:
+    """Return a law with a term in its library, which it may have already."""
+    bare = replace(
+        law, provenance=Provenance(), uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=())
+    )
+    if name in law.terms.names:
+        return bare
+    own, constants = law.terms.terms, len(law.terms.constants)
+    at = len(own) - constants
+    terms = Terms(law.terms.variables, (*own[:at], parse_term(name, law.terms.variables), *own[at:]))
+    return replace(bare, terms=terms, coefficients=np.insert(law.coefficients, at, 0.0, axis=2))

@@ -1,0 +1,201 @@
+"""Laws beside each other: the evidence for each of them, from the same measurements and with the same noise."""
+
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+
+from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.effort import unannounced
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.inference.fit.annealing import fit_supports
+from commonlaw.inference.fit.state import ANY_ERROR
+from commonlaw.inference.propose.orders import score_of_order
+from commonlaw.inference.score.score import Score
+from commonlaw.inference.search.error_levels import ErrorKind, kind_of
+from commonlaw.inference.search.error_models import OF_LAWS, WORDS
+from commonlaw.inference.search.law_search import LawSearch, fit_terms, with_error_models
+from commonlaw.inference.search.log_scale import check_one_scale, error_kinds
+from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.verbs.chunks import typical
+from commonlaw.law import Law, Provenance
+from commonlaw.law.meeting import matched
+from commonlaw.library import Order, parse_terms
+from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.parallel import in_parallel, threads
+from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.trials import Schema, Trials, TrialStream
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from distributed import Client
+
+
+def compare(
+    laws: Mapping[str, Law] | Sequence[Law],
+    trials: Trials | TrialStream,
+    *,
+    noise: Mapping[str, float] | None = None,
+    errors: ErrorKind | Literal["auto"] = "auto",
+    huber_threshold: float = HUBER_THRESHOLD,
+    n_jobs: int = -1,
+    client: "Client | None" = None,
+) -> "pd.DataFrame":
+    """Return how probable the measurements make each of several laws, whatever found them.
+
+    The coefficients of all laws are fitted again, to these trials; known ones stay. All have one noise, if that
+    explains what the best of them leaves; else each has the kind of errors, and their levels, of its largest evidence,
+    as in `discover`. What was to choose from when a law was found costs it nothing here.
+
+    Parameters
+    ----------
+    laws
+        By names of your own, or a list of laws, which are then called ``law 1``, ``law 2``; of order 1 or 2, and of the
+        trials' objects. They need not use all inputs of the trials.
+    trials
+        What was measured. Of a stream evidences are added over files, under white noise if nothing else is named; each
+        file has its own level of noise and scales of coefficients, and its objects need not be in the laws.
+    noise, errors, huber_threshold, n_jobs, client
+        See `refine`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each law, the most probable first: its name, its equations, the number of coefficients that were
+        found for each object, the errors that it has, whether these are of the law itself and not of the measurements
+        alone, 2 log B (Kass and Raftery 1995) against the first, and its probability if one of these laws holds.
+
+    Raises
+    ------
+    CommonlawError
+        If the laws are of different states or on different scales, or `refine` would not take one of them.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> laws = {text: cl.fit(text, drops) for text in ("x'' = a + b v", "x'' = a + b v^2")}
+    >>> cl.compare(laws, drops)["law"].tolist()
+    ["x'' = a + b v", "x'' = a + b v^2"]
+    """
+    import pandas as pd
+
+    check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
+    if not isinstance(laws, Mapping):
+        laws = {f"law {i}": law for i, law in enumerate(laws, start=1)}
+    others = [name for name, law in laws.items() if not isinstance(law, Law)]
+    if others or not laws:
+        raise CommonlawError("laws-without-names")
+    states = dict.fromkeys(", ".join(sorted(law.states)) for law in laws.values())
+    if len(states) > 1:
+        raise CommonlawError("laws-of-other-states", states=states)
+    if isinstance(trials, TrialStream):
+        kind = "white" if errors == "auto" else errors
+        settings = {"noise": noise, "errors": kind, "huber_threshold": huber_threshold, "n_jobs": n_jobs}
+        with on_cluster(client):
+            return compare_by_parts(laws, trials.parts or (trials,), settings, on_terminal())
+    refuse_client(client)
+    score = _score_of({law.order for law in laws.values()})
+    check_one_scale(list(laws.values()))
+    same = [written_alike(law, trials.schema) for law in laws.values()]
+    _check_one_unit(same, trials)
+    with threads(n_jobs):
+        fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
+        finest = max(each.problem.points for each in fitted)
+        found = in_parallel(lambda each: _on_mesh(each, finest), fitted)
+        best = min(found, key=score)
+        if errors != "auto" or best.beyond_errors:
+            kinds = error_kinds(errors, trials.schema)
+            found = in_parallel(lambda each: with_error_models(each, None, kinds, lambda _: None), found)
+    of_kinds = ["walk" if each.state.has_model_error else kind_of(each.problem.errors) for each in found]
+    scores = [score(each) for each in found]
+    above = np.array([each - min(scores) for each in scores])
+    weights = np.exp(-above / 2)
+    frame = pd.DataFrame(
+        {
+            "law": list(laws),
+            "equations": ["; ".join(law.structure()) for law in laws.values()],
+            "coefficients": [int(each.state.supports.sum()) for each in found],
+            "errors": [WORDS[kind] for kind in of_kinds],
+            "model error": [kind in OF_LAWS for kind in of_kinds],
+            "2 log B": above,
+            "probability": weights / weights.sum(),
+        }
+    )
+    return frame.sort_values("2 log B", ignore_index=True)
+
+
+def compare_by_parts(
+    laws: Mapping[str, Law], parts: Sequence[TrialStream], settings: Mapping[str, Any], progress: ProgressCallback
+) -> "pd.DataFrame":
+    """Return what `compare` says of laws and the parts of a stream; `settings` are its arguments."""
+    import pandas as pd
+
+    light = {name: law.average() for name, law in laws.items()}
+    frames = done_in_parts(partial(_of_part, light, settings), parts, f"weighing {len(laws)} laws", progress)
+    said = pd.concat(frames).groupby("law", sort=False)
+    frame = said.agg(
+        {
+            "equations": "first",
+            "coefficients": "first",
+            "errors": _listed,
+            "model error": "any",
+            "2 log B": "sum",
+        }
+    ).reset_index()
+    frame["2 log B"] -= frame["2 log B"].min()
+    weights = np.exp(-frame["2 log B"] / 2)
+    return frame.assign(probability=weights / weights.sum()).sort_values("2 log B", ignore_index=True)
+
+
+def _listed(errors: "pd.Series[str]") -> str:
+    return ", ".join(dict.fromkeys(errors))
+
+
+def _of_part(laws: Mapping[str, Law], settings: Mapping[str, Any], part: TrialStream) -> "pd.DataFrame":
+    trials = part.read()
+    with unannounced():
+        return compare({name: typical(law, trials.objects) for name, law in laws.items()}, trials, **settings)
+
+
+def _score_of(orders: Set[Order]) -> Callable[[LawSearch], Score]:
+    """Return what gives minus twice the log-evidence, such that laws of these orders compare."""
+    if len(orders) == 1:
+        return lambda found: found.state.score
+    return lambda found: score_of_order(found.problem, found.state)
+
+
+def written_alike(law: Law, schema: Schema) -> Law:
+    """Return a law with no other terms than its own, over all inputs of a schema if its own are some of them."""
+    before, used = law.terms.variables, np.any(law.support, axis=0)
+    used |= (np.arange(used.size) == 0) & ~used.any()  # A law has a term, if only with a coefficient of zero
+    wider = {*law.schema.inputs} <= {*schema.inputs}
+    after = replace(before, inputs=schema.inputs) if wider else before
+    own = law.terms.take(np.flatnonzero(used).tolist()).terms
+    terms = parse_terms([each.expression(before.names) for each in own], after)
+    return replace(
+        law,
+        terms=terms,
+        schema=replace(law.schema, inputs=after.inputs),
+        coefficients=law.coefficients[:, :, used],
+        uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=()),
+        provenance=Provenance(),
+    )
+
+
+def _check_one_unit(laws: Sequence[Law], trials: Trials) -> None:
+    """Refuse laws in different units: evidence is that of one set of numbers."""
+    found = matched(laws[0], trials)
+    for law in laws[1:]:
+        if matched(law, found) is not found:
+            raise CommonlawError("laws-in-other-units")
+
+
+def _on_mesh(found: LawSearch, points: int) -> LawSearch:
+    """Return what was fitted, as it is on a mesh of so many points: evidence compares on one mesh alone."""
+    fine = found.problem
+    while fine.points < points:
+        fine = fine.finer()
+    return replace(found, problem=fine, state=fit_supports(fine, found.state.supports, ANY_ERROR))

@@ -1,0 +1,219 @@
+"""From a law whose terms are known to the coefficients that its trajectories need."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Literal, get_args
+
+from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.effort import unannounced
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.forecast.many_objects import objects_of_parts
+from commonlaw.inference.data.latent_states import visited_besides
+from commonlaw.inference.diagnose.convergence import converged
+from commonlaw.inference.fit.covariance import CovarianceKind, fitted_law, residual_freedom, total_freedom
+from commonlaw.inference.fit.multistart import priors_from
+from commonlaw.inference.result.approximation import approximated, with_approximation
+from commonlaw.inference.result.history import (
+    fit_steps,
+    noise_step,
+    outcomes_of_fit,
+    outcomes_of_unmeasured,
+    sample_steps,
+    without_outcomes_of_fit,
+)
+from commonlaw.inference.search.error_levels import ErrorKind
+from commonlaw.inference.search.law_search import begin_search, choose_errors, fit_terms
+from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.verbs.chunks import LawOfPart, law_of_all, typical
+from commonlaw.integration import BETWEEN
+from commonlaw.law import Law, Step
+from commonlaw.law.domain import Domain
+from commonlaw.law.script import call
+from commonlaw.law.zero import with_outcomes_of_zero
+from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.parallel import threads
+from commonlaw.progress import ProgressCallback, on_terminal, part
+from commonlaw.trials import Trials, TrialStream
+from commonlaw.wording import counted
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_LISTED = 0.1
+"""Share of the time after which objects of a stream are listed. It is only shown."""
+
+
+def refine(
+    law: Law,
+    trials: Trials | TrialStream,
+    *,
+    positive: Sequence[str] | None = None,
+    input_between: str | None = None,
+    noise: Mapping[str, float] | None = None,
+    errors: ErrorKind | Literal["auto"] = "auto",
+    huber_threshold: float = HUBER_THRESHOLD,
+    covariance: CovarianceKind = "likelihood",
+    partial_pooling: bool = False,
+    seed: int = 0,
+    n_jobs: int = -1,
+    progress: ProgressCallback | None = None,
+    client: "Client | None" = None,
+) -> Law:
+    """Fit a law's coefficients, and the states of each trial, to what was measured: maximum likelihood.
+
+    The terms stay, whatever method found them; the law gets standard errors. Initial states are free, chaotic laws are
+    welcome, and values may be missing (multiple shooting with a shot for each step, see `commonlaw.likelihood`).
+
+    Parameters
+    ----------
+    law
+        Of order 1 or 2. Coefficients whose standard error is zero are known and stay.
+    trials
+        Of objects of the law. A stream is fitted file by file, under white noise if nothing else is named, each file
+        with noise of its own level; objects that are not in the law begin as its typical one.
+    positive
+        States that are above zero and modelled on a logarithmic scale, see `TrajectoryLikelihood`. Default: those of
+        the law.
+    input_between
+        The interpolation of inputs between samples, or ``"auto"``, see `TrajectoryLikelihood`. Default: as in the law.
+    noise
+        Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
+        measurements have standard deviations of their own (``noise_columns`` of the trials).
+    errors
+        Those beside white noise, see `TrajectoryLikelihood`. ``"white"``: the coefficients are those of least squares.
+        ``"auto"``: they are unless there is very strong evidence (2 log B > 10) for other errors or for outliers.
+    huber_threshold
+        Standard deviations of noise beyond which a measurement may count as an outlier, infinite for none.
+    covariance
+        How the covariance is found: ``"likelihood"``, from its curvature, or ``"bootstrap"``, from the scatter of
+        coefficients when blocks of the trials are drawn anew.
+    partial_pooling
+        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`. By
+        default each object has the estimates of its own trials.
+    seed
+        Of the bootstrap.
+    n_jobs
+        Threads that share the objects, see `TrajectoryLikelihood`.
+    progress
+        Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
+    client
+        A dask client, whose workers fit the files of a stream.
+
+    Returns
+    -------
+    Law
+        Of the objects of the trials.
+
+    Raises
+    ------
+    CommonlawError
+        If the law is of discrete time, its objects do not share their terms, an object or a variable is not in it, a
+        setting does not exist, or a trial cannot be used; the message says which.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> method = cl.DerivativeRegression(differentiation="savgol:25:3", solver="group-stlsq:1.5")
+    >>> law = cl.discover(drops, order=2, library="poly:1", method=method)
+    >>> print(cl.refine(law, drops).average())
+    x'' = -9.835 ± 0.046 - (0.3830 ± 0.0042) v
+    <BLANKLINE>
+    with v = x'
+    """
+    calls = (*law.provenance.calls, call(refine, locals(), "cl.refine", "law", "trials"))
+    check_choice("covariance", covariance, get_args(CovarianceKind))
+    check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
+    check_choice("input_between", input_between, (None, "auto", *BETWEEN))
+    progress = on_terminal() if progress is None else progress
+    how = _Fit(positive, input_between, noise, errors, errors == "white", huber_threshold, covariance, seed)
+    if isinstance(trials, TrialStream):
+        with on_cluster(client):
+            refined = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
+        domain = refined.provenance.domain
+        provenance = replace(law.provenance, outcomes=(), history=refined.history, calls=calls, domain=domain)
+        return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
+    refuse_client(client)
+    with threads(n_jobs):
+        refined = how.refined(law, trials, partial_pooling, progress)
+    refined = replace(refined, provenance=replace(refined.provenance, calls=calls))
+    return refined.partial_pooling(None, partial_pooling)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """How a law is fitted, see `refine`; by least squares, no measurement counts as an outlier."""
+
+    positive: Sequence[str] | None
+    input_between: str | None
+    noise: Mapping[str, float] | None
+    errors: ErrorKind | Literal["auto"]
+    least_squares: bool
+    huber_threshold: float
+    covariance: CovarianceKind
+    seed: int
+
+    def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback) -> Law:
+        """Return a law fitted to trials; objects may be alike, and say where constants inside of terms begin."""
+        setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_between, self.positive)
+        progress("estimating noise, smoothing, fitting coefficients")
+        if alike and setup.law.terms.constants and not trials.schema.starts:  # There `known_starts` does so
+            setup = replace(setup, priors=priors_from(setup.problem(), setup.law.coefficients))
+        found, steps = begin_search(
+            lambda own, _: fit_terms(replace(setup, trials=own)),
+            setup.trials,
+            input_between=setup.input_between,
+            errors=self.errors,
+            progress=progress,
+        )
+        # Of few measurements the residuals do not show what kind of errors they have
+        errors = "white" if self.errors == "auto" and found.has_few_measurements else self.errors
+        found = choose_errors(found, errors=errors, propose=lambda _: None, progress=progress)
+        found = approximated(found, progress) or found
+        problem, state, is_converged = converged(found.problem, found.state, self.least_squares)
+        if not (problem.noise_given or problem.tells_noise) and total_freedom(residual_freedom(problem, state)) < 1:
+            count, name = sum(problem.measured), trials.schema.states[0]
+            raise CommonlawError("no-degrees-of-freedom", measurements=count, name=name)
+        schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
+        law, trials = replace(setup.law, schema=schema), setup.trials
+        refined = fitted_law(law, problem, state, self.covariance, self.seed)
+        chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(problem, state)
+        domain = replace(Domain.of(trials, law.state_rates), at_rest=law.provenance.domain.at_rest)
+        provenance = replace(
+            law.provenance,
+            outcomes=(
+                *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
+                *with_approximation(
+                    found, outcomes_of_fit(problem, state, is_converged, tried_errors=self.errors == "auto")
+                ),
+                *outcomes_of_unmeasured(refined, problem),
+            ),
+            history=(*law.history, *chosen),
+            domain=replace(domain, visited={**domain.visited, **visited_besides(problem.trials, state.estimates)}),
+        )
+        return replace(refined, provenance=provenance)
+
+
+def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallback) -> Law:
+    """Return the law of the objects of a stream, fitted part by part."""
+    if law.terms.constants or law.schema.starts:
+        what = "constants inside of terms" if law.terms.constants else "states that nobody measured"
+        raise CommonlawError("not-refined-file-by-file", what=what)
+    parts, known = stream.parts or (stream,), {*law.objects}
+    light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
+    names = objects_of_parts(parts, part(progress, 0.0, _LISTED))
+    laws = [light.select(own) if known.issuperset(own) else typical(law, own) for own in names]
+    pieces = list(zip(laws, parts, strict=True))
+    fitted = done_in_parts(partial(_fitted, how), pieces, "fitting objects", part(progress, _LISTED, 1.0))
+    found = law_of_all(fitted)
+    step = Step("coefficients", counted(len(parts), "file"), "each object is fitted to its trials, file by file")
+    return replace(found, provenance=replace(found.provenance, history=(*law.history, step)))
+
+
+def _fitted(how: _Fit, piece: tuple[Law, TrialStream]) -> LawOfPart:
+    """Return what a law's coefficients are for the objects of a part."""
+    law, trials = piece[0], piece[1].read()
+    with unannounced():
+        found = how.refined(law, trials, False, lambda _: None)
+    return LawOfPart.of(found, trials)
