@@ -64,20 +64,34 @@ class Diagnostic:
 
     def sentence(self, dialect: Dialect = str) -> str:
         """Return the sentence in the dialect of a front end; by default as Python."""
-        pieces = sentences()[self.code].split("`")
-        writer = _Writer(dialect)
-        written = [writer.vformat(piece, (), self.parameters) for piece in pieces]
-        written[1::2] = map(dialect, written[1::2])
-        return (f"{self.where}: " if self.where else "") + "".join(written)
+        return (f"{self.where}: " if self.where else "") + filled(sentences()[self.code], self.parameters, dialect)
 
     def __str__(self) -> str:
         return self.sentence()
 
 
-@cache
+def filled(sentence: str, parameters: Mapping[str, object], dialect: Dialect = str) -> str:
+    """Return a sentence of the catalogue with its parameters, and what stands between backticks in a dialect."""
+    writer = _Writer(dialect)
+    written = [writer.vformat(piece, (), parameters) for piece in sentence.split("`")]
+    written[1::2] = map(dialect, written[1::2])
+    return "".join(written)
+
+
 def sentences() -> Mapping[str, str]:
-    """Return the catalogue: a sentence for each code."""
-    return tomllib.loads(files("commonlaw").joinpath("diagnostics.toml").read_text(encoding="utf-8"))
+    """Return the messages of the catalogue: a sentence for each code."""
+    return _catalogue()[0]
+
+
+def notes() -> Mapping[str, Mapping[str, str]]:
+    """Return the notes on results of the catalogue: kind, text and remedy for each code."""
+    return _catalogue()[1]
+
+
+@cache
+def _catalogue() -> tuple[dict[str, str], dict[str, dict[str, str]]]:
+    read = tomllib.loads(files("commonlaw").joinpath("diagnostics.toml").read_text(encoding="utf-8"))
+    return {code: text for code, text in read.items() if code != "notes"}, read["notes"]
 
 
 class _Writer(Formatter):

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from commonlaw.diagnostics import filled, marked, notes
+
 
 class OutcomeKind(StrEnum):
     """Every kind of outcome there is; each is also its text, as messages and saved laws have it."""
@@ -69,13 +71,27 @@ class Outcome:
         What happened, with its numbers.
     remedy
         What to do about it.
+    code
+        Names text and remedy in the catalogue; empty for what a law of an earlier version has on record.
     """
 
     kind: OutcomeKind
     where: str
     text: str
     remedy: str
+    code: str = ""
 
     def __str__(self) -> str:
         index = f" ({self.where})" if self.where else ""
         return f"{self.kind}{index}: {self.text}; {self.remedy}"
+
+
+def note(code: str, where: str = "", /, **parameters: object) -> Outcome:
+    """Return a note of the catalogue, its sentences filled in; code in them stays between backticks.
+
+    >>> print(note("trials-differ", objects="2 (Ann, Ben)").kind)
+    trials differ
+    """
+    entry = notes()[code]
+    text, remedy = (filled(entry[part], parameters, marked) for part in ("text", "remedy"))
+    return Outcome(OutcomeKind(entry["kind"]), where, text, remedy, code)

@@ -10,8 +10,9 @@ import pytest
 
 import commonlaw
 from commonlaw import CommonlawError
-from commonlaw.diagnostics import Diagnostic, sentences
+from commonlaw.diagnostics import Diagnostic, notes, sentences
 from commonlaw.errors import unknown
+from commonlaw.outcomes import OutcomeKind, note
 
 _SOURCES = sorted(Path(commonlaw.__file__).parent.rglob("*.py"))
 
@@ -27,6 +28,8 @@ def _given() -> Iterator[tuple[str, str, set[str]]]:
                 continue
             if call.func.id == "CommonlawError":
                 names = {each.arg for each in call.keywords if each.arg} - {"where"}
+            elif call.func.id == "note":
+                names = {each.arg for each in call.keywords if each.arg}
             elif call.func.id == "Diagnostic":
                 fields = call.args[1] if len(call.args) > 1 else ast.Dict([], [])
                 if not isinstance(fields, ast.Dict):
@@ -43,8 +46,8 @@ def _fields(sentence: str) -> set[str]:
 
 def test_every_message_has_a_sentence_with_its_parameters() -> None:
     for place, code, names in _given():
-        assert code in sentences(), place
-        assert _fields(sentences()[code]) == names, place
+        sentence = sentences().get(code) or "{0[text]} {0[remedy]}".format(notes()[code])
+        assert _fields(sentence) == names, place
 
 
 def test_every_sentence_is_given_somewhere() -> None:
@@ -54,11 +57,20 @@ def test_every_sentence_is_given_somewhere() -> None:
         for each in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(each, ast.Constant) and isinstance(each.value, str)
     }
-    assert sentences().keys() - texts == {"other"}, "other is for the messages of other programs"
+    assert (sentences().keys() | notes().keys()) - texts == {"other"}, "other is for the messages of other programs"
 
 
 def test_code_in_a_sentence_is_closed() -> None:
-    assert not [code for code, sentence in sentences().items() if sentence.count("`") % 2]
+    listed = [*sentences().values(), *(text for entry in notes().values() for text in entry.values())]
+    assert not [sentence for sentence in listed if sentence.count("`") % 2]
+
+
+def test_a_note_has_one_of_the_kinds_and_a_code_of_its_own() -> None:
+    assert {entry["kind"] for entry in notes().values()} <= {*OutcomeKind}
+    assert not notes().keys() & sentences().keys()
+    found = note("estimate-at-bound", "Anna", name="K", end=0.0, estimate="-0.2 ± 0.1", within="", bound="K > 0")
+    assert (found.code, found.kind, found.where) == ("estimate-at-bound", OutcomeKind.BOUND, "Anna")
+    assert found.remedy == "check the equation, or leave K > 0 out"
 
 
 def test_an_error_says_where_and_what_after_it_was_sent_to_another_process() -> None:

@@ -7,7 +7,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.diagnose.confounding import StandIns, stand_ins
 from commonlaw.law.text import left_hand_sides
 from commonlaw.library import AbstractLibrary, Order
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.check import Finding
 
@@ -34,42 +34,33 @@ def variables_not_told_apart(
     if order == 0:
         return ()
     asked, _ = without_measured_rates(trials, trials.schema.states if order == 2 else ())
-    found = stand_ins(asked, order, library)
-    return tuple(
-        Finding(f"{_side(each, asked, order)}: {_sentence(each, asked)}; {_remedy(each)}", column=each.state)
-        for each in found
-    )
+    noted = [(each, _note(each, asked, order)) for each in stand_ins(asked, order, library)]
+    return tuple(Finding(f"{note.where}: {note.text}; {note.remedy}", column=each.state) for each, note in noted)
 
 
 def outcomes_of_stand_ins(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
     """Return what to know of a law whose variables the training trials confound."""
-    return tuple(
-        Outcome(OutcomeKind.NOT_IDENTIFIABLE, _side(each, trials, order), _sentence(each, trials), _remedy(each))
-        for each in (stand_ins(trials, order, library) if order else ())
-    )
+    return tuple(_note(each, trials, order) for each in (stand_ins(trials, order, library) if order else ()))
 
 
-def _side(found: StandIns, trials: Trials, order: Order) -> str:
-    states = trials.schema.states
-    return left_hand_sides(states, order)[states.index(found.state)]
-
-
-def _remedy(found: StandIns) -> str:
-    return f"vary the initial {next(iter(found.starts))}"
-
-
-def _sentence(found: StandIns, trials: Trials) -> str:
+def _note(found: StandIns, trials: Trials, order: Order) -> Outcome:
     """Return what variables stand in for each other, and why."""
-    unit = f" {trials.schema.units.get(found.state, '')}".rstrip()
-    concerned = _and(list(found.starts))
+    states = trials.schema.states
     varying = ", with coefficients by trial," if found.by_trial else ""
     left = ", ".join(f"{each:.3g}" for each in found.left[:_LISTED])
     alike = ""
     if all(high - low <= _ALIKE * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
         alike = f", as all trials start alike{_ranges(found, trials.schema)}"
-    return (
-        f"{concerned} are confounded{alike}: {_alternatives(found)}{varying} fits (RMS residual {left}; "
-        f"all: {found.left_by_all:.3g}{unit})"
+    return note(
+        "confounded",
+        left_hand_sides(states, order)[states.index(found.state)],
+        variables=_and(list(found.starts)),
+        alike=alike,
+        alternatives=_alternatives(found) + varying,
+        residuals=left,
+        residual=found.left_by_all,
+        unit=f" {trials.schema.units.get(found.state, '')}".rstrip(),
+        first=next(iter(found.starts)),
     )
 
 

@@ -26,7 +26,7 @@ from commonlaw.law.meeting import matched
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import AbstractLibrary, one_order, order_of_each, parse_library
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trial, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
@@ -287,9 +287,7 @@ def _default(trials: Trials | TrialStream, order: AskedOrder) -> tuple[AbstractM
         why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
     else:
         return TrajectoryLikelihood(), ()
-    text = f"as {why}, terms were fitted to estimated derivatives, and coefficients have no standard errors"
-    remedy = "take fewer objects, or refine the law: commonlaw.refine(law, trials)"
-    return DerivativeRegression(), (Outcome(OutcomeKind.METHOD, "", text, remedy),)
+    return DerivativeRegression(), (note("derivatives-without-errors", why=why),)
 
 
 def _without_evidence(
@@ -303,8 +301,7 @@ def _without_evidence(
     chosen = tuple(each[:1] for each in possible)
     what = "in a stream" if is_stream else f"by {type(method).__name__}"
     order = one_order([each for (each,) in chosen])
-    text = f"order {order} was taken: {what} no evidence compares laws of different orders"
-    return chosen, (Outcome(OutcomeKind.METHOD, "", text, "give `order=2` where forces act: x'' = ..."),)
+    return chosen, (note("order-without-evidence", order=order, what=what),)
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
@@ -323,15 +320,9 @@ def _said_of(copies: Sequence[tuple[Trial, Trial]], own: Sequence[Trial]) -> tup
     """Return what is said of trials that are copies, and of those among them that were left out."""
     left_out = [(trial, before) for trial, before in copies if any(trial is each for each in own)]
     counted = [pair for pair in copies if pair not in left_out]
-    said = (
-        (left_out, "counted once", "nothing needs to be done, but a measurement may be missing"),
-        (counted, "of other objects and counted like new ones", "leave them out, or give them their own measurements"),
-    )
-    return tuple(
-        Outcome(OutcomeKind.COPIES, "", f"trials that are exact copies were {how}, {_named(pairs)}", remedy)
-        for pairs, how, remedy in said
-        if pairs
-    )
+    found = [note("copies-of-trials", trials=_named(left_out))] if left_out else []
+    found += [note("copies-of-objects", trials=_named(counted))] if counted else []
+    return tuple(found)
 
 
 def _named(pairs: Sequence[tuple[Trial, Trial]]) -> str:

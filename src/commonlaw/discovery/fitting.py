@@ -10,6 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.diagnostics import marked
 from commonlaw.discovery.derivative_regression import suitable_differentiation
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.known_physics import product_of
@@ -27,7 +28,7 @@ from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
@@ -236,11 +237,10 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
     chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
     if not chosen or not law.letters:
         return ()
-    remedy = "`errors='white'` gives least squares"
     try:
         white = under_white_noise()
     except CommonlawError as error:
-        return (Outcome(OutcomeKind.ERRORS, "", f"{'; '.join(chosen)}; {error}", remedy),)
+        return (note("errors-without-comparison", errors=chosen, error=error.sentence(marked)),)
     (here, errors), (there, others) = law.letter_values(), white.letter_values()
     with np.errstate(divide="ignore", invalid="ignore"):
         changes = np.nan_to_num(abs(there - here) / errors)
@@ -248,8 +248,7 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
     of = f" of {law.objects[i]}" if len(law.objects) > 1 else ""
     under = with_error(there[i, j], float(np.nan_to_num(others[i, j])))
     changed = f"{law.letters[j]}{of} is {with_error(here[i, j], errors[i, j])}, and {under} under white noise"
-    text = f"{'; '.join(chosen)}, chosen by evidence; {changed}"
-    return (Outcome(OutcomeKind.ERRORS, "", text, remedy),)
+    return (note("errors-chosen", errors=chosen, changed=changed),)
 
 
 def _of_stream(
@@ -381,8 +380,15 @@ def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
     side = 1 if end == bound.low else -1
     reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if error > 0 else np.nan
     within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
-    text = f"{bound.name} is at its bound, {end:g}, as the best fit without it is at {with_error(value, error)}{within}"
-    return Outcome(OutcomeKind.BOUND, owner, text, f"check the equation, or leave {bound.text} out")
+    return note(
+        "estimate-at-bound",
+        owner,
+        name=bound.name,
+        end=end,
+        estimate=with_error(value, error),
+        within=within,
+        bound=bound.text,
+    )
 
 
 def _with_unmeasured(

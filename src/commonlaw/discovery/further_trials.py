@@ -12,7 +12,7 @@ from commonlaw.forecast import forecast_from
 from commonlaw.inference.fit.annealing import STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.forecast import Forecast
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Trials
 
 _BAND = 1.96
@@ -124,12 +124,17 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
     )
     times = one.trials.trials[0].times
     after = f"{times[row] - times[0]:.3g} {schema.units.get(schema.time, '')}".rstrip()
-    text = (
-        f"{_exchange(law, rival.law)} is plausible, too (probability {rival.probability:.2g}), and forecasts what was "
-        f"measured alike; {law.objects[0]} from {begin} comes to {schema.states[state]} = {one_end} after {after} by "
-        f"the law, and to {other_end} by the other"
+    return note(
+        "rival-plausible",
+        exchange=_exchange(law, rival.law),
+        probability=rival.probability,
+        object=law.objects[0],
+        begin=begin,
+        state=schema.states[state],
+        one_end=one_end,
+        after=after,
+        other_end=other_end,
     )
-    return Outcome(OutcomeKind.NOT_IDENTIFIABLE, "", text, "a trial that starts there would tell")
 
 
 def _exchange(law: Law, rival: Law) -> str:

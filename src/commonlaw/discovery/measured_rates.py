@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.conversion import Conversion
 from commonlaw.trials.measured_rates import rates_in_words, without_rates
@@ -53,9 +53,7 @@ def without_measured_rates(
     rates = {state: rate for state, rate in found.items() if state in second and rate not in states}
     if not rates:
         return trials, ()
-    text = f"{rates_in_words(rates)}, and no state of its own beside an equation of second order: left out"
-    remedy = "if it is one, and the numbers agree by chance, give the columns units that say so"
-    return without_rates(trials, rates), (Outcome(OutcomeKind.RATES, "", text, remedy),)
+    return without_rates(trials, rates), (note("rate-of-column", rates=rates_in_words(rates)),)
 
 
 def measured_rates(trials: Trials) -> dict[str, str]:

@@ -11,7 +11,7 @@ from commonlaw.inference import Score
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.measured_rates import rates_in_words, without_rates
 
@@ -191,15 +191,7 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     reasons = [*against, *(f"of another none was found: {each}" for each in refused)]
     step = Step("order", choice, "; ".join(reasons) or "a law of this order fits within the noise")
     close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < _STRONG]
-    said = tuple(
-        Outcome(
-            OutcomeKind.NOT_IDENTIFIABLE,
-            "",
-            f"the law is of order {choice}, and one of order {each} explains the trials about as well",
-            "trials from other starts would tell, or give the order",
-        )
-        for each in close
-    )
+    said = tuple(note("order-not-identifiable", choice=choice, other=each) for each in close)
     provenance = law.provenance
     provenance = replace(provenance, history=(step, *provenance.history), outcomes=(*provenance.outcomes, *said))
     return replace(law, provenance=provenance)

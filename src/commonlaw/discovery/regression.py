@@ -26,7 +26,7 @@ from commonlaw.formulation import (
 )
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.parallel import check_n_jobs
 from commonlaw.progress import ProgressCallback
 from commonlaw.selection import (
@@ -186,9 +186,7 @@ def _unit_outcomes(solver: AbstractSolver | None) -> tuple[Outcome, ...]:
     """Return what to know about a solver whose path lists other candidates in other units."""
     if not isinstance(solver, STLSQ | SR3) or solver.normalize or solver.hyperparameter is not None:
         return ()
-    text = "candidates were listed by the numbers of their coefficients, and other units of measurement list others"
-    remedy = "take `solver='group-stlsq:normalize=True'` or `solver='best-subset'`, which no unit changes"
-    return (Outcome(OutcomeKind.UNITS, "", text, remedy),)
+    return (note("units-of-candidates"),)
 
 
 def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.trajectory import Trajectory
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 
 Function = Callable[[float, Floats], Floats]
 
@@ -53,5 +53,4 @@ def largest_state(problem: InitialValueProblem, options: OutputOptions) -> float
 
 def not_integrated(time: float, why: str, where: str) -> Outcome:
     """Return the outcome of a trajectory that did not run away, and that the integrator could not follow on."""
-    text, remedy = f"at t = {time:.6g}: {why}", "integrate with the method 'auto' or 'scipy'"
-    return Outcome(OutcomeKind.NOT_INTEGRATED, where, text, remedy)
+    return note("not-integrated", where, time=time, reason=why)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration.event import Occurrences
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +68,4 @@ class Trajectory:
 
 def diverged(time: float, why: str, where: str, how: str = "ran away") -> Outcome:
     """Return the outcome of a trajectory that ran away, or that no number of steps can follow on."""
-    return Outcome(
-        OutcomeKind.DIVERGED,
-        where,
-        f"the forecast {how} at t = {time:.6g} ({why})",
-        "forecast a shorter time, or choose a sparser law",
-    )
+    return note("diverged", where, end=how, time=time, reason=why)

@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import informative, shrink
 from commonlaw.law.provenance import Step
 from commonlaw.law.uncertainty import ObjectEstimates, Uncertainty
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.wording import shown
 
 _ALIKE, _OWN = 0.9, 0.1
@@ -74,5 +74,4 @@ def not_pooled(objects: Sequence[str], told: Bools) -> tuple[Outcome, ...]:
     left = [name for name, own in zip(objects, told, strict=True) if not own]
     if not left:
         return ()
-    text = f"{shown(left, 'object')} not pooled with the others: these trials carry no information about coefficients"
-    return (Outcome(OutcomeKind.NOT_IDENTIFIABLE, "", text, "leave them out, or measure them longer"),)
+    return (note("not-pooled", objects=shown(left, "object")),)

@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.conversion import Conversion
 from commonlaw.trials.units import parse_unit, registry
@@ -35,9 +35,7 @@ def _of_scales(law: Law) -> Iterator[Outcome]:
         for equation, terms in zip(law.left_hand_sides, changes, strict=True) if base else ():
             if terms:
                 verb = "hangs" if len(terms) == 1 else "hang"
-                text = f"{', '.join(terms)} {verb} on the zero of the scale of {name}, {units[name]}"
-                remedy = f"give {name} in {base}, or offer every lower power and product too"
-                yield Outcome(OutcomeKind.SCALE, equation, text, remedy)
+                yield note("scale-origin", equation, terms=terms, verb=verb, name=name, unit=units[name], base=base)
 
 
 def _changes(law: Law, column: int) -> list[list[str]]:
@@ -85,8 +83,7 @@ def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
     if starting:
         names = " or ".join(law.states)
         began = f"{counted(len(starting), 'trial')} began at zero, within the noise"
-        text = f"{began}, but every term holds {names}, so that the law cannot leave zero"
-        yield Outcome(OutcomeKind.START, "", text, "offer a constant or the input as a term")
+        yield note("starts-at-rest", began=began, names=names)
 
 
 def _leaves_zero(trial: Trial, noise: Floats) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.law import Alternative, Law
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.selection.rules import Selection
 from commonlaw.solvers import STLSQ, AbstractSolver, Candidate
 
@@ -20,8 +20,7 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
     """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
     outcomes, alternatives = [], []
     for equation, selection in zip(law.left_hand_sides, selections, strict=True):
-        remedy = "name a solver with a value of its hyperparameter to choose yourself"
-        outcomes.append(Outcome(OutcomeKind.CHOSEN, equation, selection.reason, remedy))
+        outcomes.append(note("chosen-from-path", equation, reason=selection.reason))
         for i, each in enumerate(selection.table):
             names = tuple(law.terms.names[k] for k in np.flatnonzero(each.candidate.support.any(axis=0)))
             chosen = i == selection.index
@@ -47,24 +46,12 @@ def _with(law: Law, candidates: Sequence[Candidate]) -> Floats:
 def _outcomes(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Iterator[Outcome]:
     """Yield what a user should know about what a solver found."""
     if isinstance(solver, STLSQ) and solver.shared and len(law.objects) == 1:
-        yield Outcome(
-            OutcomeKind.ONE_OBJECT,
-            law.objects[0],
-            "with a single object the terms that all objects share are those of this one",
-            "add objects to let them vote on the terms",
-        )
+        yield note("one-object", law.objects[0])
     if not all(each.converged for each in candidates):
-        remedy = "give it more max_iterations or nodes"
-        yield Outcome(OutcomeKind.NOT_CONVERGED, "", "the solver stopped before it was done", remedy)
+        yield note("solver-stopped")
     for j, (equation, candidate) in enumerate(zip(law.left_hand_sides, candidates, strict=True)):
         if not law.support[j].any():
-            yield Outcome(
-                OutcomeKind.EMPTY_SUPPORT,
-                equation,
-                f"the solver's setting removed every term; the largest value it was last compared with is "
-                f"{candidate.largest:.4g}",
-                "choose a threshold below that",
-            )
+            yield note("support-empty", equation, largest=candidate.largest)
 
 
 def ill_conditions(law: Law, problems: Sequence[LeastSquaresProblem]) -> Iterator[Outcome]:
@@ -73,9 +60,4 @@ def ill_conditions(law: Law, problems: Sequence[LeastSquaresProblem]) -> Iterato
         for problem, name, support in zip(problems, law.objects, law.coefficients[:, j] != 0, strict=True):
             condition = problem.condition(support)
             if condition > _ILL_CONDITIONED:
-                yield Outcome(
-                    OutcomeKind.ILL_CONDITIONED,
-                    f"{equation} of {name}",
-                    f"its terms nearly depend on each other on these samples (condition number {condition:.1e})",
-                    "raise the threshold, leave terms out, or measure over a wider range",
-                )
+                yield note("terms-collinear", f"{equation} of {name}", condition=condition)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.trials.trial import Trial
 from commonlaw.trials.trials import Trials
 from commonlaw.wording import shown
@@ -48,9 +48,7 @@ def outcome_of_rest(names: tuple[str, ...]) -> tuple[Outcome, ...]:
     """Return that objects at rest were left out, by name; nothing if there are none."""
     if not names:
         return ()
-    text = f"{shown(names, 'object')} left out: nothing changes there beyond noise, as in blanks"
-    remedy = "name coefficients that all objects share (`universal=...`) to fit them to these, too"
-    return (Outcome(OutcomeKind.NOT_IDENTIFIABLE, "", text, remedy),)
+    return (note("objects-at-rest", objects=shown(names, "object")),)
 
 
 def _squares(trials: tuple[Trial, ...]) -> Floats:

@@ -11,7 +11,7 @@ from commonlaw.formulation import column_scales
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.spacing import evenly_spaced
 from commonlaw.wording import shown
 
@@ -40,9 +40,7 @@ def differing_trials(problem: SearchProblem, state: SearchState) -> tuple[Outcom
                 found.append(name)
     if not found:
         return ()
-    text = f"trials of {shown(found)} differ among themselves by more than their noise: the coefficients change"
-    remedy = "look for what changed between these trials, and give it as an input or make them objects of their own"
-    return (Outcome(OutcomeKind.TRIALS_DIFFER, "", text, remedy),)
+    return (note("trials-differ", objects=shown(found)),)
 
 
 def _probability(problem: SearchProblem, state: SearchState, name: str) -> float:

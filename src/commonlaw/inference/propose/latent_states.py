@@ -26,7 +26,7 @@ from commonlaw.library import Terms, parse_term
 from commonlaw.library.naming import quoted
 from commonlaw.library.parametric import free_name
 from commonlaw.likelihood import NotPositiveError
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.trials import Trials
 from commonlaw.trials.starts import with_starts
@@ -153,9 +153,7 @@ def _honest(found: LawSearch) -> LawSearch:
 def _ambiguous(name: str, same: "Sequence[tuple[_Hypothesis, LawSearch]]") -> Outcome:
     """Return what is said of laws that fit alike."""
     listed = "; or ".join(f"{'; '.join(_structure(law))}, where it {hypothesis.words}" for hypothesis, law in same)
-    text = f"what was measured is the same by another {name}: {listed}"
-    remedy = f"measure {name}, or say what it does: commonlaw.fit(equations, trials, starts={{{name!r}: ...}})"
-    return Outcome(OutcomeKind.NOT_IDENTIFIABLE, "", text, remedy)
+    return note("latent-state-not-identifiable", name=name, others=listed)
 
 
 def _structure(found: LawSearch) -> tuple[str, ...]:

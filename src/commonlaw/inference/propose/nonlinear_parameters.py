@@ -31,7 +31,7 @@ from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound, limits_of
 from commonlaw.library.grammar import NUMPY, compiled
 from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, NotPositiveError
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.parallel import in_parallel, threads
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.spacing import evenly_spaced
@@ -235,12 +235,7 @@ def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
         if len(lost) > 1 and {*lost} & {*law.terms.variables.constants}:
             found.setdefault(" and ".join(lost), []).append(name)
     return tuple(
-        Outcome(
-            OutcomeKind.NOT_IDENTIFIABLE,
-            ", ".join(objects),
-            f"the trials tell a combination of {letters} alone, which are within {SURE:g} standard errors of zero",
-            "give one of them as a number, or measure where the term bends",
-        )
+        note("parameters-not-separable", ", ".join(objects), parameters=letters, limit=SURE)
         for letters, objects in found.items()
     )
 

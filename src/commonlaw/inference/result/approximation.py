@@ -29,7 +29,7 @@ from commonlaw.inference.search.error_models import OF_LAWS, Hypothesis
 from commonlaw.inference.search.law_search import LawSearch, resolved
 from commonlaw.law import Law, Uncertainty
 from commonlaw.likelihood import NotPositiveError
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, note
 from commonlaw.progress import ProgressCallback
 from commonlaw.trials import Trials
 
@@ -147,12 +147,7 @@ def with_approximation(found: LawSearch, outcomes: Sequence[Outcome]) -> tuple[O
         for name, value, level in zip(schema.measured, left, noise[~schema.unmeasured], strict=True)
     ]
     of = "this law" if found.solver is None else "this law, the best of its library,"
-    lack = Outcome(
-        OutcomeKind.APPROXIMATION,
-        "",
-        f"lack of fit: {of} leaves a residual RMS of {', '.join(parts)}",
-        "add terms, or use the law as an approximation",
-    )
+    lack = note("lack-of-fit", law=of, residuals=parts)
     return (lack, *(each for each in outcomes if each.kind not in LACKS_OF_FIT))
 
 

@@ -18,7 +18,7 @@ from commonlaw.inference.score.supports import MOST_TERMS
 from commonlaw.inference.search.error_levels import kind_of
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.tables import LOG_SCORE
-from commonlaw.outcomes import Outcome, OutcomeKind
+from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.trials import Schema
 from commonlaw.wording import counted
 
@@ -98,18 +98,13 @@ def outcomes(
     """Return what a user should know of a law that was chosen by these trials."""
     found = [*outcomes_of_fit(problem, state, is_converged, tried_errors=tried_errors, chosen=True)]
     found += [
-        Outcome(OutcomeKind.EMPTY_SUPPORT, side, "no candidate term explains it better than noise", "offer other terms")
+        note("no-term", side)
         for j, side in enumerate(law.left_hand_sides)
         if not any(each.coefficients[j].any() for each in state.estimates)
     ]
     most = problem.most_terms
     found += [
-        Outcome(
-            OutcomeKind.FEW_SAMPLES,
-            side,
-            f"it has {counted(most, 'term')}, as many as so few samples can tell apart",
-            "measure more samples or trials, or offer fewer terms",
-        )
+        note("as-many-terms-as-samples", side, terms=most)
         for side, support in zip(law.left_hand_sides, state.supports, strict=True)
         if support.sum() == most < min(MOST_TERMS, problem.allowed.sum(axis=1).max())
     ]
@@ -129,22 +124,12 @@ def outcomes_of_fit(
     """
     found = list[Outcome]()
     if not (state.has_model_error or (is_converged and follows_solutions(problem, state))):
-        text = "the fit did not converge: coefficients and standard errors are not those of least squares"
-        guesses = "" if chosen else "give other first guesses or bounds of coefficients, or "
-        remedy = f"{guesses}measure more often where the states change fast"
-        found.append(Outcome(OutcomeKind.NOT_CONVERGED, "", text, remedy))
+        found.append(note("fit-not-converged" if chosen else "fit-not-converged-from-guesses"))
     if state.has_model_error or problem.errors.of_law:
-        error = f"; it has a model error, {model_error_step(problem, state).choice}"
-        remedy = "add terms, give a larger noise if it is known, or use the law as an approximation"
         of = ", the best of its library," if chosen else ""
-        text = f"the measurements depart from this law{of} by more than errors of measurement{error}"
-        found.append(Outcome(OutcomeKind.MODEL_ERROR, "", text, remedy))
+        found.append(note("model-error", library=of, error=model_error_step(problem, state).choice))
     elif left := _left(problem, state):
-        remedy = "standard errors and bands may be too narrow: add terms"
-        remedy += "" if tried_errors else ", or use `errors='auto'`"
-        found.append(
-            Outcome(OutcomeKind.RESIDUALS, "", f"white noise does not explain what the law leaves: {left}", remedy)
-        )
+        found.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=left))
     return (*found, *outcomes_of_samples(problem))
 
 
@@ -158,12 +143,7 @@ def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, .
         ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in law.named_coefficients)
         for each in problem.as_good
     )
-    text = (
-        f"other coefficients fit {law.objects[0]} as well: {others}; with the signs of the equations as far as "
-        f"possible, those by which {names} changes fastest were taken"
-    )
-    remedy = "give what is known of them as numbers in the equations, or measure another state"
-    return (*found, Outcome(OutcomeKind.AMBIGUOUS, "", text, remedy))
+    return (*found, note("latent-state-ambiguous", object=law.objects[0], others=others, states=names))
 
 
 def _not_told(law: Law) -> tuple[Outcome, ...]:
@@ -175,12 +155,7 @@ def _not_told(law: Law) -> tuple[Outcome, ...]:
             lost.setdefault(", ".join(letters), []).append(name)
     names = ", ".join(law.schema.starts)
     return tuple(
-        Outcome(
-            OutcomeKind.NOT_IDENTIFIABLE,
-            ", ".join(objects),
-            f"with {names} unmeasured the trials do not tell {letters}: standard errors are larger than the values",
-            "give what is known as a number, say where trials start, or measure longer",
-        )
+        note("parameters-with-latent-states", ", ".join(objects), states=names, parameters=letters)
         for letters, objects in lost.items()
     )
 
@@ -200,9 +175,7 @@ def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:
     """Return what to know of a law that was fitted to some of the samples."""
     if not problem.samples:
         return ()
-    text = f"fitted were {problem.samples}; all of them told the noise"
-    remedy = "coefficients would be more accurate by all: `method=TrajectoryLikelihood(max_samples=...)` takes more"
-    return (Outcome(OutcomeKind.SAMPLES, "", text, remedy),)
+    return (note("samples-fitted", samples=problem.samples),)
 
 
 def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
