@@ -277,7 +277,8 @@ def test_what_a_term_does_not_show_of_its_constants_is_said():
     outcomes = cl.fit(SATURATING, decay, errors="white").outcomes
     (outcome,) = (each for each in outcomes if each.kind == "not identifiable")
     assert outcome.where == "a, b"
-    assert "a combination of V and K" in outcome.text
+    assert outcome.code == "parameters-not-separable"
+    assert "V and K" in outcome.text
 
 
 @pytest.mark.slow

@@ -37,7 +37,7 @@ def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_pro
     assert not law.uncertainty.error_model.of_law
     assert law.score(delayed, start="all") > 0.98
     (lack,) = (each for each in law.outcomes if each.kind is OutcomeKind.APPROXIMATION)
-    assert "lack of fit" in lack.text
+    assert lack.code == "lack-of-fit"
     verdict = law.verdict(delayed)
     assert (verdict.exact, verdict.none_exact) == (False, True)
 

@@ -148,4 +148,4 @@ def test_coefficients_that_the_trials_do_not_tell_are_named():
     trials = cl.Trials.from_arrays(times, measured, object="town", names=["I"])
     law = cl.fit(EPIDEMIC, trials, starts={"S": None}, errors="white")
     (outcome, *_) = [each for each in law.outcomes if each.kind == "not identifiable"]
-    assert "with S unmeasured the trials do not tell" in outcome.text
+    assert outcome.code == "parameters-with-latent-states"

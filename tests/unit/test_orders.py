@@ -205,7 +205,8 @@ def test_regressions_take_the_first_order_and_polynomials_and_say_so(method):
     assert law.order == 1
     assert law.terms.names == ("1", "x", "x^2", "x^3")
     (said,) = [each for each in law.outcomes if each.kind == "method"]
-    assert said.text.startswith(f"order 1 was taken: by {type(method).__name__} no evidence")
+    assert said.code == "order-without-evidence"
+    assert type(method).__name__ in said.text
     assert not [
         each for each in cl.discover(relaxations(0.01), method=method, order=1).outcomes if each.kind == "method"
     ]
@@ -221,7 +222,7 @@ def test_streams_are_of_the_first_order_and_say_so(tmp_path):
     law = cl.discover(cl.TrialStream.from_parquet(tmp_path / "cups.parquet"))
     assert law.order == 1
     assert law.terms.names == ("1", "x", "x^2", "x^3")
-    assert any(each.text.startswith("order 1 was taken: in a stream") for each in law.outcomes)
+    assert "order-without-evidence" in {each.code for each in law.outcomes}
 
 
 def test_a_law_that_explains_is_tried_with_no_other_order(monkeypatch):
@@ -240,7 +241,8 @@ def test_a_law_that_explains_is_tried_with_no_other_order(monkeypatch):
 def test_laws_of_both_orders_that_are_about_as_probable_are_said():
     law = cl.fit("x' = a", relaxations(0.05))
     (said,) = orders.with_order_said(law, [(2, 4.2)], ()).outcomes[len(law.outcomes) :]
-    assert "of order 1, and one of order 2 (2 log B is 4.2) explains the trials about as well" in said.text
+    assert said.code == "order-not-identifiable"
+    assert "2 (2 log B is 4.2)" in said.text
     assert orders.with_order_said(law, [(2, 6.5)], ()).outcomes == law.outcomes
 
 

@@ -29,6 +29,7 @@ def test_wells_are_fitted_as_without_the_blanks_which_are_named():
     assert law.objects == tuple(RATES)
     np.testing.assert_allclose(law.coefficients, alone.coefficients, rtol=1e-9)
     (found,) = (each for each in law.outcomes if each.kind is OutcomeKind.NOT_IDENTIFIABLE)
+    assert found.code == "objects-at-rest"
     assert "B1, B2" in found.text
     assert law.coefficients[:, 0, 0] == pytest.approx([*RATES.values()], abs=0.01)
 
