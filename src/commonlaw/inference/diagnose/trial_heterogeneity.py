@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState
-from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
+from commonlaw.likelihood import Estimate, fit, linearize
 from commonlaw.outcomes import Outcome, note
 from commonlaw.spacing import evenly_spaced
 from commonlaw.wording import shown
@@ -35,7 +35,7 @@ def differing_trials(problem: SearchProblem, state: SearchState) -> tuple[Outcom
     names = [names[i] for i in evenly_spaced(len(names), _OBJECTS)] if names else []
     found = []
     for name in names:
-        with suppress(CommonlawError, NotPositiveError):
+        with suppress(CommonlawError):
             if _probability(problem, state, name) < _RARE / len(names):
                 found.append(name)
     if not found:

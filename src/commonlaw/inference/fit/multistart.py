@@ -71,7 +71,7 @@ def best_fits(
     found = []
     for coefficients in begun:
         starts = problem.padded([Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True)])
-        with suppress(CommonlawError, NotPositiveError):
+        with suppress(CommonlawError):
             found.append(way(replace(problem, starts=starts)))
     if not found:
         raise NotPositiveError

@@ -78,7 +78,7 @@ class LawsOfSets:
         """Return the fit of a law of these terms, from states that are near; none if it cannot be fitted."""
         if rows not in self.fitted:
             self.fitted[rows] = None
-            with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
+            with suppress(CommonlawError, np.linalg.LinAlgError):
                 self.fitted[rows] = self._fit(rows, estimates)
         return self.fitted[rows]
 
@@ -148,7 +148,7 @@ class LawsOfSets:
 
     def _shortly(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> list[Estimate]:
         """Return the fit of a law of these terms by a short way, along curves that are near; none if there is none."""
-        with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
+        with suppress(CommonlawError, np.linalg.LinAlgError):
             _, problem, begun = self._posed(rows)
             return best_fits(problem, estimates, begun, short_way)
         return []

@@ -25,7 +25,6 @@ from commonlaw.law.text import structure
 from commonlaw.library import Terms, parse_term
 from commonlaw.library.naming import quoted
 from commonlaw.library.parametric import free_name
-from commonlaw.likelihood import NotPositiveError
 from commonlaw.outcomes import Outcome, note
 from commonlaw.progress import ProgressCallback, Stage
 from commonlaw.trials import Trials
@@ -229,7 +228,7 @@ class _Hypothesis:
     def _searched(self, trials: Trials, few: Bools, most_samples: int) -> LawSearch | None:
         """Return the law that is found from one of few terms, shape (equations, terms)."""
         trials = with_starts(trials, {self.name: self.family.start})
-        with suppress(CommonlawError, NotPositiveError, np.linalg.LinAlgError):
+        with suppress(CommonlawError, np.linalg.LinAlgError):
             for _ in range(_ROUNDS):
                 problem = self._prepared(trials, few, most_samples)
                 problem, state = to_scale(problem, polish(problem, few, problem.starts, NO_ERROR, PATH))

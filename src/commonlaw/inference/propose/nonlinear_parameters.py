@@ -30,7 +30,7 @@ from commonlaw.law import Law
 from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound, limits_of
 from commonlaw.library.grammar import NUMPY, compiled
-from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, NotPositiveError
+from commonlaw.likelihood import HUBER_THRESHOLD, Estimate
 from commonlaw.outcomes import Outcome, note
 from commonlaw.parallel import in_parallel, threads
 from commonlaw.progress import ProgressCallback, on_terminal
@@ -209,7 +209,7 @@ def _best_of_each(problem: SearchProblem, starts: Sequence[Floats]) -> Floats | 
     """
     fits: list[list[Estimate]] = [[] for _ in problem.models]
     for start in starts:
-        with suppress(CommonlawError, NotPositiveError):
+        with suppress(CommonlawError):
             for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
                 fits[o] += [] if has_pole(problem, o, each) else [each]
     if not all(fits):

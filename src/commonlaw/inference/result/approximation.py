@@ -28,7 +28,6 @@ from commonlaw.inference.search.error_levels import kind_of
 from commonlaw.inference.search.error_models import OF_LAWS, Hypothesis
 from commonlaw.inference.search.law_search import LawSearch, resolved
 from commonlaw.law import Law, Uncertainty
-from commonlaw.likelihood import NotPositiveError
 from commonlaw.outcomes import Outcome, note
 from commonlaw.progress import ProgressCallback
 from commonlaw.trials import Trials
@@ -118,7 +117,7 @@ def _of_fewer_terms(found: LawSearch) -> Iterator[LawSearch]:
         return
     hypothesis = Hypothesis("white", found.problem, found.state, found.state.alternatives)
     for supports in of_each_size(hypothesis, found.solver, found.size - 1):
-        with suppress(CommonlawError, NotPositiveError):
+        with suppress(CommonlawError):
             problem, state = hypothesis.fit(supports)
             yield replace(found, problem=problem, state=state)
 
@@ -154,7 +153,7 @@ def with_approximation(found: LawSearch, outcomes: Sequence[Outcome]) -> tuple[O
 def _left_by(found: LawSearch) -> list[Series]:
     """Return what solutions of a law leave of whole trials, state by state; infinite if none can be fitted."""
     law, trials = found.fitted(), found.problem.trials
-    with suppress(CommonlawError, NotPositiveError, ArithmeticError, np.linalg.LinAlgError):
+    with suppress(CommonlawError, ArithmeticError, np.linalg.LinAlgError):
         return _residuals(law, trials)
     return _constants(trials, np.inf)
 

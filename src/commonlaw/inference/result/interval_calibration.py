@@ -22,7 +22,6 @@ from commonlaw.inference.search.law_search import LawSearch
 from commonlaw.law import Law, Provenance
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.widening import Widening
-from commonlaw.likelihood import NotPositiveError
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 
@@ -141,7 +140,7 @@ def standardized_errors(
     template, problem, state = search.fitted(), search.problem, search.state
     found: dict[tuple[str, str], list[StandardizedErrors]] = {}
     for kept, left_out in _folds(problem.trials, both_ways):
-        with suppress(CommonlawError, NotPositiveError):
+        with suppress(CommonlawError):
             law = _fitted_to(template, problem, state, kept)
             own, law = law, pool(law)
             for listed, start in left_out:

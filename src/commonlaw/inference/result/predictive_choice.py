@@ -24,7 +24,6 @@ from commonlaw.inference.search.error_levels import ErrorKind, kind_of
 from commonlaw.inference.search.error_models import GROUPS, OF_LAWS, Hypothesis, hypotheses, under_each_kind
 from commonlaw.inference.search.law_search import LawSearch
 from commonlaw.law import Law
-from commonlaw.likelihood import NotPositiveError
 from commonlaw.progress import ProgressCallback
 from commonlaw.solvers import AbstractSolver
 
@@ -58,7 +57,7 @@ def best_forecaster(
     errors_of = partial(standardized_errors, pool=pool, both_ways=_tell_by_halves(found))
     weighed = [(_score(errors_of(found)), found)]
     for each in _others(found, kinds, progress):
-        with suppress(CommonlawError, NotPositiveError):
+        with suppress(CommonlawError):
             errors = errors_of(each)
             if len(errors) == len(own):
                 weighed.append((_score(errors), each))
@@ -87,7 +86,7 @@ def weighed_by_forecasts(found: LawSearch, less: float) -> LawSearch:
 
 def score_of_forecasts(found: LawSearch, pool: Callable[[Law], Law]) -> float:
     """Return the logarithm of how probable forecasts make what was left out; minus infinity if any diverges."""
-    with suppress(CommonlawError, NotPositiveError):
+    with suppress(CommonlawError):
         if errors := standardized_errors(found, pool, both_ways=_tell_by_halves(found)):
             return _score(errors)
     return -np.inf

@@ -12,7 +12,6 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.discretization import is_solved
 from commonlaw.inference.fit.state import evidence_of
 from commonlaw.inference.search.error_models import Hypothesis
-from commonlaw.likelihood import NotPositiveError
 from commonlaw.solvers import AbstractSolver
 
 _FITTED = 4
@@ -29,7 +28,7 @@ def candidates(found: Sequence[Hypothesis], others: Sequence[Bools], solver: Abs
     for hypothesis in found:
         values = evidence_of(hypothesis.problem, hypothesis.state, pool)
         for i in np.argsort(values)[:_FITTED]:
-            with suppress(CommonlawError, NotPositiveError):
+            with suppress(CommonlawError):
                 fitted = hypothesis.fit(pool[i])
                 compared.append(replace(hypothesis, problem=fitted[0], state=fitted[1]))
     return compared

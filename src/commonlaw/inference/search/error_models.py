@@ -86,7 +86,7 @@ def hypotheses(
         show = part(progress, number / (len(GROUPS) + 1), (number + 1) / (len(GROUPS) + 1))
         for start in sorted((each for each in starts if each.kind in group), key=lambda each: each.state.score)[:1]:
             show(f"seeking the law with {WORDS[start.kind]}")
-            with suppress(CommonlawError, NotPositiveError):
+            with suppress(CommonlawError):
                 found.append(_in_turn(start, solver, show))
     return sorted(found, key=lambda each: each.state.score)
 
@@ -96,14 +96,14 @@ def under_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[Err
     """Return supports, shape (equations, terms), under each kind of errors that can be fitted, with its own levels."""
     found, white = [], problem.under_white_noise
     for begin in (white, problem) if problem.errors else (white,):
-        with suppress(CommonlawError, NotPositiveError):
+        with suppress(CommonlawError):
             solved = fit_solutions(begin, supports)
             for kind in [each for each in kinds if each != "walk"]:
                 if begin is white or kind == kind_of(problem.errors):
-                    with suppress(CommonlawError, NotPositiveError):
+                    with suppress(CommonlawError):
                         found.append(Hypothesis(kind, *with_errors_of_kind(*solved, kind)))
     if "walk" in kinds:
-        with suppress(CommonlawError, NotPositiveError):
+        with suppress(CommonlawError):
             found.append(Hypothesis("walk", *with_errors_of_kind(white, fit_supports(white, supports), "walk")))
     return found
 
