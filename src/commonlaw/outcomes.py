@@ -32,7 +32,7 @@ class OutcomeKind(StrEnum):
     METHOD = "method"
     """Another method than most laws are found by was taken."""
     MODEL_ERROR = "model error"
-    """The measurements depart from every law of the library by more than their noise."""
+    """Lack of fit: no law of the library fits the measurements within their noise."""
     NOT_CONVERGED = "not converged"
     """A solver stopped before it was done."""
     NOT_IDENTIFIABLE = "not identifiable"

@@ -87,7 +87,7 @@ def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heterosce
     steps = list[str]()
     law = cl.discover(trials, cache=False, progress=steps.append)
     assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
-    assert any("grow with it: estimating errors" in each for each in steps)
+    assert any("heteroscedastic: estimating errors" in each for each in steps)
     assert not any("of order 2" in each or "constants inside" in each or "nobody measured" in each for each in steps)
 
 

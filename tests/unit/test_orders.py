@@ -11,10 +11,10 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery import orders, trajectory_likelihood
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.inference import prepare, score_of_order
+from commonlaw.inference import may_be_of_first_order, prepare, score_of_order
 from commonlaw.inference.fit.annealing import fit_with
-from commonlaw.inference.fit.lack_of_fit import unexplained
-from commonlaw.library import parse_library
+from commonlaw.inference.fit.lack_of_fit import departures, in_words
+from commonlaw.library import Variables, parse_library
 from tests.refusals import refused
 
 discover = partial(cl.discover, order="auto", cache=False)
@@ -238,6 +238,22 @@ def test_a_law_that_explains_is_tried_with_no_other_order(monkeypatch):
     assert tried == [1]
 
 
+@pytest.mark.parametrize(
+    ("rate", "starts", "is_one"),
+    [
+        # A relaxation has one rate at each state
+        (lambda _, x, k: -k * x, [(1.0,), (0.5,)], True),
+        # An oscillator passes a state in two directions
+        (lambda _, x, k: [x[1], -k * x[0]], [(1.0, 0.0)], False),
+    ],
+)
+def test_rates_are_a_function_of_states_or_not(rate, starts, is_one):
+    trials = simulated(rate, [(4.0,)], starts, np.linspace(0, 3, 60), 0.001)
+    terms = parse_library("poly:1").bind(Variables(("x",)))
+    problem = prepare(trials, terms, np.full((1, 1, len(terms)), np.nan))
+    assert may_be_of_first_order(problem) is is_one
+
+
 def test_laws_of_both_orders_that_are_about_as_probable_are_said():
     law = cl.fit("x' = a", relaxations(0.05))
     (said,) = orders.with_order_said(law, [(2, 4.2)], ()).outcomes[len(law.outcomes) :]
@@ -282,4 +298,6 @@ def test_a_law_that_leaves_many_times_the_noise_does_not_explain():
     terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
     problem = prepare(trials, terms, known, noise=None, huber_threshold=4.0)
     state = fit_with(problem, problem.allowed, 0.0)
-    assert unexplained(problem, state) == "residuals of x are mostly more than 4 standard deviations of its noise"
+    assert (
+        in_words(departures(problem, state)) == "residuals of x are mostly more than 4 standard deviations of its noise"
+    )

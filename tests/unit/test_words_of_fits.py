@@ -37,8 +37,8 @@ def kinds(law):
 
 def test_white_noise_that_does_not_explain_what_a_law_leaves_is_said_to_fail(white):
     assert kinds(white) == [OutcomeKind.RESIDUALS]
-    assert "remember each other" in white.outcomes[0].text
-    assert "remember each other" in step(white, "model error").reason
+    assert "autocorrelated" in white.outcomes[0].text
+    assert "autocorrelated" in step(white, "model error").reason
 
 
 def test_a_fit_that_departs_from_the_measurements_says_so_as_a_discovery_does(swayed):

@@ -315,7 +315,7 @@ class TrajectoryLikelihood(AbstractMethod):
             best = min([*done, *left], key=lambda each: each.score)
             lowest = min(left, key=lambda each: each.total_order)
             is_lower = lowest.total_order < best.total_order
-            may_be_lower = is_lower and may_be_of_first_order(best.search)
+            may_be_lower = is_lower and may_be_of_first_order(best.search.problem)
             implied = is_lower and may_be_of_lower_order(best.search)
             if best.is_simple and not implied and not (may_be_lower and best.most_terms > _FEW):
                 break

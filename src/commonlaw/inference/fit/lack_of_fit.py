@@ -1,4 +1,7 @@
-"""Whether errors of the measurements of the estimated levels explain what a law leaves of the measurements."""
+"""Whether white noise of the estimated level explains the residuals of a law."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,26 +11,41 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState
 
 
-def unexplained(problem: SearchProblem, state: SearchState, *, of_law: bool = False) -> str:
-    """Return what speaks against white noise of the estimated level, in words; nothing if that explains the residuals.
+@dataclass(frozen=True)
+class Departure:
+    """Something in which residuals depart from white noise of the estimated level, in words.
 
-    A model error does; and residuals that grow with the state, or that remember each other, if an error that allows for
-    it gains more in likelihood than its numbers cost. Residuals that only grow with the state are heteroscedastic
-    noise, and no lack of fit `of_law`.
+    Heteroscedastic residuals are a matter of the noise; whatever else departs is lack of fit.
+    """
+
+    words: str
+    is_of_noise: bool = False
+
+
+def departures(problem: SearchProblem, state: SearchState) -> tuple[Departure, ...]:
+    """Return in what the residuals of a law depart from white noise.
+
+    A model error does; and residuals that are heteroscedastic or autocorrelated, if an error that allows for it gains
+    more in likelihood than its numbers cost.
     """
     if state.has_model_error:
-        return "the measurements depart from every law of this library by more than their noise"
+        return (Departure("lack of fit: no law of this library fits the measurements within their noise"),)
     # At the floor, what is left is not of the measurements
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
-    return "; ".join(
-        f"residuals of {name} {what}"
+    return tuple(
+        Departure(f"residuals of {name} are {each.words}", each.is_of_noise)
         for j, name in enumerate(problem.trials.schema.states)
         if name not in problem.trials.schema.starts
-        for what in _of_state(problem, state, j, bool(measured[j]), of_law)
+        for each in _of_state(problem, state, j, bool(measured[j]))
     )
 
 
-def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: bool, of_law: bool) -> list[str]:
+def in_words(listed: Iterable[Departure]) -> str:
+    """Return departures in words; nothing if there are none."""
+    return "; ".join(each.words for each in listed)
+
+
+def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: bool) -> list[Departure]:
     """Return what is odd about the residuals of one state, and about their pattern if they are of measurements."""
     squares, sizes, lags, count, whole = [], [], [], 0, 0
     for model, estimate in zip(problem.models, state.estimates, strict=True):
@@ -43,16 +61,15 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: b
             lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
             count += len(standard)
     if 2 * count < whole:
-        return [f"are mostly more than {OUTLIER:g} standard deviations of its noise"]
+        return [Departure(f"mostly more than {OUTLIER:g} standard deviations of its noise")]
     if not is_measured:
         return []
     squared, found, price = np.concatenate(squares), [], np.log(max(count, 2))
     schema = problem.trials.schema
-    may_grow = not of_law and schema.states[j] not in schema.logarithmic
-    if may_grow and growth(squared, np.concatenate(sizes))[0] > price:
-        found.append("grow with it")
+    if schema.states[j] not in schema.logarithmic and growth(squared, np.concatenate(sizes))[0] > price:
+        found.append(Departure("heteroscedastic", is_of_noise=True))
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
     if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * price:
-        found.append("remember each other")
+        found.append(Departure("autocorrelated"))
     return found

@@ -58,13 +58,13 @@ def may_be_of_lower_order(found: LawSearch) -> bool:
     return len(chosen) > 0 and all(terms.terms[k].columns() & rates for k in chosen)
 
 
-def may_be_of_first_order(found: LawSearch) -> bool:
+def may_be_of_first_order(problem: SearchProblem) -> bool:
     """Return whether rates may be a function of the states and inputs: no object has two rates at the same state.
 
     An oscillator, which passes a state in both directions, or balls that are thrown from one place at two speeds, are
     of higher order. Smoothed states of all trials are compared, and of one trial at other times.
     """
-    problem, states = found.problem, len(found.problem.noise)
+    states = len(problem.noise)
     for name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
         rows = list[Floats]()
         for k, (trial, smooth) in enumerate(zip(problem.trials.of_object(name), curves, strict=True)):

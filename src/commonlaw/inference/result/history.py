@@ -10,7 +10,7 @@ from commonlaw.inference.data.latent_states import unmeasured_in_words
 from commonlaw.inference.data.noise import by_columns
 from commonlaw.inference.diagnose.convergence import MAX_MOVE, MAX_POINTS
 from commonlaw.inference.fit.discretization import follows_solutions
-from commonlaw.inference.fit.lack_of_fit import unexplained
+from commonlaw.inference.fit.lack_of_fit import departures, in_words
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState
 from commonlaw.inference.score.score import Kind
@@ -168,7 +168,7 @@ def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
 
 def _left(problem: SearchProblem, state: SearchState) -> str:
     """Return what white noise does not explain of what the law leaves, in words; nothing under other errors."""
-    return unexplained(problem, state) if kind_of(problem.errors) == "white" else ""
+    return in_words(departures(problem, state)) if kind_of(problem.errors) == "white" else ""
 
 
 def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:

@@ -15,7 +15,7 @@ from commonlaw.inference.fit.annealing import beside_alternatives, fit_supports,
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.discretization import follows_solutions, runs_away
 from commonlaw.inference.fit.heteroscedasticity import with_growing_noise
-from commonlaw.inference.fit.lack_of_fit import unexplained
+from commonlaw.inference.fit.lack_of_fit import Departure, departures, in_words
 from commonlaw.inference.fit.mesh import on_finer_mesh, until_resolved
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.fit.state import ANY_ERROR, PLAUSIBLE, SearchState
@@ -94,14 +94,18 @@ class LawSearch:
         return fitted_law(self.template, self.problem, self.state)
 
     @cached_property
+    def _departures(self) -> tuple[Departure, ...]:
+        return departures(self.problem, self.state)
+
+    @cached_property
     def beyond_errors(self) -> str:
         """What speaks against the errors with the law that was found, in words; nothing if nothing does."""
-        return unexplained(self.problem, self.state) or self.lack_of_fit
+        return in_words(self._departures) or self.lack_of_fit
 
     @cached_property
     def lack_of_fit(self) -> str:
         """What speaks against the law itself, whatever its noise, in words; nothing if nothing does."""
-        reason = unexplained(self.problem, self.state, of_law=True)
+        reason = in_words(each for each in self._departures if not each.is_of_noise)
         if not reason and runs_away(self.problem, self.state):
             reason = "trajectories of the trials that the law was learned from diverge"
         return reason
