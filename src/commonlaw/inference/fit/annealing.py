@@ -228,28 +228,28 @@ def with_close_neighbours(
             break
         _, near, supports = min(left, key=lambda each: each[0])
         done.add(supports.tobytes())
-        with suppress(NotPositiveError):
-            start = restricted(problem, evidence_about(problem, near), near.estimates, supports)
-            found = list_by_evidence([*found, *_comparable(problem, start, supports, best.model_error, starts)])
+        found = list_by_evidence([*found, *_comparable(problem, near, supports, best.model_error, starts)])
         vain = vain + 1 if found[0] is best else 0
     best = found[0]
     return [best.with_alternatives([each for each in found if each.model_error == best.model_error]), *found[1:]]
 
 
 def _comparable(
-    problem: SearchProblem,
-    estimates: Sequence[Estimate],
-    supports: Bools,
-    model_error: float,
-    starts: AlikeStarts | None,
+    problem: SearchProblem, near: SearchState, supports: Bools, model_error: float, starts: AlikeStarts | None
 ) -> list[SearchState]:
-    """Return supports fitted to be compared with others, nothing if what they leave means nothing.
+    """Return supports fitted from a state that is near, to be compared with others; nothing if that means nothing.
 
     Of supports that leave far more than the noise all would count as outliers, which cost too little; so no evidence is
     larger than under noise of the size that they leave.
     """
-    state = fitted(problem, estimates, supports, model_error)[0]
-    own = to_scale(problem, state)[1]
+    try:
+        start = near.estimates
+        if not np.array_equal(supports, near.supports):
+            start = restricted(problem, evidence_about(problem, near), start, supports)
+        state = fitted(problem, start, supports, model_error)[0]
+        own = to_scale(problem, state)[1]
+    except NotPositiveError:
+        return []
     if not is_settled(problem, state):
         return []
     score = own.score if state.score < own.score else state.score
@@ -262,8 +262,7 @@ def beside_alternatives(problem: SearchProblem, state: SearchState) -> SearchSta
     states, starts = [replace(state, score=here)], AlikeStarts(problem, state)
     for each in state.alternatives:
         if each.score - state.score < PLAUSIBLE:
-            with suppress(NotPositiveError):
-                states += _comparable(problem, each.estimates, each.supports, state.model_error, starts)
+            states += _comparable(problem, each, each.supports, state.model_error, starts)
     best = with_close_neighbours(problem, states, starts)[0]
     return state.keeping(best) if np.array_equal(best.supports, state.supports) else best
 
@@ -284,11 +283,9 @@ def beside_those_ahead(problem: SearchProblem, state: SearchState) -> SearchStat
             break
         _, supports = min(ahead, key=lambda each: each[0])
         done.add(supports.tobytes())
-        with suppress(NotPositiveError):
-            start = restricted(problem, evidence_about(problem, state), state.estimates, supports)
-            for other in _comparable(problem, start, supports, state.model_error, starts):
-                best, rest = (other, state) if other.score < state.score else (state, other)
-                state = best.with_alternatives([*state.alternatives, rest])
+        for other in _comparable(problem, state, supports, state.model_error, starts):
+            best, rest = (other, state) if other.score < state.score else (state, other)
+            state = best.with_alternatives([*state.alternatives, rest])
     return state
 
 
