@@ -55,13 +55,22 @@ _CLOSE = 1.001
 
 
 def search(
+    problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback, proposals: Sequence[Bools] = ()
+) -> list[SearchState]:
+    """Return what all schedules find, proposals, and what may be as plausible, that of largest evidence first."""
+    found = annealed(problem, solver, progress)
+    found += _fit_all(problem, proposals)
+    found += _without_model_error(problem, list_by_evidence(found)[0])
+    return with_close_neighbours(problem, found)
+
+
+def annealed(
     problem: SearchProblem,
     solver: AbstractSolver,
     progress: ProgressCallback,
     schedules: Sequence[Sequence[float]] = SCHEDULES,
-    proposals: Sequence[Bools] = (),
 ) -> list[SearchState]:
-    """Return what was found at all model errors of all schedules, and proposals, that of largest evidence first."""
+    """Return what was found at all model errors of all schedules."""
 
     def tell(done: int) -> None:
         of = counted(len(schedules), "search", "es")
@@ -71,12 +80,7 @@ def search(
     ways = in_parallel(
         lambda each: _anneal(problem, solver, each), schedules, pays=threads_pay(problem.models), done=tell
     )
-    found = [state for each in ways for state in each]
-    if schedules is not SCHEDULES:
-        return list_by_evidence(found)
-    found += _fit_all(problem, proposals)
-    found += _without_model_error(problem, list_by_evidence(found)[0])
-    return with_close_neighbours(problem, found)
+    return [state for each in ways for state in each]
 
 
 def polish(

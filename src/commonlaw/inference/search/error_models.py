@@ -9,9 +9,9 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.fit.annealing import SCHEDULES, fit_solutions, fit_supports, fit_with, polish, search
+from commonlaw.inference.fit.annealing import SCHEDULES, annealed, fit_solutions, fit_supports, fit_with, polish
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState, nearest, path
+from commonlaw.inference.fit.state import SearchState, list_by_evidence, nearest, path
 from commonlaw.inference.search.error_levels import ErrorKind, kind_of, with_errors_of_kind
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.progress import ProgressCallback, part
@@ -130,4 +130,5 @@ def _searched(
 ) -> list[SearchState]:
     if kind == "walk":
         return [polish(problem, state.supports, state.estimates, state.model_error, solver)]
-    return [each for each in search(problem, solver, progress, SCHEDULES[:1]) if not each.has_model_error]
+    found = list_by_evidence(annealed(problem, solver, progress, SCHEDULES[:1]))
+    return [each for each in found if not each.has_model_error]
