@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.discovery.candidate import MAX_TERMS_OF_SIMPLE_LAW, Candidate
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
 from commonlaw.discovery.many_objects import Fitting, law_of_parts
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
@@ -25,7 +26,6 @@ from commonlaw.inference import (
     CovarianceKind,
     ErrorKind,
     LawSearch,
-    Score,
     as_followed,
     begin_search,
     choose_errors,
@@ -37,11 +37,9 @@ from commonlaw.inference import (
     known_noise,
     may_be_of_first_order,
     may_be_of_lower_order,
-    may_be_series,
     may_be_simpler,
     most_explaining,
     resolved,
-    score_of_order,
     search_supports,
     with_drive_said,
     with_interpolation,
@@ -50,10 +48,10 @@ from commonlaw.inference import (
     with_unmeasured_state,
 )
 from commonlaw.integration import BETWEEN
-from commonlaw.law import Law, Provenance, Step
+from commonlaw.law import Law, Provenance
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Offer, Order, ParametricTerm, TiedTerms, highest_order, one_order, order_of_each
-from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ObservationModel
+from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
 from commonlaw.parallel import check_n_jobs, threads
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.solvers import AbstractSolver, parse_solver
@@ -67,12 +65,6 @@ _FACTORS, _ARRAYS = 6, 20
 
 _PLAIN = 0.2
 """Share of the time that plain terms are searched in where others are, too. It is only shown, while it works."""
-
-_MANY = 5
-"""Coefficients and constants of an equation more than which may stand for a latent state, or for richer terms."""
-
-_SERIES = 3
-"""One in so many terms of higher degree more than which an equation may be a truncated series."""
 
 _FEW = 3
 """Coefficients of an equation of higher order more than which may stand for richer terms of a lower order."""
@@ -244,10 +236,10 @@ class TrajectoryLikelihood(AbstractMethod):
         structure: ModelStructure,
         possible: Sequence[Sequence[int]],
         progress: ProgressCallback,
-    ) -> "tuple[list[_Found], list[CommonlawError]]":
+    ) -> tuple[list[Candidate], list[CommonlawError]]:
         """Return the best law of each order that is tried, the largest evidence first, and why others have none."""
 
-        def begun(order: Order) -> _Found:
+        def begun(order: Order) -> Candidate:
             own = replace(structure, order=order)
             if several:
                 progress(f"seeking laws of order {order_in_words(order, trials.schema.states)}")
@@ -278,17 +270,17 @@ class TrajectoryLikelihood(AbstractMethod):
                 raise refused[-1]
         return sorted(found, key=lambda each: each.score), refused
 
-    def _finer(self, found: "_Found", progress: ProgressCallback) -> "_Found":
+    def _finer(self, found: Candidate, progress: ProgressCallback) -> Candidate:
         """Return a law on a mesh that may explain what was measured, if it was sought on a coarse one."""
         if not found.is_coarse:
             return found
         return self._found(found.screened, found.followed, found.search, False, progress)
 
-    def _resolved(self, found: "_Found", progress: ProgressCallback) -> "_Found":
+    def _resolved(self, found: Candidate, progress: ProgressCallback) -> Candidate:
         """Return a law on a mesh that is fine enough; on its own if it does not explain what was measured anyway."""
         return found if found.search.lack_of_fit else replace(found, search=resolved(found.search, progress))
 
-    def _begun(self, trials: Trials, screened: Screened, is_first: bool, progress: ProgressCallback) -> "_Found":
+    def _begun(self, trials: Trials, screened: Screened, is_first: bool, progress: ProgressCallback) -> Candidate:
         """Search among terms that were kept, and what is offered first, with the interpolation of inputs chosen.
 
         The first of several orders is sought on a coarse mesh, of single states, where another order takes less time.
@@ -301,16 +293,16 @@ class TrajectoryLikelihood(AbstractMethod):
         if is_first and len(trials.schema.states) == 1:
             begun = self._search_among(followed, screened.structure, progress)
             if begun.state.has_model_error:
-                return _Found(screened, begun, (), followed, has_richer=False, is_coarse=True)
+                return Candidate(screened, begun, (), followed, has_richer=False, is_coarse=True)
         return self._found(screened, followed, begun, False, progress)
 
-    def _with_richer_terms(self, found: "Sequence[_Found]", progress: ProgressCallback) -> "list[_Found]":
+    def _with_richer_terms(self, found: Sequence[Candidate], progress: ProgressCallback) -> list[Candidate]:
         """Offer richer terms, to one order after the other, where the best law so far may be wrong or be simpler.
 
         The best law first; but that of the lowest order where the best law is what one of lower order implies, or where
         rates may be a function of the states.
         """
-        left, done = sorted(found, key=lambda each: each.score), list[_Found]()
+        left, done = sorted(found, key=lambda each: each.score), list[Candidate]()
         while left:
             best = min([*done, *left], key=lambda each: each.score)
             lowest = min(left, key=lambda each: each.total_order)
@@ -324,14 +316,14 @@ class TrajectoryLikelihood(AbstractMethod):
             done.append(self._richer(chosen, progress))
         return [*done, *left]
 
-    def _richer(self, found: "_Found", progress: ProgressCallback) -> "_Found":
+    def _richer(self, found: Candidate, progress: ProgressCallback) -> Candidate:
         """Return the law of largest evidence among richer terms, too."""
         found = self._of_higher_degree(found, progress)
         if found.is_simple or found.has_richer or not any(each.count for each in self._offers(found.screened)[1]):
             return found
         return self._found(found.screened, found.followed, found.search, True, progress)
 
-    def _of_higher_degree(self, found: "_Found", progress: ProgressCallback) -> "_Found":
+    def _of_higher_degree(self, found: Candidate, progress: ProgressCallback) -> Candidate:
         """Return the law among plain terms of higher degree where fewer may be wrong, if those explain the trials.
 
         They are a linear problem, so they come before terms with constants inside, latent states and other orders.
@@ -352,7 +344,7 @@ class TrajectoryLikelihood(AbstractMethod):
         plain: LawSearch | None,
         richer: bool,
         progress: ProgressCallback,
-    ) -> "_Found":
+    ) -> Candidate:
         """Search for a law with the interpolation of inputs that is chosen.
 
         Parameters
@@ -383,9 +375,9 @@ class TrajectoryLikelihood(AbstractMethod):
             followed = with_interpolation(followed, chosen)
         if richer:  # Once, as this takes longest: under the interpolation that laws without such a state choose
             search = self._with_latent_state(screened, search, followed, progress)
-        return _Found(screened, search, steps, followed, richer)
+        return Candidate(screened, search, steps, followed, richer)
 
-    def _with_errors(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> "_Found":
+    def _with_errors(self, trials: Trials, found: Candidate, progress: ProgressCallback) -> Candidate:
         """Choose errors, and search again where terms that were left out improve the law under these.
 
         They are chosen again on the mesh that the law needs if a coarser one hid what speaks against white noise.
@@ -398,7 +390,7 @@ class TrajectoryLikelihood(AbstractMethod):
                 offers, before = self._offers(found.screened)[1], found.search.problem.errors
                 search = with_parametric_terms_under_errors(search, before, offers, progress)
             screened = found.screened.among(search.among_plain)
-            more = screened.with_missed(search) if search.solver and search.problem.errors != NO_ERRORS else None
+            more = screened.with_missed(search) if search.solver and search.problem.errors else None
             if more is not None:
                 found = self._found(more, found.followed, None, found.has_richer, progress)
                 continue
@@ -408,7 +400,7 @@ class TrajectoryLikelihood(AbstractMethod):
                 return found
             may_hide = False
 
-    def _finished(self, trials: Trials, found: "_Found", progress: ProgressCallback) -> Law:
+    def _finished(self, trials: Trials, found: Candidate, progress: ProgressCallback) -> Law:
         law = finish(
             found.search,
             kinds=error_kinds(self.errors, trials.schema),
@@ -434,7 +426,7 @@ class TrajectoryLikelihood(AbstractMethod):
         """Return the law of largest evidence with a latent state or without, if one is asked for or may be missing."""
         # One trial alone has no other start to tell such a state by
         few = len(trials.objects) <= _FEW_OBJECTS and len(trials) > 1
-        seeks = screened.whole.library.seeks_unmeasured and few and may_be_simpler(found, _MANY)
+        seeks = screened.whole.library.seeks_unmeasured and few and may_be_simpler(found, MAX_TERMS_OF_SIMPLE_LAW)
         if screened.whole.order == 1 and (self.unmeasured or seeks):
             found = with_unmeasured_state(found, trials, most_samples=self.max_samples, progress=progress)
         return found
@@ -486,54 +478,6 @@ def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
         remedy = Diagnostic("leave-out" if 0 in method.orders else "use-trajectory-likelihood")
         raise CommonlawError("latent-states-unsupported", count=count, method=name, remedy=remedy)
     return replace(method, unmeasured=count)
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """What is chosen: the terms that were kept, the law among them, and what to say of the way there.
-
-    And the trials as the law follows them, whether terms were sought that are offered beside plain ones, whether a
-    finer mesh may explain what was measured, and whether plain terms are of higher degree, which the evidence prefers.
-    """
-
-    screened: Screened
-    search: LawSearch
-    steps: Sequence[Step]
-    followed: Trials
-    has_richer: bool
-    is_coarse: bool = False
-    is_of_higher_degree: bool = False
-
-    @property
-    def order(self) -> Order:
-        """Of the law."""
-        return self.search.template.order
-
-    @property
-    def total_order(self) -> int:
-        """Sum of the orders of all states."""
-        return sum(order_of_each(self.order, len(self.search.template.states)))
-
-    @property
-    def most_terms(self) -> int:
-        """Of the longest equation."""
-        return int(self.search.state.supports.sum(axis=1).max())
-
-    @cached_property
-    def is_simple(self) -> bool:
-        """Whether the law explains what was measured, and no richer terms could say it in fewer numbers."""
-        if self.search.lack_of_fit or not self.search.is_determined:
-            return False
-        if self.has_richer:
-            return True
-        # A sum of few of the terms of higher degree stands for no shorter law, as a series has most of them
-        sparse = int(self.is_of_higher_degree) * len(self.search.template.terms) // _SERIES
-        return not (may_be_simpler(self.search, max(_MANY, sparse)) or may_be_series(self.search))
-
-    @cached_property
-    def score(self) -> Score:
-        """By its evidence, comparable between orders."""
-        return score_of_order(self.search.problem, self.search.state)
 
 
 def universal_in(law: Law, asked: ModelStructure) -> Bools:
