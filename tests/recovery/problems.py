@@ -341,9 +341,6 @@ PROBLEMS: dict[str, Callable[[], cl.Law]] = {
     "fit, proportional": lambda: cl.fit("x' = k x", growth(proportional(0.05))),
     "fit, force": lambda: cl.fit("x'' = -k x - c v", duffing(white(0.01)), errors="force"),
     "measured drops, linear drag": lambda: discover(cl.datasets.ball_drops(), order=2, library="poly:1"),
-    "measured drops, shared gravity": lambda: discover(
-        cl.datasets.ball_drops(), order=2, library="poly:2", universal=["1"]
-    ),
     "measured drops, derivatives": lambda: discover(
         cl.datasets.ball_drops(), order=2, library="poly:2", method=cl.DerivativeRegression()
     ),

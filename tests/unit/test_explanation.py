@@ -42,6 +42,7 @@ def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_pro
     assert (verdict.exact, verdict.none_exact) == (False, True)
 
 
+@pytest.mark.slow
 def test_the_order_is_one_of_which_a_law_explains_whole_trials(delayed):
     """Steps between samples, and a law of second order with many terms, follow the dead time sample by sample."""
     one = delayed.with_trials([delayed[1]])

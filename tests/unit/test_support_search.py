@@ -150,9 +150,11 @@ def cost_of_scatter(data):
 @pytest.mark.parametrize(
     ("mixed", "scatter"),
     [
-        (0.5, [0.0, 0.8]),
-        (0.0, [0.8, 0.5]),
-        *(pytest.param(*each, marks=pytest.mark.slow) for each in ((0.0, [0.0, 0.8]), (0.5, [0.8, 0.5]))),
+        (0.5, [0.8, 0.5]),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in ((0.0, [0.0, 0.8]), (0.5, [0.0, 0.8]), (0.0, [0.8, 0.5]))
+        ),
     ],
 )
 def test_the_evidence_of_several_terms_is_that_of_coefficients_or_of_orthogonal_mixtures(mixed, scatter):
