@@ -9,9 +9,9 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference import prepare
 from commonlaw.inference.fit.annealing import fit_with
-from commonlaw.inference.fit.poles import has_poles
 from commonlaw.inference.fit.practical_identifiability import are_constants_told
 from commonlaw.inference.fit.state import SearchState
+from commonlaw.inference.fit.validity import has_poles
 from commonlaw.inference.score.score import Score
 from commonlaw.library import Constant, Terms, Variables, parse_term
 

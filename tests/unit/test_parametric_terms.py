@@ -15,7 +15,7 @@ from commonlaw.inference.fit.parameter_grid import Banks
 from commonlaw.inference.fit.parameter_values import frequencies_in_time
 from commonlaw.inference.fit.practical_identifiability import are_constants_told
 from commonlaw.inference.fit.state import SearchState
-from commonlaw.inference.propose.candidate_terms import terms_of_sets
+from commonlaw.inference.propose.candidate_laws import terms_of_sets
 from commonlaw.inference.propose.integral_ranking import Start, TermSet, matching_sets
 from commonlaw.inference.score.score import Score
 from commonlaw.library import Constant, PolynomialLibrary, Terms, Variables, parametric_term, parse_library

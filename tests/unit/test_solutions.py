@@ -7,9 +7,9 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.formulation import law_variables
-from commonlaw.inference.fit.discretization import follows_solutions, is_solved, runs_away
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.fit.state import SearchState
+from commonlaw.inference.fit.validity import follows_solutions, is_solved, runs_away
 from commonlaw.inference.result.history import outcomes_of_fit
 from commonlaw.inference.score.score import Score
 from commonlaw.library import parse_library

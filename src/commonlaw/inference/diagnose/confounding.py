@@ -11,12 +11,11 @@ Raftery 1995). Where trials visit a single curve, one variable says on it what a
 smallest sets that suffice, none part of another: laws in the one and in the other fit alike, and differ wherever the
 curve is left. An object that visits more tells for all, as objects share their terms. Where trials of an object differ
 by more than their noise, a variable may stand in for what makes them differ: so it is said, too, where evidence
-prefers laws whose coefficients differ from trial to trial.
-"""
+prefers laws whose coefficients differ from trial to trial."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations, islice
 
 import numpy as np
@@ -25,7 +24,6 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales, law_variables
-from commonlaw.inference.diagnose.correlated_errors import correlation_factor, log_determinant
 from commonlaw.inference.score.evidence import VERY_STRONG
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.trials import Trial, Trials
@@ -387,3 +385,21 @@ def _named(found: _Found, state: str, names: Sequence[str], curves: Sequence[_Cu
     )
     sets = tuple(tuple(names[i] for i in each) for each in found.sets)
     return StandIns(state, sets, found.left, found.left_by_all, found.by_trial, starts, visited)
+
+
+@lru_cache(maxsize=8)
+def correlation_factor(times: bytes, share: float, memory: float) -> Floats:
+    """Return the lower triangular factor of the errors' correlation at some times, shape (n, n)."""
+    correlated = _decaying(times, memory)
+    return np.asarray(np.linalg.cholesky((1 - share) * np.eye(len(correlated)) + share * correlated))
+
+
+def log_determinant(times: Floats, share: float, memory: float) -> float:
+    """Return the logarithm of the determinant of the errors' correlation."""
+    return 2 * float(np.sum(np.log(np.diag(correlation_factor(times.tobytes(), share, memory)))))
+
+
+@lru_cache(maxsize=8)
+def _decaying(times: bytes, memory: float) -> Floats:
+    samples = np.frombuffer(times)
+    return np.asarray(np.exp(-np.abs(samples[:, np.newaxis] - samples) / memory))

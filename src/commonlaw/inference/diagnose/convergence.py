@@ -12,10 +12,10 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.inference.fit.annealing import LEFT_BY_LAW
 from commonlaw.inference.fit.covariance import factors, free_coefficients, residual_freedom, total_freedom
-from commonlaw.inference.fit.discretization import follows_solutions
 from commonlaw.inference.fit.latent_scale import held_like_others
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import FINAL, SearchState
+from commonlaw.inference.fit.validity import follows_solutions
 from commonlaw.inference.score.evidence import VERY_STRONG
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
 

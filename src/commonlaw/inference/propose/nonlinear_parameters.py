@@ -21,9 +21,9 @@ from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
 from commonlaw.inference.fit.integral_form import Integrals
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, usual_of_best
 from commonlaw.inference.fit.parameter_values import MOST_COMBINATIONS, combined, divisors, values_of_each
-from commonlaw.inference.fit.poles import has_pole, values_along
 from commonlaw.inference.fit.practical_identifiability import SURE
 from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.validity import has_pole, values_along
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.integration import VectorField
 from commonlaw.law import Law

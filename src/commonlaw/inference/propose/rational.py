@@ -16,8 +16,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference.fit.integral_form import INSIDE, Course, closest, projected, unit, with_steps
-from commonlaw.inference.fit.poles import with_points_between
 from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.validity import with_points_between
 from commonlaw.inference.propose.integral_ranking import HOPELESS, MOST_NUMBERS, OBJECTS, Start, TermSet, for_all
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate

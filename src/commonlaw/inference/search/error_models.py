@@ -1,8 +1,8 @@
-"""Kinds of errors, each with the supports and the levels of largest evidence under it."""
+"""Kinds of errors, each with the supports and the levels of largest evidence under it, and which of them is chosen."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.annealing import SCHEDULES, annealed, fit_solutions, fit_supports, fit_with, polish
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState, list_by_evidence, nearest, path
+from commonlaw.inference.fit.state import SearchState, evidence_of, list_by_evidence, nearest, path
+from commonlaw.inference.fit.validity import is_solved
 from commonlaw.inference.search.error_levels import ErrorKind, kind_of, with_errors_of_kind
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.progress import ProgressCallback, part
@@ -32,6 +33,9 @@ GROUPS: tuple[tuple[ErrorKind, ...], ...] = (("white",), ("proportional", "corre
 
 _ROUNDS = 2
 """How often supports and levels are found in turn."""
+
+_FITTED = 4
+"""Supports of largest linearised evidence that are fitted under each kind of errors, with levels of their own."""
 
 _POOLED = 4
 """Supports that one kind of errors contributes to those that are compared under all."""
@@ -132,3 +136,28 @@ def _searched(
         return [polish(problem, state.supports, state.estimates, state.model_error, solver)]
     found = list_by_evidence(annealed(problem, solver, progress, SCHEDULES[:1]))
     return [each for each in found if not each.has_model_error]
+
+
+@unannounced()
+def candidates(found: Sequence[Hypothesis], others: Sequence[Bools], solver: AbstractSolver) -> list[Hypothesis]:
+    """Return the supports that were found under any kind of errors under each: those of largest evidence there."""
+    most = found[0].problem.most_terms
+    listed = [*(each for own in found for each in own.pool(solver)), *others]
+    pool = list({each.tobytes(): each for each in listed if each.sum(axis=1).max() <= most}.values())
+    compared = []
+    for hypothesis in found:
+        values = evidence_of(hypothesis.problem, hypothesis.state, pool)
+        for i in np.argsort(values)[:_FITTED]:
+            with suppress(CommonlawError):
+                fitted = hypothesis.fit(pool[i])
+                compared.append(replace(hypothesis, problem=fitted[0], state=fitted[1]))
+    return compared
+
+
+def chosen(compared: Sequence[Hypothesis], needed: float = 0.0) -> Hypothesis:
+    """Return the hypothesis of largest evidence whose solutions exist along the trials that it was learned from.
+
+    Errors other than white noise, under which coefficients are those of least squares, need so much evidence (2 log B).
+    """
+    listed = sorted(compared, key=lambda each: each.state.score.total + (0.0 if each.kind == "white" else needed))
+    return next((each for each in listed if is_solved(each.problem, each.state)), listed[0])

@@ -13,18 +13,17 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.fit.annealing import beside_alternatives, fit_supports, polish, search, to_scale
 from commonlaw.inference.fit.covariance import fitted_law
-from commonlaw.inference.fit.discretization import follows_solutions, runs_away
 from commonlaw.inference.fit.heteroscedasticity import with_growing_noise
 from commonlaw.inference.fit.lack_of_fit import Departure, departures, in_words
 from commonlaw.inference.fit.mesh import on_finer_mesh, until_resolved
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.fit.state import ANY_ERROR, PLAUSIBLE, SearchState
+from commonlaw.inference.fit.validity import follows_solutions, runs_away
 from commonlaw.inference.score.evidence import VERY_STRONG
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.score.supports import SAMPLES_FOR_A_TERM
-from commonlaw.inference.search.error_choice import candidates, chosen
 from commonlaw.inference.search.error_levels import ErrorKind, kind_of, with_errors_of_kind
-from commonlaw.inference.search.error_models import OF_LAWS, hypotheses, under_each_kind
+from commonlaw.inference.search.error_models import OF_LAWS, candidates, chosen, hypotheses, under_each_kind
 from commonlaw.inference.search.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.search.log_scale import error_kinds
 from commonlaw.inference.search.setup import FitSetup
