@@ -7,7 +7,7 @@ from contextvars import ContextVar
 from time import monotonic
 from typing import TypeVar
 
-from commonlaw.diagnostics import Diagnostic
+from commonlaw.diagnostics import Diagnostic, marked
 from commonlaw.errors import CommonlawError
 
 MOST_MEMORY = 4 * 2**30
@@ -27,10 +27,6 @@ T = TypeVar("T")
 class LongWorkWarning(UserWarning):
     """Work has begun that will take minutes; the message says how many, and what makes it less."""
 
-    def __init__(self, diagnostic: Diagnostic) -> None:
-        super().__init__(diagnostic)
-        self.diagnostic = diagnostic
-
 
 def check_memory(what: str, size: float, remedy: str) -> None:
     """Refuse work that would take so many bytes."""
@@ -43,7 +39,7 @@ def announce(what: str, seconds: float, remedy: str | Diagnostic) -> None:
     if seconds > PATIENCE and _announcing.get():
         length = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
         warning = Diagnostic("long-work", {"work": what, "length": length, "remedy": remedy})
-        warnings.warn(LongWorkWarning(warning), stacklevel=2)
+        warnings.warn(warning.sentence(marked), LongWorkWarning, stacklevel=2)
 
 
 @contextmanager

@@ -12,6 +12,7 @@ import commonlaw
 from commonlaw import CommonlawError
 from commonlaw.diagnostics import Diagnostic, notes, sentences
 from commonlaw.errors import unknown
+from commonlaw.likelihood import NotPositiveError
 from commonlaw.outcomes import OutcomeKind, note
 
 _SOURCES = sorted(Path(commonlaw.__file__).parent.rglob("*.py"))
@@ -77,6 +78,12 @@ def test_an_error_says_where_and_what_after_it_was_sent_to_another_process() -> 
     error = pickle.loads(pickle.dumps(unknown("column", "hieght", ["t", "height"]).at("drops.csv")))
     assert str(error) == "drops.csv: unknown column 'hieght': did you mean 'height'? Known: t, height"
     assert error.code == "unknown-name"
+
+
+def test_errors_of_one_kind_stay_so_with_a_place_and_in_another_process() -> None:
+    error = pickle.loads(pickle.dumps(NotPositiveError().at("a law")))
+    assert isinstance(error, NotPositiveError)
+    assert str(error).startswith("a law: the likelihood of this law cannot be computed")
 
 
 def test_a_front_end_writes_settings_its_own_way() -> None:

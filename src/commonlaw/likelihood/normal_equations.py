@@ -20,11 +20,8 @@ _LIFTS = (0.0, 1e-13, 1e-11, 1e-9, 1e-7)
 class NotPositiveError(CommonlawError, ArithmeticError):
     """Numbers overflowed, or were too far apart for the factorisation."""
 
-    def __init__(self) -> None:
-        super().__init__("likelihood-not-computable")
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return NotPositiveError, ()
+    def __init__(self, code: str = "likelihood-not-computable", /, where: str = "", **parameters: object) -> None:
+        super().__init__(code, where, **parameters)
 
 
 @dataclass(frozen=True, eq=False)
