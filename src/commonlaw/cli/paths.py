@@ -76,7 +76,7 @@ class WrittenTable(WrittenFile):
     def check(self, path: str) -> None:
         """Refuse a name that says no format of tables."""
         if not path.endswith((".csv", ".parquet")):
-            raise CommonlawError("figure-format", path=path)
+            raise CommonlawError("table-format", path=path)
         if path.endswith(".parquet"):
             optional_import("pyarrow.parquet", "writing Parquet files", "parquet")
 
