@@ -24,7 +24,7 @@ def test_long_choices_are_announced_with_their_length_and_a_way_out(monkeypatch)
         cl.discover(DROPS, order=2, method=cl.DerivativeRegression(), library="poly:3")
     with pytest.warns(cl.LongWorkWarning, match=r"or a solver with its value such as 'group-stlsq:1'"):
         cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_resamples=0), library="poly:3")
-    with pytest.warns(cl.LongWorkWarning, match="likelihood of 10 trials of 5 objects .*take fewer trials, or `method="):
+    with pytest.warns(cl.LongWorkWarning, match="likelihood of 10 trials of 5 objects .*fewer trials, or `method="):
         cl.discover(DROPS, order=2, library="poly:1")
 
 
