@@ -93,6 +93,13 @@ def test_a_front_end_writes_settings_its_own_way() -> None:
     )
 
 
+def test_settings_in_lists_are_written_the_same_way() -> None:
+    choices = [Diagnostic("dates-in-order", {"order": each}) for each in ("dmy", "mdy")]
+    error = CommonlawError("dates-ambiguous", column="date", first="1/2/2024", ways="...", choices=choices)
+    said = error.sentence(lambda code: f"--{code.replace('=', ' ')}")
+    assert said.endswith("say which with --dates 'dmy' or --dates 'mdy'")
+
+
 def test_names_with_backticks_stay() -> None:
     error = CommonlawError("unknown-name", kind="column", name="`a`", hint="", known=["b"])
     assert error.sentence(lambda _: "") == "unknown column '`a`': Known: b"

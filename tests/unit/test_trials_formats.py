@@ -319,9 +319,7 @@ def test_dates_and_times_are_read_as_all_rows_allow(tmp_path, stamps, unit, time
 
 def test_an_ambiguous_order_of_day_and_month_is_asked_about(tmp_path):
     table = "date,x\n" + "".join(f"0{i}/0{i + 1}/2024,{i}\n" for i in (1, 2, 3))
-    with refused(
-        "dates-ambiguous", first="01/02/2024", ways="2024-02-01 or 2024-01-02", choices="dates='dmy' or dates='mdy'"
-    ):
+    with refused("dates-ambiguous", first="01/02/2024", ways="2024-02-01 or 2024-01-02"):
         read(tmp_path, table)
     assert read(tmp_path, table, dates="dmy")[0].times.tolist() == [0, 30, 62]
     assert read(tmp_path, table, dates="mdy")[0].times.tolist() == [0, 32, 62]

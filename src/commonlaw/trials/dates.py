@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Column, Table
 
@@ -276,7 +277,7 @@ def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order:
     first = next(iter(local))
     if len(possible) > 1:
         ways = " or ".join(_iso(local[first], each)[:10] for each in possible)
-        choices = " or ".join(f"dates={each!r}" for each in possible)
+        choices = [Diagnostic("dates-in-order", {"order": each}) for each in possible]
         raise CommonlawError(
             "dates-ambiguous", where=table.source, column=name, first=first, ways=ways, choices=choices
         )
