@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from math import fsum
-from typing import Literal, get_args
+from typing import Literal
 
 Part = Literal[
     "likelihood",
@@ -85,10 +85,6 @@ class Score:
 
     parts: Mapping[Part, float]
     kind: Kind = Kind.EVIDENCE
-
-    def __post_init__(self) -> None:
-        if unknown := self.parts.keys() - {*get_args(Part)}:
-            raise KeyError(*unknown)
 
     @cached_property
     def total(self) -> float:
