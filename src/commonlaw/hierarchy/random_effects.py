@@ -240,19 +240,22 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     errors: Floats = np.asarray(scaled + JITTER * scaled * np.eye(size))
     scale, weights = np.diag(units), 1 / np.trace(errors, axis1=1, axis2=2)
     typical = np.tensordot(weights / weights.sum(), errors, 1)
-    found, deviance = _shrunk(own, errors, variances)
+    is_lost = np.linalg.cond(typical) > WORST_CONDITION  # Coefficients that hang together to the last digits
     # Fewer objects than parameters do not determine axes: all their scatter is along some of them
-    if not 1 < size <= len(own) or not np.isnan(variances).all():
-        return found.mixed(scale)
+    is_determined = 1 < size <= len(own) or is_lost
+    if not is_determined or not np.isnan(variances).all():
+        return _shrunk(own, errors, variances)[0].mixed(scale)
     # What stands before a later coefficient goes with it, as in the evidence: turned upside down
     root = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
-    is_lost = np.linalg.cond(typical) > WORST_CONDITION  # Coefficients that hang together to the last digits
     axes = np.eye(size) if is_lost else np.linalg.eigh(np.cov(np.linalg.solve(root, own.T)))[1]
     turn = axes.T @ np.linalg.inv(root)
     mixed, other = _shrunk(own @ turn.T, _symmetric(turn @ errors @ turn.T), variances)
+    mixed = mixed.mixed(root @ axes)
+    if is_lost:
+        return mixed.mixed(scale)
+    found, deviance = _shrunk(own, errors, variances)
     more = (other + size * (size - 1) / 2 * np.log(len(own)) - deviance) / 2
-    weight = 1.0 if is_lost else float(1 / (1 + np.exp(np.clip(more, -_LARGE, _LARGE))))
-    return found.averaged(mixed.mixed(root @ axes), weight).mixed(scale)
+    return found.averaged(mixed, float(1 / (1 + np.exp(np.clip(more, -_LARGE, _LARGE))))).mixed(scale)
 
 
 def _shrunk(own: Floats, errors: Floats, variances: Floats) -> tuple[Shrinkage, float]:
