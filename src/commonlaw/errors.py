@@ -67,9 +67,9 @@ def _plain(value: object) -> object:
         return value
     if isinstance(value, list):
         return [*map(_plain, value)]
-    if isinstance(value, Iterable) and not isinstance(value, Mapping):
-        return tuple(map(_plain, value))
-    return value if isinstance(value, Mapping) else str(value)
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    return tuple(map(_plain, value)) if isinstance(value, Iterable) else str(value)
 
 
 def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:

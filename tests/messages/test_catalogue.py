@@ -86,6 +86,11 @@ def test_errors_of_one_kind_stay_so_with_a_place_and_in_another_process() -> Non
     assert str(error).startswith("a law: the likelihood of this law cannot be computed")
 
 
+def test_what_cannot_be_sent_to_another_process_stands_as_text() -> None:
+    error = CommonlawError("download-name", name="law.zip", files={"law.json": lambda: None, "law.py": lambda: None})
+    assert str(pickle.loads(pickle.dumps(error))) == "there is no file 'law.zip': take one of law.json, law.py"
+
+
 def test_a_front_end_writes_settings_its_own_way() -> None:
     error = CommonlawError("time-ambiguous", "drops.csv", columns=["t", "minutes"])
     assert error.sentence(lambda code: f"--{code.replace('=...', ' NAME')}") == (
