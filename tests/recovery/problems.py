@@ -28,7 +28,7 @@ def proportional(share: float) -> Errors:
 
 
 def correlated(share: float, keeps: float = 0.9) -> Errors:
-    """Return autocorrelated errors beside a tenth as much white noise."""
+    """Return autocorrelated errors, and a tenth as much white noise."""
 
     def errors(path: np.ndarray, scale: np.ndarray, random: np.random.Generator) -> np.ndarray:
         pushes = np.sqrt(1 - keeps**2) * random.standard_normal(path.shape)

@@ -32,7 +32,7 @@ class Candidate:
     followed
         The trials as the law follows them.
     has_richer
-        Whether terms were sought, too, that are offered beside plain ones.
+        Whether richer terms were sought, too.
     is_coarse
         Whether a finer mesh may explain what was measured.
     is_of_higher_degree

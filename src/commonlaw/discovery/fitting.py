@@ -447,7 +447,7 @@ def _known(given: GivenEquations, trials: Trials) -> Floats:
         taken = [name for name in names if name in properties]
         others = [name for name in names if name not in properties]
         if taken and others:
-            raise CommonlawError("property-beside-parameter", property=taken[0], parameter=others[0])
+            raise CommonlawError("property-and-parameter", property=taken[0], parameter=others[0])
         if taken:
             found[:, product.equation, product.term] = [product_of(product, trials, name) for name in trials.objects]
     return found

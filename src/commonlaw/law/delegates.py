@@ -176,8 +176,8 @@ class AbstractDelegates(AbstractAverages):
         Raises
         ------
         CommonlawError
-            If the law does not know its noise or how accurate its coefficients are, has errors beside white noise or is
-            of discrete time; or if the trials cannot be used.
+            If the law does not know its noise or how accurate its coefficients are, has errors other than white
+            noise or is of discrete time; or if the trials cannot be used.
 
         Examples
         --------

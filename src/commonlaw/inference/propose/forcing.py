@@ -45,7 +45,7 @@ def with_drive_said(found: LawSearch, offered: Sequence[ParametricTerm | TiedTer
     named = [terms.names[k] for k in np.flatnonzero(chosen) if _is_one_of(terms, int(k), offered)]
     without = min((each.state.score for each in found.rivals if each.solver is not None), default=None)
     more = np.inf if without is None else without - found.state.score
-    why = f"a drive that nobody measured; without it -2 log evidence is {more:.3g} more"
+    why = f"latent forcing; without it -2 log evidence is {more:.3g} more"
     step = Step(UNMEASURED_STATE, ", ".join(named) or "none", why)
     if not named:
         step = Step(UNMEASURED_STATE, "none", "no drive that nobody measured has a larger evidence")

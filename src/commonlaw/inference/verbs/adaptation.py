@@ -26,7 +26,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     """Return the law of the objects of these trials, their coefficients updated by them, see `Law.adapt`."""
     law.uncertainty.known_covariance()
     if law.noise is None or law.uncertainty.error_model:
-        lacks = "has errors beside white noise" if law.noise is not None else "does not know its noise"
+        lacks = "has errors other than white noise" if law.noise is not None else "does not know its noise"
         raise CommonlawError("weights-unknown", lacking=lacks)
     trials = matched(law, trials)
     setup = FitSetup.of(with_objects_of(law, trials)[0], trials)
