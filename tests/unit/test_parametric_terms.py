@@ -11,8 +11,7 @@ from scipy.optimize import curve_fit
 import commonlaw as cl
 from commonlaw.inference import prepare
 from commonlaw.inference.fit.integral_form import Course
-from commonlaw.inference.fit.parameter_grid import Banks
-from commonlaw.inference.fit.parameter_values import frequencies_in_time
+from commonlaw.inference.fit.parameter_grid import Banks, frequencies_in_time
 from commonlaw.inference.fit.practical_identifiability import are_constants_told
 from commonlaw.inference.fit.state import SearchState
 from commonlaw.inference.propose.candidate_laws import terms_of_sets

@@ -21,7 +21,7 @@ from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import (
     CHOSEN,
-    MOST_SAMPLES,
+    MAX_SAMPLES,
     PATH,
     CovarianceKind,
     ErrorKind,
@@ -143,7 +143,7 @@ class TrajectoryLikelihood(AbstractMethod):
     covariance: CovarianceKind = "likelihood"
     partial_pooling: bool = True
     solver: AbstractSolver | str | None = None
-    max_samples: int = MOST_SAMPLES
+    max_samples: int = MAX_SAMPLES
     unmeasured: int = 0
     seed: int = 0
     n_jobs: int = field(default=-1, compare=False)

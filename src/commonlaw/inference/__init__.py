@@ -1,7 +1,7 @@
 """From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
 
 from commonlaw.inference.data.noise import known_noise
-from commonlaw.inference.data.subsampling import MOST_SAMPLES, can_be_carried
+from commonlaw.inference.data.subsampling import can_be_carried
 from commonlaw.inference.diagnose.coefficient_limits import Bounds
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.covariance import CovarianceKind
@@ -35,6 +35,7 @@ from commonlaw.inference.search.law_search import (
 )
 from commonlaw.inference.search.log_scale import error_kinds
 from commonlaw.inference.search.setup import as_followed
+from commonlaw.inference.settings import MAX_SAMPLES
 from commonlaw.inference.verbs.absent_terms import bounds
 from commonlaw.inference.verbs.adaptation import adapt
 from commonlaw.inference.verbs.chunks import LawOfPart, law_of_all, typical
@@ -46,7 +47,7 @@ from commonlaw.likelihood import HUBER_THRESHOLD
 __all__ = [
     "CHOSEN",
     "HUBER_THRESHOLD",
-    "MOST_SAMPLES",
+    "MAX_SAMPLES",
     "PATH",
     "Bounds",
     "CandidateLaw",

@@ -6,15 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.inference.settings import LATENT_MODEL_ERRORS, ROUNDING, VAGUE
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit
 from commonlaw.trials import Trials
-
-EXACT, VAGUE = 1e-6, 100.0
-"""Standard deviations of starts that nobody measured, relative to the scales of their states: of those that are known
-less than any measurement tells, and of those that are not next to nothing."""
-
-_MODEL_ERRORS = (10.0, 3.0, 1.0)
-"""Relative to the noise: states first follow what was measured, then the law."""
 
 
 def spread_within(trials: Trials) -> Floats:
@@ -29,7 +23,7 @@ def spread_within(trials: Trials) -> Floats:
 def scales_of_starts(trials: Trials) -> Floats:
     """Return the scale of each state, shape (states,), by the standard deviations of starts that nobody measured."""
     of_starts = np.max([trial.noise[0] for trial in trials], axis=0)
-    return np.asarray(of_starts / np.where(trials.schema.with_free_start, VAGUE, EXACT))
+    return np.asarray(of_starts / np.where(trials.schema.with_free_start, VAGUE, ROUNDING))
 
 
 def visited_besides(trials: Trials, estimates: Sequence[Estimate]) -> dict[str, tuple[float, float]]:
@@ -58,7 +52,7 @@ def begun(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> 
         return start
     coefficients = np.mean(others, axis=0)
     fixed = np.zeros(coefficients.shape, dtype=np.bool_)
-    found = fit(model, replace(start, coefficients=coefficients), fixed, _MODEL_ERRORS)
+    found = fit(model, replace(start, coefficients=coefficients), fixed, LATENT_MODEL_ERRORS)
     return Estimate(found.states, coefficients) if np.isfinite(found.objective) else start
 
 

@@ -8,23 +8,11 @@ from numpy.polynomial import Polynomial
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.data.latent_states import EXACT, scales_of_starts, spread_within
+from commonlaw.inference.data.latent_states import scales_of_starts, spread_within
+from commonlaw.inference.settings import ASSUMED_NOISE, MAX_FROM_MULTIPLE, MIN_FREEDOM, MIN_NOISE, MIN_SAMPLES, ROUNDING
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.repeats import pure_error
-
-FLOOR = 1e-4
-"""Noise below this share of a state's standard deviation counts as this much: fewer things in nature are measured more
-exactly than the steps of a law are integrated here."""
-
-LEAST_FREEDOM = 4
-"""Degrees of freedom of repeated measurements or residuals that tell the noise: its estimate is then off by a third."""
-
-_DECIMALS = 12
-"""More decimals than instruments have: numbers with as many are computed."""
-
-_MULTIPLE = 1e-3
-"""Differences that are so near to multiples of a step are multiples."""
 
 
 def noise_floor(trials: Trials) -> Floats:
@@ -43,8 +31,8 @@ def noise_told(trials: Trials, share: float) -> tuple[Floats, Floats]:
 
 
 def _floor(trials: Trials, digits: Floats) -> Floats:
-    found = np.maximum(FLOOR * spread_within(trials), digits)
-    return np.asarray(np.where(trials.schema.unmeasured, EXACT * scales_of_starts(trials), found))
+    found = np.maximum(MIN_NOISE * spread_within(trials), digits)
+    return np.asarray(np.where(trials.schema.unmeasured, ROUNDING * scales_of_starts(trials), found))
 
 
 def noise_of_digits(trials: Trials) -> Floats:
@@ -67,9 +55,11 @@ def _step(values: Floats) -> float:
         return 0.0
     step = float(np.diff(different).min())
     multiples = (different - different[0]) / step
-    if np.all(np.abs(multiples - np.round(multiples)) < _MULTIPLE):
+    if np.all(np.abs(multiples - np.round(multiples)) < MAX_FROM_MULTIPLE):
         return step
-    decimals = (places for places in range(_DECIMALS) if np.array_equal(np.round(different, places), different))
+    decimals = (
+        places for places in range(np.finfo(float).precision) if np.array_equal(np.round(different, places), different)
+    )
     return next((10.0**-places for places in decimals), 0.0)
 
 
@@ -113,23 +103,23 @@ def parabola(times: Floats, values: Floats) -> Polynomial:
     return Polynomial.fit(times, values, min(2, len(times) - 1))
 
 
-def _scatter(times: Floats, values: Floats) -> float:
-    return float(np.sum((values - parabola(times, values)(times)) ** 2)) / (len(times) - 3)
-
-
-_GIVE = "; known noise is given by `noise={{{0!r}: ...}}`"
-NOISE_WAYS: tuple[tuple[int, int, Callable[[Floats, Floats], float], str], ...] = (
-    (8, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, "from differences of neighbouring samples"),
-    (4, 3, _scatter, f"assumed: the scatter of all trials about parabolas{_GIVE}"),
-    (2, 0, lambda _, x: (0.05 * float(np.std(x))) ** 2, f"assumed: 5 % of the standard deviation of {{0}}{_GIVE}"),
-)
-"""How the variance of noise is estimated, the best first: values that it takes and spends, and what is said of it."""
+def _estimator(samples: int, name: str) -> tuple[int, int, Callable[[Floats, Floats], float], str]:
+    """Return samples that the best estimator of a variance takes and spends, if there are so many; it; and its name."""
+    if samples >= MIN_SAMPLES:
+        by_differences = "from differences of neighbouring samples"
+        return MIN_SAMPLES, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, by_differences
+    remedy = f"; known noise is given by `noise={{{name!r}: ...}}`"
+    if samples > 3:
+        about_parabolas = f"assumed: the scatter of all trials about parabolas{remedy}"
+        return 4, 3, lambda t, x: float(np.sum((x - parabola(t, x)(t)) ** 2)) / (len(t) - 3), about_parabolas
+    assumed = f"assumed: {100 * ASSUMED_NOISE:g} % of the standard deviation of {name}{remedy}"
+    return 2, 0, lambda _, x: (ASSUMED_NOISE * float(np.std(x))) ** 2, assumed
 
 
 def told_by_repeats(trials: Trials) -> Bools:
     """Return of which states repeated measurements estimate the noise, shape (states,)."""
     freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))[1]
-    return np.asarray(freedom >= LEAST_FREEDOM)
+    return np.asarray(freedom >= MIN_FREEDOM)
 
 
 def estimated_noise(trials: Trials) -> tuple[Floats, str]:
@@ -155,9 +145,9 @@ def estimated_noise(trials: Trials) -> tuple[Floats, str]:
             others = len(trials.schema.measured) > 1
             remedy = "take its column as a property instead" if others else "measure it while it changes"
             raise CommonlawError("state-constant", state=name, remedy=remedy)
-        least, spent, variance, reason = next((way for way in NOISE_WAYS if max(counts) >= way[0]), NOISE_WAYS[-1])
+        least, spent, variance, reason = _estimator(max(counts), name)
         for i, count in enumerate(counts):
             if count >= least:
                 squares[i, j], weights[i, j] = variance(*measured[i]), count - spent
-        reasons.append(reason.format(name))
+        reasons.append(reason)
     return np.sqrt(np.average(squares, axis=0, weights=weights)), "; ".join(dict.fromkeys(reasons))

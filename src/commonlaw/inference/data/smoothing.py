@@ -9,11 +9,9 @@ from commonlaw.differentiation import RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference.data.noise import parabola
+from commonlaw.inference.settings import MIN_SINGULAR_VALUE
 from commonlaw.library import Order, Terms, Variables, order_of_each
 from commonlaw.trials import Trial
-
-_DEPENDENT = 1e-8
-"""Columns, scaled to unit norm, whose directions are smaller than this do not enter the first estimate."""
 
 
 def smooth_curves(trial: Trial, order: Order, unmeasured: Bools | None = None) -> tuple[Floats, Floats]:
@@ -81,5 +79,5 @@ def first_coefficients(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats,
         columns = library[:, free]
         norms = column_scales(columns)
         rest = targets[:, equation] - library @ found[equation]
-        found[equation, free] = np.linalg.lstsq(columns / norms, rest, rcond=_DEPENDENT)[0] / norms
+        found[equation, free] = np.linalg.lstsq(columns / norms, rest, rcond=MIN_SINGULAR_VALUE)[0] / norms
     return found

@@ -15,30 +15,11 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
+from commonlaw.inference import settings
 from commonlaw.likelihood import LONGEST_MESH
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 from commonlaw.wording import counted
-
-MOST_SAMPLES = 50_000
-"""Samples that are fitted: some minutes of work."""
-
-_LOOKED_AT = 1000
-"""Samples of a trial, from its middle, by which it is told how far it may be thinned."""
-
-_FINE = 8
-"""How many times finer than what still tells noise from motion samples are to stay: half as fine, steps of the mesh
-would err by more than coefficients do by the noise."""
-
-_LEAST = 50
-"""Samples of a state that tell its noise to a tenth or two."""
-
-_AGREES = 1.2
-"""By which factor the noise that thinned samples show may be above that of all: twice its standard error, about."""
-
-_SEGMENTS, _SHORTEST = 12, 200
-"""Segments of an object, if these are not longer than a mesh or shorter than so many samples.
-An object that has no more than so many is fitted whole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +30,7 @@ class FittedSamples:
     words: str = ""
 
 
-def as_many_as_are_carried(trials: Trials, noise: Floats, most: int = MOST_SAMPLES) -> FittedSamples:
+def as_many_as_are_carried(trials: Trials, noise: Floats, most: int = settings.MAX_SAMPLES) -> FittedSamples:
     """Return the trials, or if they have more samples than are carried, what of them is fitted.
 
     Parameters
@@ -69,7 +50,7 @@ def as_many_as_are_carried(trials: Trials, noise: Floats, most: int = MOST_SAMPL
     stride = 1 if trials.schema.inputs else _stride(list(trials), noise, wanted)
     thinned = [each.rows(slice(None, None, stride)) for each in trials]
     groups = [[each for each in thinned if each.object == name] for name in trials.objects]
-    share = max(_share([sum(map(len, group)) for group in groups], most), _SHORTEST)
+    share = max(_share([sum(map(len, group)) for group in groups], most), settings.MAX_CURVE_POINTS)
     fitted = [segment for group in groups for segment in _spread_segments(group, share)]
     kept = sum(map(len, fitted))
     how = [f"every {_ordinal(stride)}"] if stride > 1 else []
@@ -83,7 +64,7 @@ def can_be_carried(trials: Trials) -> bool:
     of_objects = Counter[str]()
     for trial in trials:
         of_objects[trial.object] += len(trial)
-    return sum(min(count, _SHORTEST) for count in of_objects.values()) <= MOST_SAMPLES
+    return sum(min(count, settings.MAX_CURVE_POINTS) for count in of_objects.values()) <= settings.MAX_SAMPLES
 
 
 def _stride(trials: Sequence[Trial], noise: Floats, wanted: int) -> int:
@@ -93,19 +74,22 @@ def _stride(trials: Sequence[Trial], noise: Floats, wanted: int) -> int:
     """
     longest, coarse = max(trials, key=len), 1
     # From fine to coarse: samples once in a turn look slow
-    while coarse < _FINE * wanted and _tells_noise(longest, noise, 2 * coarse):
+    while coarse < settings.MIN_RESOLUTION * wanted and _tells_noise(longest, noise, 2 * coarse):
         coarse *= 2
-    return max(min(wanted, coarse // _FINE), 1)
+    return max(min(wanted, coarse // settings.MIN_RESOLUTION), 1)
 
 
 def _tells_noise(trial: Trial, noise: Floats, stride: int) -> bool:
-    around = max(0, len(trial) // 2 - stride * _LOOKED_AT // 2)
-    looked_at = trial.rows(slice(around, around + stride * _LOOKED_AT, stride))
+    around = max(0, len(trial) // 2 - stride * settings.MAX_SCREENED_SAMPLES // 2)
+    looked_at = trial.rows(slice(around, around + stride * settings.MAX_SCREENED_SAMPLES, stride))
     for column, level in zip(looked_at.states.T, noise, strict=True):
         known = np.isfinite(column)
-        if known.sum() < _LEAST:
+        if known.sum() < settings.MIN_SAMPLES_OF_MANY:
             return False
-        if noise_level(looked_at.times[known], column[known, np.newaxis])[0] > _AGREES * level:
+        if (
+            noise_level(looked_at.times[known], column[known, np.newaxis])[0]
+            > (1 + 2 / np.sqrt(2 * settings.MIN_SAMPLES_OF_MANY)) * level
+        ):
             return False
     return True
 
@@ -124,7 +108,7 @@ def _spread_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
     """Return segments of an object's trials of so many samples together, spread evenly; all if they have no more."""
     if sum(map(len, trials)) <= share:
         return list(trials)
-    longest = min(LONGEST_MESH, max(share // _SEGMENTS, min(share, _SHORTEST)))
+    longest = min(LONGEST_MESH, max(share // settings.MAX_OBJECTS, min(share, settings.MAX_CURVE_POINTS)))
     segments = [segment for trial in trials for segment in _cut(trial, longest)]
     count = max(1, int(share / np.mean([len(each) for each in segments])))
     return [segments[i] for i in evenly_spaced(len(segments), count)]

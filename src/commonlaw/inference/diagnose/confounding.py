@@ -24,31 +24,10 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales, law_variables
-from commonlaw.inference.score.evidence import VERY_STRONG
+from commonlaw.inference import settings
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
-
-_DEGREES = (3, 2, 1)
-"""Of the polynomials that are taken where no library is given: the first of which trials have samples for."""
-
-_MOST_TRIALS, _MOST_SAMPLES = 24, 300
-"""Trials that are looked at, of objects with many trials first, and samples of each, the first ones."""
-
-_MOST_VARIABLES = 8
-"""More have too many subsets to try them all."""
-
-_DEPENDENT = 1e-10
-"""Columns, scaled to unit norm, whose directions are smaller than this count as dependent."""
-
-_ROUNDING = 1e-6
-"""Of how far a trial moves: what integrals of smooth curves leave of exact measurements."""
-
-_SHARES, _MEMORIES = (0.2, 0.4, 0.6, 0.8, 0.95), (2.0, 5.0, 15.0)
-"""Of the errors' variance that is correlated in time, and how many steps for; beside none."""
-
-_MOST_FOR_ERRORS = 4
-"""Objects, and trials of each, that tell how errors are correlated."""
 
 Columns = tuple[int, ...]
 """Variables, by their columns."""
@@ -110,10 +89,10 @@ def _stand_ins(trials: Trials, order: Order, given: AbstractLibrary | None) -> t
     curves = [curve for trial in _looked_at(trials) if (curve := _curve(trial, trials, order)) is not None]
     variables, states = law_variables(trials.schema, order), trials.schema.states
     orders = order_of_each(order, len(states))
-    choices = [given] if given else [PolynomialLibrary(degree) for degree in _DEGREES]
+    choices = [given] if given else [PolynomialLibrary(degree) for degree in (3, 2, 1)]
     for terms in (each.bind(variables) for each in choices):
         used = sorted(set().union(*(term.columns() for term in terms.terms)))
-        if not 1 < len(used) <= _MOST_VARIABLES:
+        if not 1 < len(used) <= settings.MAX_VARIABLES:
             continue
         forms = {each: _IntegralForm.of(curves, terms, each) for each in {*orders}}
         of_each = [form for each in orders if (form := forms[each]) is not None]
@@ -212,7 +191,7 @@ class _IntegralForm:
         """Return what gives the Bayesian information criterion of what is left, comparable for one equation."""
         column = len(self.terms) + equation
         targets = [np.concatenate([factor[:, column] for factor in own]) for own in self.factors]
-        floors = np.array([max(_ROUNDING**2 * float(each @ each), 1e-300) for each in targets])
+        floors = np.array([max(settings.ROUNDING**2 * float(each @ each), 1e-300) for each in targets])
         sizes = [size for _, size in self.left(equation, range(len(self.terms)))]
         freedom = np.maximum(np.array(self.free) - sizes, np.e)
 
@@ -243,8 +222,10 @@ class _IntegralForm:
     def _deviances(self) -> list[tuple[tuple[float, float], Floats]]:
         """Return minus twice the restricted log-likelihood of each equation by shares and memories of errors."""
         step = float(np.median(np.concatenate([np.diff(each.times) for own in self.objects for each in own])))
-        memories = [(share, step * steps) for share in _SHARES for steps in _MEMORIES]
-        few = [own[:_MOST_FOR_ERRORS] for own in self.objects[:_MOST_FOR_ERRORS]]
+        memories = [
+            (share, step * steps) for share in settings.CORRELATED_SHARES for steps in settings.CORRELATION_TIMES
+        ]
+        few = [own[: settings.MAX_WINDOWS] for own in self.objects[: settings.MAX_WINDOWS]]
         mixed = [(own, self._mixture(own)) for own in few]
         return [
             (errors, np.sum([self._restricted_deviances(*own, errors) for own in mixed], axis=0))
@@ -298,7 +279,7 @@ def _smallest(values: Mapping[Columns, float]) -> list[Columns]:
     found: list[Columns] = []
     least = min(values.values())
     for each, value in values.items():
-        if value < least + VERY_STRONG and not any(set(smaller) <= set(each) for smaller in found):
+        if value < least + settings.VERY_STRONG and not any(set(smaller) <= set(each) for smaller in found):
             found.append(each)
     return found
 
@@ -307,7 +288,7 @@ def _independent(columns: Floats) -> tuple[Floats, Floats]:
     """Return norms of columns, shape (terms,), and the mixture of columns so scaled that is orthonormal."""
     scale = column_scales(columns)
     _, values, right = np.linalg.svd(columns / scale, full_matrices=False)
-    kept = values > _DEPENDENT
+    kept = values > settings.MIN_SINGULAR_VALUE
     return scale, np.asarray(right[kept].T / values[kept])
 
 
@@ -320,9 +301,9 @@ def _fits(columns: Sequence[Floats], targets: Sequence[Floats]) -> list[tuple[fl
         return [fit for pair in zip(columns, targets, strict=True) for fit in _fits([pair[0]], [pair[1]])]
     scaled, aims = np.array([each / column_scales(each) for each in columns]), np.array(targets)
     left, values, _ = np.linalg.svd(scaled, full_matrices=False)
-    bases = left * (values > _DEPENDENT)[:, np.newaxis]
+    bases = left * (values > settings.MIN_SINGULAR_VALUE)[:, np.newaxis]
     rest = aims - np.einsum("tnk,tk->tn", bases, np.einsum("tnk,tn->tk", bases, aims))
-    squares, sizes = np.einsum("tn,tn->t", rest, rest), (values > _DEPENDENT).sum(axis=1)
+    squares, sizes = np.einsum("tn,tn->t", rest, rest), (values > settings.MIN_SINGULAR_VALUE).sum(axis=1)
     return list(zip(squares.tolist(), sizes.tolist(), strict=True))
 
 
@@ -338,13 +319,13 @@ def _whitened(rows: _Rows, share: float, memory: float) -> _Rows:
 def _looked_at(trials: Trials) -> list[Trial]:
     groups = sorted((trials.of_object(name) for name in trials.objects), key=len, reverse=True)
     complete = (_some(trial) for group in groups for trial in group if trial.complete or _complete_samples(trial).any())
-    return list(islice(complete, _MOST_TRIALS))
+    return list(islice(complete, settings.MAX_TRIALS))
 
 
 def _some(trial: Trial) -> Trial:
     """Return the samples that have all states; of a long trial the first ones."""
     measured = trial if trial.complete else trial.rows(_complete_samples(trial))
-    return measured.cut(_MOST_SAMPLES) if len(measured) > _MOST_SAMPLES else measured
+    return measured.cut(settings.MAX_CURVE_POINTS) if len(measured) > settings.MAX_CURVE_POINTS else measured
 
 
 def _complete_samples(trial: Trial) -> Bools:

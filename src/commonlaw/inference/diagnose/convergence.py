@@ -16,7 +16,7 @@ from commonlaw.inference.fit.latent_scale import held_like_others
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import FINAL, SearchState
 from commonlaw.inference.fit.validity import follows_solutions
-from commonlaw.inference.score.evidence import VERY_STRONG
+from commonlaw.inference.settings import VERY_STRONG
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
 
 MAX_MOVE = 0.01

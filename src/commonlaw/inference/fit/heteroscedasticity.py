@@ -10,18 +10,11 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import differences, noise_correlation, noise_order, without_outliers
-from commonlaw.inference.data.noise import NOISE_WAYS, noise_floor
+from commonlaw.inference.data.noise import noise_floor
+from commonlaw.inference.fit.parameter_grid import powers_of_ten
 from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.settings import MIN_SAMPLES, MIN_SAMPLES_OF_MANY, PER_DECADE
 from commonlaw.likelihood import ErrorModel
-
-OUTLIER = 4.0
-"""Residuals of more standard deviations are outliers, and do not count here."""
-
-_ALIKE = 30
-"""Differences where the state is about as large, among which outliers show."""
-
-_SHARES = np.geomspace(0.03, 300.0, 25)
-"""Noise in proportion to a state, relative to the constant part, at the state's root mean square."""
 
 
 def growth(squared: Floats, sizes: Floats) -> tuple[float, Floats]:
@@ -37,14 +30,15 @@ def growth(squared: Floats, sizes: Floats) -> tuple[float, Floats]:
         Of the state at these.
     """
     typical = max(np.sqrt(np.mean(sizes**2)), np.finfo(float).tiny)
-    variances = 1 + (_SHARES[:, np.newaxis] * sizes / typical) ** 2
+    shares = powers_of_ten(PER_DECADE[0])
+    variances = 1 + (shares[:, np.newaxis] * sizes / typical) ** 2
     levels = np.mean(squared / variances, axis=1)
     if not (levels > 0).all():
         return 0.0, np.zeros(2)
     values = len(squared) * np.log(levels) + np.sum(np.log(variances), axis=1)
     best = int(np.argmin(values))
     gain = float(len(squared) * np.log(squared.mean()) - values[best])
-    return gain, np.sqrt(levels[best]) * np.array([1.0, _SHARES[best] / typical])
+    return gain, np.sqrt(levels[best]) * np.array([1.0, shares[best] / typical])
 
 
 def with_growing_noise(problem: SearchProblem) -> SearchProblem:
@@ -80,7 +74,7 @@ def _columns(problem: SearchProblem, j: int) -> Iterator[tuple[Floats, Floats, F
         for trial, smooth in zip(problem.trials.of_object(name), curves, strict=True):
             seen = np.isfinite(trial.states[:, j])
             values = trial.states[seen, j]
-            if len(values) >= NOISE_WAYS[0][0] and np.ptp(values) > 0:
+            if len(values) >= MIN_SAMPLES and np.ptp(values) > 0:
                 yield trial.times[seen], values, smooth[seen, j]
 
 
@@ -92,7 +86,7 @@ def _differences(times: Floats, values: Floats, smooth: Floats, order: int) -> t
     *_, found = differences(times, values[:, np.newaxis], order)
     own, sizes = found[:, 0], np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")
     typical = np.ones(len(own))
-    for near in np.array_split(np.argsort(sizes, kind="stable"), max(len(own) // _ALIKE, 1)):
+    for near in np.array_split(np.argsort(sizes, kind="stable"), max(len(own) // MIN_SAMPLES_OF_MANY, 1)):
         typical[near] = np.median(np.abs(own[near])) or np.mean(np.abs(own[near])) or 1.0
     kept = without_outliers(own / typical, order)
     return own[kept] ** 2, sizes[kept]

@@ -5,31 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.fit.parameter_values import values_to_try
+from commonlaw.inference import settings
+from commonlaw.inference.fit.parameter_grid import values_to_try
 from commonlaw.library import Terms, order_of_each, with_rates
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import natural
-
-_DRAWS = 32
-"""Coefficients that are tried for each two: a fit comes to the same ones from a tenth of them to ten times them."""
-
-_MORE = 4
-"""So many times as many where starts are tried, too."""
-
-_SHARES = (0.25, 0.5, 1.0)
-"""Of their scales, where constants are tried, and between which the sizes of terms are taken."""
-
-_POINTS = 16
-"""Points at which the sizes of terms are averaged."""
-
-_EXACT = 1e-6
-"""What powers may differ by from 1 and -1."""
-
-_ROUNDS, _STEP, _FAR = 10, 1e-4, 5.0
-"""Of least squares for the logarithms of scales: rounds, the step of differences, and by how much one moves at most."""
-
-_LARGEST, _SMALLEST, _NEGATIVE = 1.5, -1.0, 0.25
-"""Powers of ten of starts that are tried, relative to scales, and how many of them are below zero."""
 
 
 class Drawn(NamedTuple):
@@ -64,11 +44,11 @@ def scales_of_states(trials: Trials, terms: Terms, known: Floats) -> Floats:
         return np.where(np.isfinite(found), found, 0.0)
 
     logarithms = np.log(np.concatenate([scales[~is_told], constants]))
-    for _ in range(_ROUNDS):
+    for _ in range(settings.MAX_ITERATIONS):
         now = left(logarithms)
-        steps = np.eye(len(logarithms)) * _STEP
-        slopes = np.array([(left(logarithms + each) - now) / _STEP for each in steps]).T
-        logarithms = logarithms - np.clip(np.linalg.lstsq(slopes, now, rcond=_STEP)[0], -_FAR, _FAR)
+        steps = np.eye(len(logarithms)) * settings.ROUNDING
+        slopes = np.array([(left(logarithms + each) - now) / settings.ROUNDING for each in steps]).T
+        logarithms = logarithms - np.clip(np.linalg.lstsq(slopes, now, rcond=settings.ROUNDING)[0], -1.0, 1.0)
     scales[~is_told] = np.exp(logarithms[: (~is_told).sum()])
     return scales
 
@@ -107,8 +87,8 @@ def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Dr
     steps = _duration(trials) / min(np.diff(trial.measured().times).min() for trial in trials)
     free = trials.schema.with_free_start
     count = int(own.sum() + free.sum())
-    more = _MORE if free.any() else 1
-    for _ in range(more * _DRAWS * max(1, (count + 1) // 2) if count else 1):
+    draws_of_two = settings.MIN_DRAWS[int(free.any())]
+    for _ in range(draws_of_two * max(1, (count + 1) // 2) if count else 1):
         drawn = known.copy()
         either = np.where(signs == 0, random.choice([-1, 1], len(signs)), signs)
         drawn[own & ~is_rate] = bank[random.integers(len(bank))]
@@ -123,8 +103,8 @@ def draws(trials: Trials, terms: Terms, known: Floats, guess: Floats) -> list[Dr
 
 def _starts(scales: Floats, random: np.random.Generator) -> Floats:
     """Return starts of states, shape (states,), about their scales."""
-    signs = np.where(random.uniform(size=len(scales)) < _NEGATIVE, -1.0, 1.0)
-    return np.asarray(signs * scales * 10 ** random.uniform(_SMALLEST, _LARGEST, len(scales)))
+    signs = np.where(random.uniform(size=len(scales)) < settings.NEGATIVE, -1.0, 1.0)
+    return np.asarray(signs * scales * 10 ** random.uniform(*settings.INITIAL_VALUE_DECADES, len(scales)))
 
 
 def _rates(terms: Terms, known: Floats, is_rate: Bools, powers: Floats) -> tuple[tuple[Floats, Floats], Floats]:
@@ -149,13 +129,13 @@ def _powers(terms: Terms) -> Floats:
     """Return the power of each constant in each term, shape (terms, constants), NaN where it is no factor of it."""
     names = terms.variables.names
     first = len(terms.variables.measured)
-    points = np.random.default_rng(0).uniform(0.5, 1.5, (8, len(names)))
+    points = np.random.default_rng(0).uniform(0.5, 1.5, (settings.GENERIC_POINTS, len(names)))
     values = terms.evaluate(points)[:, :, np.newaxis]
     slopes = terms.jacobian(points)[:, :, first:] * points[:, np.newaxis, first:]
     with np.errstate(divide="ignore", invalid="ignore"):
         found = np.where(slopes == 0, 0.0, slopes / values)
     power = np.rint(found[0])
-    return np.asarray(np.where((np.abs(found - power) < _EXACT).all(axis=0), power, np.nan))
+    return np.asarray(np.where((np.abs(found - power) < settings.ROUNDING).all(axis=0), power, np.nan))
 
 
 def _of_terms(terms: Terms, of_constants: Bools) -> Bools:
@@ -171,7 +151,7 @@ def _bank(trials: Trials, terms: Terms, scales: Floats, inside: Bools) -> Floats
     columns = [first + terms.constants.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
     if not columns:
         return np.empty((1, 0))
-    return values_to_try(terms, np.outer(_SHARES, _whole(trials, terms, scales)), columns)
+    return values_to_try(terms, _whole(trials, terms, scales)[np.newaxis], columns)
 
 
 def _duration(trials: Trials) -> float:
@@ -194,7 +174,7 @@ def _sizes(trials: Trials, terms: Terms, scales: Floats, constants: Floats) -> F
     """Return the size of each term where states are of the size of their scales, or less, shape (terms,)."""
     whole = _whole(trials, terms, scales)
     # Shares of their own, so that what is written as a difference is no smaller than its parts
-    values = whole * np.random.default_rng(0).uniform(min(_SHARES), max(_SHARES), (_POINTS, len(whole)))
+    values = whole * np.random.default_rng(0).uniform(size=(settings.GENERIC_POINTS, len(whole)))
     values = np.column_stack([values, np.broadcast_to(constants, (len(values), len(constants)))])
     with np.errstate(all="ignore"):
         return np.asarray(np.mean(np.abs(terms.evaluate(values)), axis=0))

@@ -13,26 +13,13 @@ from itertools import pairwise
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
+from commonlaw.inference import settings
 from commonlaw.inference.fit.parameter_grid import Banks, along
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.validity import values_along
 from commonlaw.library import ParametricTerm, order_of_each
 from commonlaw.likelihood import Estimate, Mesh
 from commonlaw.spacing import evenly_spaced
-
-INSIDE = 1e-10
-"""Columns of unit norm whose square is less outside of the span of others explain nothing more."""
-
-_WINDOW, _WINDOWS = 200, 4
-"""Points of a trial that are integrated together, with a start of their own, and how many such windows of an object are
-matched, evenly spread."""
-
-_STEPS, _CHANGE, _SHORTER = 4, 1e-6, 5.0
-"""Gauss-Newton steps on constants, the relative change that derivatives are found by, and by how much a step is
-shortened that does not gain."""
-
-_SINGULAR = 1e-12
-"""Share of the largest singular value of columns up to which one is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +102,7 @@ class Match:
         """Return whether one of the others is along the curves what a plain term is, as abs(x) where x is positive."""
         columns = self.columns_of(a)
         return not columns.shape[1] or (
-            not self.banks.others[a].constants and bool(np.any(np.abs(self.plain.T @ columns) > 1 - INSIDE))
+            not self.banks.others[a].constants and bool(np.any(np.abs(self.plain.T @ columns) > 1 - settings.COLLINEAR))
         )
 
     def best_beside(self, plain: Indices, which: Indices, beside: Indices | None = None) -> Indices:
@@ -138,7 +125,7 @@ class Match:
                 row[:count] = self.others[:, column] @ self.columns_of(a)
             inner, crossed = np.column_stack([inner, self._every[beside]]), np.concatenate([crossed, added], axis=1)
         whole = np.concatenate([inner[..., np.newaxis], crossed], axis=2)
-        solved = np.linalg.solve(own + INSIDE * np.eye(own.shape[1]), whole)
+        solved = np.linalg.solve(own + settings.COLLINEAR * np.eye(own.shape[1]), whole)
         outside = self.squares[columns] - np.sum(crossed * solved[:, :, 1:], axis=1)
         gained = gains(every - np.sum(crossed * solved[:, :, :1], axis=1), outside)
         return np.asarray(np.argmax(np.where(exists, gained, -1.0), axis=1))
@@ -183,7 +170,7 @@ class Match:
         """
         beside = [own for a, i in zip(others, indices, strict=True) for own in (self._column(a, i), self.slopes[a, i])]
         whole = np.column_stack([self.plain[:, list(plain)], *beside])
-        left = self.target - whole @ np.linalg.lstsq(whole, self.target, rcond=1e-8)[0]
+        left = self.target - whole @ np.linalg.lstsq(whole, self.target, rcond=settings.MIN_SINGULAR_VALUE)[0]
         return float(left @ left)
 
     def _column(self, a: int, index: int) -> Floats:
@@ -201,7 +188,7 @@ class Match:
         whole = np.column_stack([self.plain[:, list(plain)], beside])
         if not np.isfinite(sizes).all():
             return np.zeros(whole.shape[1]), self.target
-        own = np.linalg.lstsq(whole, self.target, rcond=_SINGULAR)[0]
+        own = np.linalg.lstsq(whole, self.target, rcond=settings.MIN_SINGULAR_VALUE)[0]
         norms = np.append(self.norms[list(plain)], sizes)
         return own / np.where(norms > 0, norms, 1.0), self.target - whole @ own
 
@@ -291,13 +278,13 @@ class _Window:
             std = problem.std_of(mesh)[:, equation]
             cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
             for first, last in pairwise(cuts):
-                for points in np.array_split(np.arange(first, last), -(-(last - first) // _WINDOW)):
+                for points in np.array_split(np.arange(first, last), -(-(last - first) // settings.MAX_CURVE_POINTS)):
                     seen = np.flatnonzero(mesh.observed[points, equation])
                     at = points[seen]
                     own = mesh.times[points], seen, mesh.measured[at, equation], std[at]
                     found.append(cls(before + points, *own))
             before += len(mesh)
-        return [found[i] for i in evenly_spaced(len(found), _WINDOWS)]
+        return [found[i] for i in evenly_spaced(len(found), settings.MAX_WINDOWS)]
 
     def integrals(self, order: int) -> Floats:
         """Return the integrals of splines that are one at a point, shape (measurements, points), see `target`.
@@ -321,7 +308,7 @@ class _Window:
 
 def with_steps(values: Floats) -> Floats:
     """Return values, and these with one after the other a little changed, shape (1 + values, values)."""
-    return np.vstack([values, values + np.diag(_CHANGE * _sizes(values))])
+    return np.vstack([values, values + np.diag(settings.ROUNDING * _sizes(values))])
 
 
 def closest(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats) -> Floats:
@@ -330,11 +317,11 @@ def closest(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats
     What is left and its derivatives by relative changes of the values are those that `projected` returns.
     """
     found, (here, slopes) = begin, linearized(begin)
-    for _ in range(_STEPS):
-        step = np.linalg.lstsq(slopes, -here, rcond=1e-8)[0] * _sizes(found)
+    for _ in range(settings.MAX_SWEEPS):
+        step = np.linalg.lstsq(slopes, -here, rcond=settings.MIN_SINGULAR_VALUE)[0] * _sizes(found)
         there = linearized(found + step)
         if not there[0] @ there[0] < here @ here:
-            step = step / _SHORTER
+            step = step / 4
             there = linearized(found + step)
         if not there[0] @ there[0] < here @ here:
             break
@@ -359,11 +346,11 @@ def projected(target: Floats, columns: Floats) -> tuple[Floats, Floats]:
         return target, np.zeros((len(target), len(columns) - 1))
     whole, norms = unit(columns[0])
     basis, sizes, turned = np.linalg.svd(whole, full_matrices=False)
-    kept = sizes > _SINGULAR * sizes[:1].sum()
+    kept = sizes > settings.MIN_SINGULAR_VALUE * sizes[:1].sum()
     basis = basis[:, kept]
     inner = basis.T @ target
     found = np.divide(turned[kept].T @ (inner / sizes[kept]), norms, out=np.zeros(len(norms)), where=norms > 0)
-    slopes = (columns[0] - columns[1:]) @ found / _CHANGE
+    slopes = (columns[0] - columns[1:]) @ found / settings.ROUNDING
     return target - basis @ inner, slopes.T - basis @ (basis.T @ slopes.T)
 
 
@@ -376,7 +363,7 @@ def gains(inner: Floats, outside: Floats) -> Floats:
 
     From their inner products with what is left, and their squares outside of the others.
     """
-    return np.asarray(np.where(outside > INSIDE, inner**2 / np.maximum(outside, INSIDE), 0.0))
+    return np.asarray(np.where(outside > settings.COLLINEAR, inner**2 / np.maximum(outside, settings.COLLINEAR), 0.0))
 
 
 def unit(columns: Floats) -> tuple[Floats, Floats]:

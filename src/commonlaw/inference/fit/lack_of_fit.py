@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.inference.data.noise import noise_floor
-from commonlaw.inference.fit.heteroscedasticity import OUTLIER, growth
+from commonlaw.inference.fit.heteroscedasticity import growth
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState
+from commonlaw.inference.settings import MAX_STANDARDIZED_RESIDUAL
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: b
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
             seen = (mesh.observed & ~mesh.still)[:, j]
             standard = (model.residuals(mesh, states) / problem.std_of(mesh))[seen, j]
-            usual = np.abs(standard) <= OUTLIER
+            usual = np.abs(standard) <= MAX_STANDARDIZED_RESIDUAL
             whole += len(usual)
             seen[seen], standard = usual, standard[usual]
             squares.append(standard**2)
@@ -61,7 +62,7 @@ def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: b
             lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
             count += len(standard)
     if 2 * count < whole:
-        return [Departure(f"mostly more than {OUTLIER:g} standard deviations of its noise")]
+        return [Departure(f"mostly more than {MAX_STANDARDIZED_RESIDUAL:g} standard deviations of its noise")]
     if not is_measured:
         return []
     squared, found, price = np.concatenate(squares), [], np.log(max(count, 2))

@@ -11,45 +11,16 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.data.latent_states import EXACT, VAGUE, scales_of_starts
+from commonlaw.inference import settings
+from commonlaw.inference.data.latent_states import scales_of_starts
 from commonlaw.inference.data.smoothing import first_coefficients, terms_and_rates
 from commonlaw.inference.fit.initial_guesses import Drawn, draws, relative_speed, scales_of_states
 from commonlaw.inference.fit.shooting import shot
 from commonlaw.inference.fit.structural_identifiability import may_be_mixed, may_be_rescaled, may_be_shifted
 from commonlaw.library import Terms
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
+from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Schema, Trial, Trials
-
-_OTHERS = 6
-"""Objects whose coefficients are tried on each object, too: objects are alike."""
-
-_FITTED = 64
-"""Draws of an object that are fitted, at most."""
-
-_STEPS = 256
-"""Steps in which states are followed along a trial, at least."""
-
-_MODEL_ERRORS = (1.0, 0.1, 0.01)
-"""Relative to the noise: states first follow what was measured, then the law."""
-
-_SETTLED = (1.0, 0.1, 0.01, 0.001, 0.0003)
-"""The same where coefficients stay, down to solutions."""
-
-_AS_GOOD = 1.0
-"""What two fits to the same measurements may differ by in twice the log-likelihood, as meshes may."""
-
-_NEARLY = 4.0
-"""The same where the other fit is to be like those of other objects: it is not yet on the mesh."""
-
-_FAR, _FEW = 0.2, 1 / 3
-"""Relative difference of coefficients from which on an object may have others that fit as well, which are sought if it
-is so of no more than this share of the objects."""
-
-_ALIKE = 0.1
-"""Coefficients that differ by less of their size may be the same, before they are fitted to the end."""
-
-_TINY = 1e-6
-"""Deviance of measurements that count as exact."""
 
 Curve = tuple[Floats, Floats]
 """States and rates of a trial at its samples, shape (n, D), and their highest derivatives, shape (n, states)."""
@@ -75,7 +46,7 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
     rescaled = may_be_rescaled(terms, known, at_zero | free)
     shifted, mixed = may_be_shifted(terms, known, free), may_be_mixed(terms, known, free)
     _refuse_what_starts_do_not_tell(schema, rescaled, shifted, mixed)
-    std = np.where(free, VAGUE, EXACT) * scales_of_states(trials, terms, known)
+    std = np.where(free, settings.VAGUE, settings.ROUNDING) * scales_of_states(trials, terms, known)
     changed = []
     for trial in trials:
         states, noise = trial.states.copy(), trial.noise.copy()
@@ -149,12 +120,12 @@ def begun_at_starts(
         if not own:
             raise CommonlawError("latent-diverges", where=each.group[0].object, latent=trials.schema.starts)
     first = [_found(_best(*each, trials)[0][0]) for each in zip(objects, tried, strict=True)]
-    some = first[:: -(-len(first) // _OTHERS)]
+    some = [first[i] for i in evenly_spaced(len(first), settings.MAX_OBJECTS)]
     best = [_best(each, [*own, *each.begun(some)], trials) for each, own in zip(objects, tried, strict=True)]
     typical = _typical([each[0][0].coefficients for each in best])
     nearest = [min(each, key=lambda fit: _distance(fit[0].coefficients, typical)) for each in best]
-    unlike = [_distance(each.coefficients, typical) > _FAR * np.isnan(known[0]).sum() for each, _ in nearest]
-    if sum(unlike) <= _FEW * len(unlike):
+    unlike = [_distance(each.coefficients, typical) > settings.ALIKE * np.isnan(known[0]).sum() for each, _ in nearest]
+    if 2 * sum(unlike) < len(unlike):
         nearest = [
             own.like(typical, fitted) if other else fitted
             for own, fitted, other in zip(objects, nearest, unlike, strict=True)
@@ -206,7 +177,7 @@ class _Object:
                     for own, (_, rates) in zip(states, self.curves, strict=True)
                 ]
                 begins.append((*self._along(filled, coefficients), filled))
-        best = sorted(begins, key=lambda each: each[0])[:_FITTED]
+        best = sorted(begins, key=lambda each: each[0])[: settings.MAX_FITTED_DRAWS]
         fits = ((self._fitted(own, filled), filled) for _, own, filled in best)
         return [each for each in fits if np.isfinite(each[0].objective)]
 
@@ -216,13 +187,13 @@ class _Object:
         That is at the noise that each fit leaves, as it is not known yet.
         """
         count = sum(int(np.isfinite(trial.states).sum()) for trial in self.group)
-        return bool(count * np.log((one.objective + _TINY) / (other.objective + _TINY)) < most)
+        return bool(count * np.log((one.objective + settings.ROUNDING) / (other.objective + settings.ROUNDING)) < most)
 
     def like(self, typical: Floats, fitted: tuple[Estimate, list[Curve]]) -> tuple[Estimate, list[Curve]]:
         """Return a fit that is like the typical coefficients, if that is as good as another one; else this."""
         if not self.free.any() and not self.model.terms.variables.logarithmic and self.model.order == 1:
             found = self.shot(np.where(np.isnan(self.known), typical, self.known))
-            if np.isfinite(found[0].objective) and self.as_good(found[0], fitted[0], _NEARLY):
+            if np.isfinite(found[0].objective) and self.as_good(found[0], fitted[0], settings.INDIFFERENT):
                 return found
         return fitted
 
@@ -245,7 +216,12 @@ class _Object:
             (own, np.where(self.started, 0.0, rates)) for own, (_, rates) in zip(states, self.curves, strict=True)
         ]
         # On the mesh a solution is slightly another one
-        settled = fit(self.model, Estimate(tuple(interpolate(states)), found), np.zeros_like(free), _SETTLED)
+        settled = fit(
+            self.model,
+            Estimate(tuple(interpolate(states)), found),
+            np.zeros_like(free),
+            (*settings.LATENT_MODEL_ERRORS, 0.001, 0.0003),
+        )
         return replace(settled, deviance=squares, objective=squares), filled
 
     def _along(self, filled: list[Curve], coefficients: Floats) -> tuple[float, Floats]:
@@ -260,7 +236,7 @@ class _Object:
 
     def _fitted(self, coefficients: Floats, filled: list[Curve]) -> Estimate:
         start = Estimate(tuple(interpolate([states for states, _ in filled])), coefficients)
-        return fit(self.model, start, np.isnan(self.known), _MODEL_ERRORS)
+        return fit(self.model, start, np.isnan(self.known), settings.LATENT_MODEL_ERRORS)
 
 
 def _found(estimate: Estimate) -> Drawn:
@@ -273,7 +249,7 @@ def _best(
 ) -> list[tuple[Estimate, list[Curve]]]:
     """Return the fits that are the best, those with signs as guessed and fast unmeasured states first."""
     least = min((found for found, _ in fits), key=lambda each: each.objective)
-    best = [each for each in fits if own.as_good(each[0], least, _AS_GOOD)]
+    best = [each for each in fits if own.as_good(each[0], least, settings.INDIFFERENT)]
     return sorted(
         best,
         key=lambda each: (
@@ -287,7 +263,7 @@ def _different(found: Sequence[Floats]) -> list[Floats]:
     """Return the first of coefficients that are alike."""
     kept: list[Floats] = []
     for each in found:
-        if not any(np.allclose(each, other, rtol=_ALIKE, atol=0.0) for other in kept):
+        if not any(np.allclose(each, other, rtol=settings.ALIKE, atol=0.0) for other in kept):
             kept.append(each)
     return kept
 
@@ -298,7 +274,7 @@ def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, st
     They have the shape (draws, n, states), by coefficients of shape (draws, equations, terms) and starts of those that
     nobody knows, shape (draws, states).
     """
-    substeps = -(-_STEPS // len(trial))
+    substeps = -(-settings.MAX_CURVE_POINTS // len(trial))
     known, columns = curve[0].copy(), np.flatnonzero(started)
     known[:, columns] = 0.0
     rows = np.column_stack([known, trial.inputs, trial.times])

@@ -9,20 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-
-_SPACING = 0.02
-"""Of the values that derivatives are taken from; variables are of order one."""
-
-_ITERATIONS = 25
-
-_LONGEST, _LAST = 1.0, 1e-6
-"""Steps are no longer; a shorter one is the last."""
-
-_SHORTEST = 1e-3
-"""Shares of a step below which none is tried."""
-
-_FLATTEST = 1e-6
-"""Curvatures count as no less than this share of the largest."""
+from commonlaw.inference.settings import DIFFERENCE_SPACING, MAX_ITERATIONS, ROUNDING
 
 
 def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: Floats) -> Floats:
@@ -32,18 +19,16 @@ def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: 
     (variables,).
     """
     found, least = start, value(start)
-    for _ in range(_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         step = _step(value, found, least, low, high)
         length = float(np.abs(step).max(initial=0.0))
-        if length < _LAST:
+        if length < ROUNDING:
             return np.clip(found + step, low, high)
-        step *= min(1.0, _LONGEST / length)
-        share = 1.0
-        while share > _SHORTEST:
+        step *= min(1.0, 1 / length)
+        for share in (1, 1 / 4, 1 / 16, 1 / 64, 1 / 256):
             tried = np.clip(found + share * step, low, high)
             if (own := value(tried)) < least:
                 break
-            share /= 4
         else:
             return found
         found, least = tried, own
@@ -53,8 +38,8 @@ def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: 
 def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Floats, high: Floats) -> Floats:
     """Return Newton's step from where the value is known, without variables that a bound holds."""
     # At a bound values are taken from its inner side
-    center = np.clip(at, np.minimum(low + _SPACING, high), np.maximum(high - _SPACING, low))
-    free = np.flatnonzero(high - low > 2 * _SPACING)
+    center = np.clip(at, np.minimum(low + DIFFERENCE_SPACING, high), np.maximum(high - DIFFERENCE_SPACING, low))
+    free = np.flatnonzero(high - low > 2 * DIFFERENCE_SPACING)
     middle = known if np.array_equal(center, at) else value(center)
     gradient, curvature = _derivatives(value, center, middle, free)
     held = _held(at[free], gradient, low[free], high[free])
@@ -62,7 +47,7 @@ def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Float
     inner = free[~held]
     if len(inner):
         own, directions = np.linalg.eigh(curvature[np.ix_(~held, ~held)])
-        own = np.maximum(np.abs(own), _FLATTEST * np.abs(own).max())
+        own = np.maximum(np.abs(own), ROUNDING * np.abs(own).max())
         if own.max() > 0:
             step[inner] = -directions @ ((directions.T @ gradient[~held]) / own)
     return step
@@ -75,7 +60,7 @@ def _held(at: Floats, gradient: Floats, low: Floats, high: Floats) -> Bools:
 def _derivatives(value: Callable[[Floats], float], at: Floats, middle: float, free: Indices) -> tuple[Floats, Floats]:
     """Return the gradient and the second derivatives by some of the variables, about a value in the middle."""
     count = len(free)
-    moves = _SPACING * np.eye(len(at))[free]
+    moves = DIFFERENCE_SPACING * np.eye(len(at))[free]
     after, before = (np.array([value(at + sign * move) for move in moves]) for sign in (1, -1))
     curvature = np.diag(after + before - 2 * middle)
     for i in range(count):
@@ -83,4 +68,4 @@ def _derivatives(value: Callable[[Floats], float], at: Floats, middle: float, fr
             both = value(at + moves[i] + moves[j]) + value(at - moves[i] - moves[j])
             mixed = (both - after[i] - after[j] - before[i] - before[j] + 2 * middle) / 2
             curvature[i, j] = curvature[j, i] = mixed
-    return (after - before) / (2 * _SPACING), curvature / _SPACING**2
+    return (after - before) / (2 * DIFFERENCE_SPACING), curvature / DIFFERENCE_SPACING**2

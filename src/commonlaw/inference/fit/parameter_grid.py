@@ -1,5 +1,10 @@
-"""Terms with constants inside along curves, at many values of these."""
+"""Grids of nonlinear parameters, by where they stand and how large what stands beside them is; and terms on them.
 
+In ``s/(K + s)`` K is tried about the size of s, in ``exp(u/U)`` U about the size of u, in ``cos(w*t + p)`` w at all
+frequencies that samples tell apart and p around the circle, and exponents from -3 to 6.
+"""
+
+import ast
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -7,15 +12,151 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.inference.fit.parameter_values import divisors, values_to_try
+from commonlaw.inference import settings
 from commonlaw.library import Constant, ParametricTerm, Terms, Variables
-from commonlaw.library.grammar import NUMPY, compiled
+from commonlaw.library.grammar import NUMPY, columns_in, compiled, constant
 
-_HARDLY, _LEAST = 0.2, 1e-3
-"""Shares of the size of a variable: how far below zero it may be by noise, and what is taken instead."""
 
-_PROBES, _DIGITS = 7, 9
-"""Points at which columns that are alike to so many digits are the same."""
+def powers_of_ten(per_decade: int, decades: float = settings.MAX_DECADES) -> Floats:
+    """Return values about one, so many in a decade, up and down by some decades."""
+    count = round(decades * per_decade)
+    return np.asarray(10.0 ** (np.arange(-count, count + 1) / per_decade))
+
+
+def values_to_try(terms: Terms, values: Floats, columns: Sequence[int]) -> Floats:
+    """Return combinations of the values of `values_of_each`, shape (combinations, constants)."""
+    return combined(values_of_each(terms, values, columns))
+
+
+def combined(banks: Sequence[Floats]) -> Floats:
+    """Return combinations of the values of each constant, shape (combinations, constants); of too many, some."""
+    counts = [len(each) for each in banks]
+    chosen = np.arange(int(np.prod(counts, dtype=float)))
+    if len(chosen) > settings.MAX_COMBINATIONS:
+        chosen = np.random.default_rng(0).choice(len(chosen), settings.MAX_COMBINATIONS, replace=False)
+    return np.column_stack([bank[each] for bank, each in zip(banks, np.unravel_index(chosen, counts), strict=True)])
+
+
+def values_of_each(terms: Terms, values: Floats, columns: Sequence[int]) -> list[Floats]:
+    """Return the values that each constant is tried at.
+
+    Parameters
+    ----------
+    terms
+        Whose constants these are.
+    values
+        Of the variables without constants, along what was measured, shape (n, variables).
+    columns
+        Those of the constants.
+    """
+    near, found = (
+        powers_of_ten(settings.PER_DECADE[min(len(columns), len(settings.PER_DECADE)) - 1]),
+        dict[int, Floats](),
+    )
+    for tree in _trees(terms):
+        _look(tree, None, values, near, found)
+    unknown = _near_size(None, near)
+    return [found.get(column, unknown) for column in columns]
+
+
+def divisors(terms: Terms, first: int | None = None) -> list[str]:
+    """Return the code of what terms are divided by: where it is zero, they have a pole.
+
+    Only where variables are in it from the `first` column on, by default constants.
+    """
+    divided = (each for tree in _trees(terms) for each in ast.walk(tree) if isinstance(each, ast.BinOp))
+    below = {ast.unparse(each.right) for each in divided if isinstance(each.op, ast.Div)}
+    first = len(terms.variables.measured) if first is None else first
+    return sorted(each for each in below if any(column >= first for column in columns_in(each)))
+
+
+def frequencies_in_time(terms: Terms) -> list[int]:
+    """Return the columns of the constants that time is multiplied with in a sine: w of ``cos(w*t + p)``."""
+    variables, found = terms.variables, set[int]()
+    time = f"v{variables.index(variables.time)}"
+    for each in (node for tree in _trees(terms) for node in ast.walk(tree)):
+        if isinstance(each, ast.Call) and ast.unparse(each.func) in ("sin", "cos"):
+            products = (own for own in ast.walk(each) if isinstance(own, ast.BinOp) and isinstance(own.op, ast.Mult))
+            sides = [(ast.unparse(own.left), ast.unparse(own.right)) for own in products]
+            found |= {int(name[1:]) for pair in sides if time in pair for name in pair if name[1:].isdigit()}
+    return sorted(column for column in found if column >= len(variables.measured))
+
+
+def _trees(terms: Terms) -> list[ast.expr]:
+    """Return the terms as parsed code, whose variables are v0, v1, ..."""
+    names = [f"v{i}" for i in range(len(terms.variables.names))]
+    return [ast.parse(term.expression(names), mode="eval").body for term in terms.terms]
+
+
+def _look(
+    tree: ast.expr, size: float | None, values: Floats, near: Floats, found: dict[int, Floats], angle: bool = False
+) -> None:
+    """Note values for the constants in a tree that is about so large, or the angle of a sine."""
+    inside = {each for each in columns_in(ast.unparse(tree)) if each >= values.shape[1]}
+    if inside <= found.keys():
+        return
+    match tree:
+        case ast.Name(id=name):
+            phases = 2 * np.pi / settings.PER_CYCLE * (np.arange(settings.PER_CYCLE) + 0.5)
+            found[int(name[1:])] = np.asarray(phases) if angle else _near_size(size, near)
+        case ast.UnaryOp(operand=operand):
+            _look(operand, size, values, near, found, angle)
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            _look(argument, 1.0, values, near, found, angle=name in ("sin", "cos", "tan"))
+        case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
+            number = constant(exponent)
+            root = None if size is None or not number else size ** (1 / number)
+            _look(base, root, values, near, found)
+            if isinstance(exponent, ast.Name):
+                found.setdefault(int(exponent.id[1:]), np.array(settings.EXPONENTS))
+            _look(exponent, 1.0, values, near, found)
+        case ast.BinOp(op=op, left=left, right=right):
+            for operand, other, first in ((right, left, False), (left, right, True)):
+                other_size = _size(other, values)
+                if angle and isinstance(operand, ast.Name) and other_size is not None:
+                    if isinstance(op, ast.Mult):
+                        found.setdefault(int(operand.id[1:]), _frequencies(other, values))
+                    elif isinstance(op, ast.Div) and not first:
+                        found.setdefault(int(operand.id[1:]), np.asarray(1 / _frequencies(other, values)))
+                _look(operand, _operand_size(op, size, other_size, first), values, near, found, angle)
+
+
+def _operand_size(op: ast.operator, size: float | None, other: float | None, first: bool) -> float | None:
+    """Return how large an operand is, by the sizes of the result and of the other operand; None if nothing tells."""
+    if isinstance(op, ast.Add | ast.Sub):
+        return size if other is None else other
+    if size is None:
+        return None
+    if isinstance(op, ast.Mult):
+        return size / (other or 1.0)
+    return size * (other or 1.0) if first else (other or 1.0) / size
+
+
+def _size(tree: ast.expr, values: Floats) -> float | None:
+    """Return the root mean square of a tree; None if it has constants in it, is zero or is not finite."""
+    code = ast.unparse(tree)
+    if any(each >= values.shape[1] for each in columns_in(code)):
+        return None
+    found = float(np.sqrt(np.mean(_along(code, values) ** 2)))
+    return found if 0 < found < np.inf else None
+
+
+def _along(code: str, values: Floats) -> Floats:
+    with np.errstate(all="ignore"):
+        return np.asarray(compiled(code)(values.T, NUMPY) + np.zeros(len(values)))
+
+
+def _frequencies(tree: ast.expr, values: Floats) -> Floats:
+    """Return the frequencies that an angle may have of what is multiplied with them."""
+    along = _along(ast.unparse(tree), values)
+    count = min(settings.PER_CYCLE * len(np.unique(along)) // 2, settings.MAX_COMBINATIONS)
+    return np.asarray(2 * np.pi / (settings.PER_CYCLE * np.ptp(along)) * np.arange(1, count + 1))
+
+
+def _near_size(size: float | None, near: Floats) -> Floats:
+    """Return values of both signs about a size; if nothing tells it, of all sizes that are not rounding."""
+    sizes = powers_of_ten(1, -float(np.log10(settings.ROUNDING))) if size is None else size * near
+    return np.concatenate([sizes, -sizes])
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,16 +194,20 @@ class Banks:
     ) -> "Banks":
         """Return terms along curves at values of their constants at which they are finite and no others' repeats.
 
-        Periodic functions may be as fast as the points that were sampled resolve, by default all.
+        Periodic functions may be as fast as the points that were sampled resolve, by default all. Variables that are
+        hardly below zero, most likely by noise, are kept above it, so that roots and logarithms exist.
         """
-        values, constants, columns = _above_zero(values), [], [np.empty((len(values), 0))]
+        sizes = np.sqrt(np.mean(values**2, axis=0))
+        hardly = values.min(axis=0) > -settings.MAX_BELOW_ZERO * sizes
+        values = np.where(hardly & (values < settings.MIN_ABOVE_ZERO * sizes), settings.MIN_ABOVE_ZERO * sizes, values)
+        constants, columns = list[Floats](), [np.empty((len(values), 0))]
         before, repeated = dict[bytes, int](), list[bool]()
         for each in others:
             bank = _bank(each, variables, values, sampled)
-            own = along(each, values, bank)
-            count, usable = len(each.constants), _usable(own)
+            terms = along(each, values, bank)
+            count, usable = len(each.constants), _usable(terms)
             constants.append(bank[list(usable.values())])
-            columns.append(own[:, list(usable.values())])
+            columns.append(terms[:, list(usable.values())])
             repeated.append(bool(usable) and all(before.get(shown, count + 1) <= count for shown in usable))
             before |= {shown: min(count, before.get(shown, count)) for shown in usable}
         return cls(
@@ -101,21 +246,11 @@ def _usable(columns: Floats) -> dict[bytes, int]:
     with np.errstate(all="ignore"):
         sizes = np.sqrt(np.mean(columns**2, axis=0))
     good = np.flatnonzero(np.isfinite(sizes) & (sizes > 0))
-    probes = np.linspace(0, len(columns) - 1, _PROBES).round().astype(int)
+    probes = np.linspace(0, len(columns) - 1, settings.GENERIC_POINTS).round().astype(int)
     shown = columns[np.ix_(probes, good)] / sizes[good]
     largest = np.take_along_axis(shown, np.abs(shown).argmax(axis=0, keepdims=True), axis=0)
-    shown = (shown * np.where(largest < 0, -1.0, 1.0)).round(_DIGITS) + 0.0  # Of zeros both signs are one
+    shown = np.rint(shown * np.where(largest < 0, -1.0, 1.0) / settings.ROUNDING) + 0.0  # Of zeros both signs are one
     found = dict[bytes, int]()
     for index, own in zip(good.tolist(), shown.T, strict=True):
         found.setdefault(own.tobytes(), index)
     return found
-
-
-def _above_zero(values: Floats) -> Floats:
-    """Return values of variables, of which those are kept above zero that are hardly below it: noise, most likely.
-
-    So that roots and logarithms exist.
-    """
-    sizes = np.sqrt(np.mean(values**2, axis=0))
-    hardly = values.min(axis=0) > -_HARDLY * sizes
-    return np.where(hardly & (values < _LEAST * sizes), _LEAST * sizes, values)

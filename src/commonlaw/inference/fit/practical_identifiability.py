@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from commonlaw.inference.fit.parameter_values import frequencies_in_time
+from commonlaw.inference.fit.parameter_grid import frequencies_in_time
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState, evidence_about
 

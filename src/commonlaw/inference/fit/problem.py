@@ -8,18 +8,16 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import refuse_constant_states
+from commonlaw.inference import settings
 from commonlaw.inference.data.latent_states import begun, filled_curves, spread_within, typical_states
 from commonlaw.inference.data.noise import (
-    FLOOR,
-    LEAST_FREEDOM,
-    NOISE_WAYS,
     by_columns,
     estimated_noise,
     noise_floor,
     told_by_repeats,
 )
 from commonlaw.inference.data.smoothing import first_coefficients, smooth_curves
-from commonlaw.inference.data.subsampling import MOST_SAMPLES, as_many_as_are_carried
+from commonlaw.inference.data.subsampling import as_many_as_are_carried
 from commonlaw.inference.fit.latent_initialization import (
     begun_at_starts,
     with_exact_starts,
@@ -27,8 +25,7 @@ from commonlaw.inference.fit.latent_initialization import (
 )
 from commonlaw.inference.score.evidence import Measured
 from commonlaw.inference.score.noise_prior import Measurements
-from commonlaw.inference.score.structure_prior import FACTOR, Prices, shifted
-from commonlaw.inference.score.supports import MOST_TERMS, SAMPLES_FOR_A_TERM
+from commonlaw.inference.score.structure_prior import Prices, complexity_prices, shifted
 from commonlaw.library import Terms, with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
@@ -105,8 +102,8 @@ class SearchProblem:
         pairs = zip(self.models, self.trials.objects, strict=True)
         starts = [model.width * len(self.trials.of_object(name)) for model, name in pairs]
         left = min(n - own for n, own in zip(self.measured, starts, strict=True))
-        shared = sum(self.measured) // SAMPLES_FOR_A_TERM
-        return int(np.clip(min(left, shared) // len(self.noise), 1, MOST_TERMS))
+        shared = sum(self.measured) // settings.MIN_SAMPLES_PER_TERM
+        return int(np.clip(min(left, shared) // len(self.noise), 1, settings.MAX_TERMS))
 
     @property
     def noise_is_fixed(self) -> bool:
@@ -120,13 +117,13 @@ class SearchProblem:
     def tells_noise(self) -> bool:
         """Whether differences of the samples of some trial tell the noise of a state, or repeated measurements do."""
         return bool(told_by_repeats(self.trials).any()) or any(
-            np.isfinite(trial.states).sum(axis=0).max() >= NOISE_WAYS[0][0] for trial in self.trials
+            np.isfinite(trial.states).sum(axis=0).max() >= settings.MIN_SAMPLES for trial in self.trials
         )
 
     def is_determined(self, coefficients: int) -> bool:
         """Return whether the residuals of all objects, with so many coefficients, have enough degrees of freedom."""
         starts = sum(model.width * len(model.meshes) for model in self.models)
-        return sum(self.measured) - starts - coefficients >= LEAST_FREEDOM
+        return sum(self.measured) - starts - coefficients >= settings.MIN_FREEDOM
 
     def starts_with(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
@@ -244,7 +241,7 @@ class SearchProblem:
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
                 found.append(shifted(terms, j) & ~given)
-        return Prices(FACTOR * terms.complexities, tuple(found), float(np.log(sum(self.measured))), self.besides)
+        return Prices(complexity_prices(terms), tuple(found), float(np.log(sum(self.measured))), self.besides)
 
     @cached_property
     def price_of_errors(self) -> float:
@@ -298,7 +295,7 @@ def prepare(
     *,
     noise: Floats | None = None,
     huber_threshold: float = HUBER_THRESHOLD,
-    most_samples: int = MOST_SAMPLES,
+    most_samples: int = settings.MAX_SAMPLES,
     guess: Floats | None = None,
 ) -> SearchProblem:
     """Return the problem of finding a law of these trials.
@@ -329,14 +326,16 @@ def prepare(
     """
     trials = with_exact_starts(trials, terms, known[0])
     scale, order = spread_within(trials), terms.variables.order_of(len(trials.schema.states))
-    trials = trials.with_trials([replace(each, noise=np.maximum(each.noise, FLOOR * scale)) for each in trials])
+    trials = trials.with_trials(
+        [replace(each, noise=np.maximum(each.noise, settings.MIN_NOISE * scale)) for each in trials]
+    )
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.fmin.reduce(each), np.fmax.reduce(each)]) for name, each in samples.items()}
     started = trials.schema.unmeasured
     refuse_constant_states({name: np.where(started, np.nan, each) for name, each in extremes.items()}, trials.schema)
     given = noise is not None
     noise, reason = estimated_noise(trials) if noise is None else (noise, "as given")
-    levels = np.fmax(noise, FLOOR * scale if given else noise_floor(trials))
+    levels = np.fmax(noise, settings.MIN_NOISE * scale if given else noise_floor(trials))
     if started.any():
         levels = with_noise_of_unmeasured(levels, trials)
     carried = as_many_as_are_carried(trials, levels, most_samples)

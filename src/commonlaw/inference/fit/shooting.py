@@ -9,21 +9,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.settings import MAX_ITERATIONS, ROUNDING, SAME_DEVIANCE
 
 Solutions = Callable[[Floats, Floats], Sequence[Floats]]
 """From coefficients, shape (m, equations, terms), and starts, (m, trials, states), to states, each (m, n, states)."""
 
-_STEPS = 30
-"""Of least squares."""
-
 _DAMPED = 10.0 ** np.arange(-6, 4)
 """Shares of the diagonal that are added to the information (Levenberg and Marquardt)."""
-
-_SMALL = 1e-6
-"""Relative steps of differences."""
-
-_GAIN = 1e-3
-"""A step that gains less in the sum of squares is the last."""
 
 
 def shot(
@@ -69,10 +61,10 @@ def shot(
     now = np.concatenate([coefficients[free], starts[free_starts]]) / sizes
     residuals = left(now[np.newaxis])[0]
     squares = float(residuals @ residuals)
-    for _ in range(_STEPS):
+    for _ in range(MAX_ITERATIONS):
         if not np.isfinite(squares):
             break
-        slopes = ((left(now + _SMALL * np.eye(len(now))) - residuals) / _SMALL).T
+        slopes = ((left(now + ROUNDING * np.eye(len(now))) - residuals) / ROUNDING).T
         if not np.isfinite(slopes).all():
             break
         moved = np.array([now + each for each in _directions(slopes, residuals)])
@@ -80,7 +72,7 @@ def shot(
         with np.errstate(over="ignore"):
             sums = np.sum(tried**2, axis=1)
         best = int(np.argmin(sums))
-        if not sums[best] < squares - _GAIN:
+        if not sums[best] < squares - SAME_DEVIANCE:
             break
         now, residuals, squares = moved[best], tried[best], float(sums[best])
     found, begin = coefficients.copy(), starts.copy()

@@ -10,14 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.settings import GENERIC_POINTS, ROUNDING
 from commonlaw.integration import VectorField
 from commonlaw.library import Terms
-
-_POINTS = 12
-"""Points, for each coefficient, at which the derivatives of a law are compared."""
-
-_TOLD = 1e-6
-"""Of a change, what coefficients do not make up for; less is rounding."""
 
 
 def may_be_rescaled(terms: Terms, known: Floats, states: Bools) -> Bools:
@@ -62,7 +57,9 @@ def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int |
     random = np.random.default_rng(0)
     coefficients = np.where(free, random.uniform(0.5, 1.5, known.shape), known)
     field = VectorField(terms, coefficients, terms.variables.order_of(len(known)), free=free)
-    points = random.uniform(0.5, 1.5, (_POINTS * (len(changes) + int(free.sum())), len(terms.variables.measured)))
+    points = random.uniform(
+        0.5, 1.5, (GENERIC_POINTS * (len(changes) + int(free.sum())), len(terms.variables.measured))
+    )
     linear = field.linearize(points)
     columns = [linear.by_parameters.reshape(len(points) * width, -1 if free.any() else 0)]
     for i, by in changes:
@@ -77,5 +74,5 @@ def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int |
         own = matrix[:, free.sum() + k]
         others = np.delete(matrix, free.sum() + k, axis=1)
         left = own - others @ np.linalg.lstsq(others, own)[0]
-        found[i] |= bool(np.linalg.norm(left) < _TOLD)
+        found[i] |= bool(np.linalg.norm(left) < ROUNDING)
     return found

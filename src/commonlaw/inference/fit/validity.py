@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.effort import unannounced
-from commonlaw.inference.fit.parameter_values import divisors
+from commonlaw.inference.fit.parameter_grid import divisors
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate

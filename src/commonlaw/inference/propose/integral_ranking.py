@@ -14,45 +14,13 @@ from itertools import combinations, groupby
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
-from commonlaw.inference.fit.integral_form import INSIDE, Course, Match, gains
+from commonlaw.inference import settings
+from commonlaw.inference.fit.integral_form import Course, Match, gains
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, Ratio, TiedTerms
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
 from commonlaw.spacing import evenly_spaced
-
-OBJECTS = 12
-"""Objects whose measurements are matched, evenly spread."""
-
-_MOST_PLAIN = 4
-"""Plain terms that are taken together at most."""
-
-_MOST_SETS, _MOST_SETS_BESIDE_TWO = 1500, 60
-"""Sets of plain terms that are compared at most, smaller ones first, beside one or two others."""
-
-_AT_ONCE = 50
-"""Sets that are compared at a time, so that arrays stay small."""
-
-MOST_NUMBERS = 7
-"""Coefficients and constants of an equation at most."""
-
-_KEPT = (2, 3, 2)
-"""Sets that are kept of those of as many numbers, by how many terms are not plain."""
-
-_NEAR, _ALIKE, _CLOSE = 80, 2, 8
-"""Sets, of those of as many numbers, that are compared with constants between those of a bank, to first order; those
-among them with the same terms that have constants, as a bank may be nearer to the best constants of one than of
-another; and sets whose constants are then found to more digits, before they are ranked."""
-
-_WIDENED = 4
-"""Sets with one term that is not plain, each with another one, to which a second is added."""
-
-HOPELESS = 30.0
-"""Sets that leave so many times the least sum of squares are not kept, but for the best of each size: where curves are
-not those of a law that explains what was measured."""
-
-_SAME = 1e-9
-"""Relative differences of sums of squares that are rounding: such sets say the same."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +77,7 @@ def matching_sets(
     estimates: Sequence[Estimate],
     others: Sequence[ParametricTerm | TiedTerms],
     most: Mapping[int, int],
-    hopeless: float = HOPELESS,
+    hopeless: float = settings.MAX_SQUARES_RATIO,
 ) -> dict[int, list[TermSet]]:
     """Return sets of terms that fit best for how many numbers they have, the most promising first, by equation.
 
@@ -126,7 +94,7 @@ def matching_sets(
     hopeless
         Sets that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
-    indices = evenly_spaced(len(problem.models), OBJECTS)
+    indices = evenly_spaced(len(problem.models), settings.MAX_OBJECTS)
     whole = [each.whole for each in others]
     courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], whole), indices)
     found = {}
@@ -209,7 +177,7 @@ class _Ranked:
         kept = [
             (self._criterion(numbers, squares), key)
             for numbers, many, listed in ranked
-            for place, (squares, key) in enumerate(listed[: _KEPT[many]])
+            for place, (squares, key) in enumerate(listed[: settings.MAX_KEPT])
             if numbers <= enough + 1 and (not place or squares <= self.hopeless * least[enough])
         ]
         return [self._with_starts(key, objects) for _, key in sorted(kept)]
@@ -220,7 +188,7 @@ class _Ranked:
         repeated = np.all([match.banks.repeated for match in self.matches], axis=0)
         repeated |= np.any([[match.repeats(a) for a in range(len(self.others))] for match in self.matches], axis=0)
         new = np.flatnonzero(~repeated).tolist()
-        return self._compared(columns, _subsets(self.plain, _MOST_SETS), (), (), [(), *((a,) for a in new)])
+        return self._compared(columns, _subsets(self.plain, settings.MAX_SETS[0]), (), (), [(), *((a,) for a in new)])
 
     def _of_two(self, compared: Sequence[_Compared]) -> list[_Compared]:
         """Return the same with two of the others, one of them from the best sets with one, each with another one."""
@@ -232,7 +200,7 @@ class _Ranked:
                     value = self._criterion(self._numbers(key), squares)
                     best[a] = min((value, key), best.get(a, (np.inf, key)))
         found = list[_Compared]()
-        for _, key in sorted(best.values())[:_WIDENED]:
+        for _, key in sorted(best.values())[: settings.MAX_KEPT]:
             (a,), columns = key[1], []
             more = [(b,) for b in best if b != a and self._numbers(((), (a, b))) <= self.at_most]
             if more:
@@ -240,7 +208,7 @@ class _Ranked:
                     (value,) = self._values(match, [key])[key]
                     columns.append(np.column_stack([match.plain, match.columns_of(a)[:, value]]))
                 last = columns[0].shape[1] - 1
-                found += self._compared(columns, _subsets(self.plain, _MOST_SETS_BESIDE_TWO), (last,), (a,), more)
+                found += self._compared(columns, _subsets(self.plain, settings.MAX_SETS[1]), (last,), (a,), more)
         return found
 
     def _compared(
@@ -311,12 +279,12 @@ class _Ranked:
             each, column = listed[group]
             key = each.key(k - int(firsts[group]), column)
             inside = tuple(a for a in key[1] if self.others[a].constants)
-            few = alike[inside] < (_ALIKE if inside else _CLOSE)
-            if few and key not in found and squares[k] > before * (1 + _SAME):
+            few = alike[inside] < (settings.MAX_KEPT if inside else settings.MAX_REFINED)
+            if few and key not in found and squares[k] > before * (1 + settings.ROUNDING):
                 found[key] = None
                 alike[inside] += 1
             before = squares[k]
-            if len(found) == _NEAR:
+            if len(found) == settings.MAX_LINEARIZED:
                 break
         return [*found]
 
@@ -330,7 +298,7 @@ class _Ranked:
             sum(match.left_nearby(*key, own) for match, own in zip(self.matches, self.values[key], strict=True))
             for key in keys
         ]
-        return [keys[k] for k in np.argsort(left, kind="stable")[:_CLOSE]]
+        return [keys[k] for k in np.argsort(left, kind="stable")[: settings.MAX_REFINED]]
 
     def _closely(self, key: _Key) -> tuple[float, _Key]:
         """Return a set with what it leaves at the best constants."""
@@ -373,7 +341,7 @@ def _left_by_one(sets: Indices, chosen: Sequence[int], match: Match, columns: Fl
     Shape (sets, 1 + chosen), of sets of one size, shape (sets, size).
     """
     gram, inner = columns.T @ columns, columns.T @ match.target
-    own = gram[sets[:, :, np.newaxis], sets[:, np.newaxis, :]] + INSIDE * np.eye(sets.shape[1])
+    own = gram[sets[:, :, np.newaxis], sets[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(sets.shape[1])
     whiten = np.linalg.inv(np.linalg.cholesky(own))
     known = np.matmul(whiten, inner[sets][..., np.newaxis])
     alone = match.target @ match.target - np.sum(known[..., 0] ** 2, axis=1)
@@ -381,7 +349,7 @@ def _left_by_one(sets: Indices, chosen: Sequence[int], match: Match, columns: Fl
     others, squares, filled = match.others[:, which], match.squares[which], np.flatnonzero(counts)
     crossed, every, firsts = columns.T @ others, match.target @ others, np.cumsum([0, *counts[filled]])[:-1]
     gained = np.zeros((len(sets), len(chosen)))
-    for part in np.array_split(np.arange(len(sets)), -(-len(sets) // _AT_ONCE)) if filled.size else ():
+    for part in np.array_split(np.arange(len(sets)), -(-len(sets) // 50)) if filled.size else ():
         inside = np.matmul(whiten[part], crossed[sets[part]])
         left = every - np.sum(known[part] * inside, axis=1)
         each = gains(left, squares - np.sum(inside**2, axis=1))
@@ -392,7 +360,7 @@ def _left_by_one(sets: Indices, chosen: Sequence[int], match: Match, columns: Fl
 def _subsets(plain: Sequence[int], most: int) -> list[tuple[int, ...]]:
     """Return the sets of some terms, smaller ones first, of sizes of which not too many are compared."""
     found: list[tuple[int, ...]] = []
-    for size in range(_MOST_PLAIN + 1):
+    for size in range(settings.MAX_PLAIN_TERMS + 1):
         of_size = list(combinations(plain, size))
         if size > 1 and len(found) + len(of_size) > most:
             break
@@ -402,7 +370,7 @@ def _subsets(plain: Sequence[int], most: int) -> list[tuple[int, ...]]:
 
 def for_all(found: Floats, objects: int) -> Floats:
     """Return values for all objects from those of the objects that were matched: typical ones for the others."""
-    where, every = evenly_spaced(objects, OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
+    where, every = evenly_spaced(objects, settings.MAX_OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
     if len(found) == len(where):
         every[where] = found
     return every

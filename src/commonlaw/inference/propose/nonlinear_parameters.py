@@ -17,10 +17,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
+from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
 from commonlaw.inference.fit.integral_form import Integrals
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, usual_of_best
-from commonlaw.inference.fit.parameter_values import MOST_COMBINATIONS, combined, divisors, values_of_each
+from commonlaw.inference.fit.parameter_grid import combined, divisors, values_of_each
 from commonlaw.inference.fit.practical_identifiability import SURE
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.validity import has_pole, values_along
@@ -36,37 +37,6 @@ from commonlaw.parallel import in_parallel, threads
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials
-
-_MOST_POINTS = 300
-"""Points of an object's curves that values are compared at."""
-
-_BEST, _FACTOR = 5, 2.0
-"""Combinations of values that least squares makes better, the best of those in the bank, and as many that differ: by
-their signs or at least this factor in one of them."""
-
-_TOGETHER = 3
-"""Those of all objects together that trajectories are fitted from."""
-
-_DEPENDENT = 1e-7
-"""Columns of unit norm whose directions are smaller than this are told by nothing but rounding."""
-
-_FAR = 1e6
-"""What is left of a rate, relative to what was left at first, where a term is not finite."""
-
-_STEPS = 50
-"""Of least squares on rates; trajectories say the rest."""
-
-_ALIKE = 0.01
-"""Deviances that differ by less say the same of the rates."""
-
-_WITHIN = 9
-"""Values between two bounds that are tried at least."""
-
-_SWEEPS = 5
-"""How often all constants are sought again, each given the others, at most."""
-
-_SHARE = 0.1
-"""Of a direction that nothing tells: what counts as part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +220,7 @@ def _of_rates(setup: FitSetup) -> list[_Profile]:
             raise CommonlawError("parameters-without-trials", where=name)
         along = [values_and_rates(law.terms.variables, *pair) for pair in complete]
         values, rates = (np.concatenate(each) for each in zip(*along, strict=True))
-        few = evenly_spaced(len(values), _MOST_POINTS)
+        few = evenly_spaced(len(values), settings.MAX_CURVE_POINTS)
         found.append(
             _Profile(law.terms, known, values[few], list(rates[few].T), [lambda terms: terms] * rates.shape[1])
         )
@@ -279,8 +249,8 @@ def _within(banks: Sequence[Floats], law: Law, bounds: Sequence[Bound]) -> list[
     for name, bank in zip(law.terms.variables.constants, banks, strict=True):
         low, high = limits_of(name, bounds)
         inside = bank[(bank > low) & (bank < high)]
-        if len(inside) < _WITHIN and np.isfinite(high - low):
-            inside = np.concatenate([inside, np.linspace(low, high, _WITHIN + 2)[1:-1]])
+        if len(inside) < settings.PER_CYCLE and np.isfinite(high - low):
+            inside = np.concatenate([inside, np.linspace(low, high, settings.PER_CYCLE + 2)[1:-1]])
         found.append(inside)
     return found
 
@@ -312,11 +282,11 @@ def _starts(
     those that are best for each.
     """
     swept, swept_alone = list[Floats](), [list[Floats]() for _ in profiles]
-    if np.prod([len(each) for each in banks], dtype=float) > MOST_COMBINATIONS:
-        best = [bank[i] for i in np.argsort(deviances.sum(axis=0), kind="stable")[:_TOGETHER]]
+    if np.prod([len(each) for each in banks], dtype=float) > settings.MAX_COMBINATIONS:
+        best = [bank[i] for i in np.argsort(deviances.sum(axis=0), kind="stable")[: settings.MAX_KEPT]]
         swept = [_swept(profiles, banks, each) for each in best]
         swept_alone = in_parallel(lambda each: [_swept([each], banks, own) for own in swept[:1]], profiles)
-    together = _best(law, profiles, bounds, bank, deviances.sum(axis=0), swept)[:_TOGETHER]
+    together = _best(law, profiles, bounds, bank, deviances.sum(axis=0), swept)[: settings.MAX_KEPT]
     alone = in_parallel(
         lambda each, own, more: _best(law, [each], bounds, bank, own, [*swept, *more])[:1],
         profiles,
@@ -340,7 +310,7 @@ def _swept(profiles: Sequence[_Profile], banks: Sequence[Floats], begin: Floats)
         return sum(each.deviance(constants) for each in profiles)
 
     now, value = begin, left(begin)
-    for _ in range(_SWEEPS):
+    for _ in range(settings.MAX_SWEEPS):
         before = value
         for i, bank in enumerate(banks):
             tried = np.tile(now, (len(bank), 1))
@@ -349,7 +319,7 @@ def _swept(profiles: Sequence[_Profile], banks: Sequence[Floats], begin: Floats)
             best = int(np.argmin(values))
             if values[best] < value:
                 now, value = tried[best], values[best]
-        if not value < before - _ALIKE:
+        if not value < before - settings.SAME_DEVIANCE:
             break
     return now
 
@@ -382,7 +352,7 @@ def _best(
         return all(bound.holds(letters[bound.name].of(own)) for bound in bounds for own in coefficients)
 
     listed = [bank[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
-    begun = [*filter(holds, swept), *islice(filter(holds, listed), _BEST), *_different(listed, holds)]
+    begun = [*filter(holds, swept), *islice(filter(holds, listed), settings.MAX_REFINED), *_different(listed, holds)]
     limits = np.array([limits_of(name, bounds) for name in law.terms.variables.constants]).reshape(-1, 2).T
     found = [*begun, *filter(holds, (_refined(profiles, each, limits) for each in begun))]
     values = [sum(each.deviance(own) for each in profiles) for own in found]
@@ -391,7 +361,7 @@ def _best(
         named = [each.of(profile.coefficients(constants)) for profile in profiles for each in letters.values()]
         return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(constants)))
 
-    alike = [own for own, value in zip(found, values, strict=True) if value <= min(values) + _ALIKE]
+    alike = [own for own, value in zip(found, values, strict=True) if value <= min(values) + settings.SAME_DEVIANCE]
     ordered = [found[k] for k in np.argsort(values, kind="stable")]
     return _different([*sorted(alike, key=unusual), *ordered])
 
@@ -400,14 +370,14 @@ def _different(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambd
     """Return the first few of some constants that differ, by their signs or a factor."""
     found = list[Floats]()
     for each in listed:
-        if len(found) < _BEST and not any(_is_near(each, other) for other in found) and holds(each):
+        if len(found) < settings.MAX_REFINED and not any(_is_near(each, other) for other in found) and holds(each):
             found.append(each)
     return found
 
 
 def _is_near(one: Floats, other: Floats) -> bool:
     with np.errstate(divide="ignore", invalid="ignore"):
-        return bool((np.abs(np.log(one / other)) < np.log(_FACTOR)).all())
+        return bool((np.abs(np.log(one / other)) < np.log(settings.MIN_FACTOR)).all())
 
 
 def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Floats:
@@ -421,10 +391,12 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
         listed = [each.left(begin * relative) for each in profiles]
         pairs = [pair for own, sizes in zip(listed, units, strict=True) for pair in zip(own, sizes, strict=True)]
         whole = np.concatenate([own / size for own, size in pairs])
-        return np.where(np.isfinite(whole), whole, _FAR)
+        return np.where(np.isfinite(whole), whole, 1 / settings.ROUNDING)
 
     low, high = np.sort(limits / begin, axis=0)
-    return np.asarray(begin * least_squares(left, np.ones_like(begin), bounds=(low, high), max_nfev=_STEPS).x)
+    return np.asarray(
+        begin * least_squares(left, np.ones_like(begin), bounds=(low, high), max_nfev=settings.MAX_ITERATIONS).x
+    )
 
 
 def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Sequence[Floats]) -> None:
@@ -432,10 +404,10 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Seque
     listed = []
     for each, own in zip(profiles, constants, strict=True):
         _, sizes, directions = np.linalg.svd(each.derivatives(own, law.order), full_matrices=False)
-        if len(sizes) == len(directions) and sizes[-1] > _DEPENDENT:
+        if len(sizes) == len(directions) and sizes[-1] > settings.MIN_SINGULAR_VALUE:
             return
         listed.append(np.abs(directions[-1]))
-    part = np.mean(listed, axis=0) > _SHARE
+    part = np.mean(listed, axis=0) > settings.ALIKE
     free = np.argwhere(np.isnan(profiles[0].known))[part].tolist()
     before = [each for each in law.named_products if [each.equation, each.term] in free]
     names = ", ".join(dict.fromkeys(name for each in before for name, _ in each.coefficients))

@@ -15,10 +15,11 @@ import numpy as np
 
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.candidate_laws import FAR, LawsOfSets, tried_together, without_processes
-from commonlaw.inference.propose.integral_ranking import HOPELESS, MOST_NUMBERS, TermSet, matching_sets
+from commonlaw.inference.propose.integral_ranking import TermSet, matching_sets
 from commonlaw.inference.propose.rational import matching_ratios
 from commonlaw.inference.search.error_levels import kind_of
 from commonlaw.inference.search.law_search import LawSearch, best_of, resolved, with_error_models
+from commonlaw.inference.settings import MAX_NUMBERS, MAX_SQUARES_RATIO
 from commonlaw.library import Monomial, Offer
 from commonlaw.likelihood import ErrorModel, Estimate
 from commonlaw.progress import ProgressCallback, Stage
@@ -251,7 +252,7 @@ def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
     Of exact measurements one more, where the law leaves as much as tells others apart.
     """
     if best.lack_of_fit:
-        return [MOST_NUMBERS] * len(rows)
+        return [MAX_NUMBERS] * len(rows)
     left = sum(each.deviance for each in best.state.estimates) / sum(best.problem.measured)
     is_exact = best.problem.least_variance >= 1
     return [row.numbers + int(is_exact and left > best.problem.counted.least) for row in rows]
@@ -267,7 +268,7 @@ def _proposed(
     """
     sought = [bool(best.lack_of_fit) or row.numbers > search.fewest for row in rows]
     most = {j: own for j, (own, is_sought) in enumerate(zip(_most(best, rows), sought, strict=True)) if is_sought}
-    hopeless = HOPELESS if best.lack_of_fit else FAR
+    hopeless = MAX_SQUARES_RATIO if best.lack_of_fit else FAR
     listed = [matching_sets(search.base, estimates, search.offer.terms, most, hopeless)]
     if search.offer.ratios:
         listed.append(matching_ratios(search.base, estimates, search.offer.ratios, most, hopeless))

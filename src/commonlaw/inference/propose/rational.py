@@ -15,29 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.inference.fit.integral_form import INSIDE, Course, closest, projected, unit, with_steps
+from commonlaw.inference import settings
+from commonlaw.inference.fit.integral_form import Course, closest, projected, unit, with_steps
+from commonlaw.inference.fit.parameter_grid import powers_of_ten
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.validity import with_points_between
-from commonlaw.inference.propose.integral_ranking import HOPELESS, MOST_NUMBERS, OBJECTS, Start, TermSet, for_all
+from commonlaw.inference.propose.integral_ranking import Start, TermSet, for_all
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
 from commonlaw.spacing import evenly_spaced
-
-_BANK = 10.0 ** np.arange(-2.0, 2.1, 0.25)
-"""Coefficients below that are tried, relative to those that make terms below of one size."""
-
-_MOST_ABOVE, _MOST_BELOW, _MOST_BESIDE = 3, 4, 2
-"""Terms above, below and beside a ratio at most."""
-
-_MOST_SETS = 400
-"""Sets of terms above and beside that are compared at most, smaller ones first."""
-
-_WIDENED = 4
-"""Denominators of one size to which another term is added."""
-
-_CLOSE, _KEPT = 6, 3
-"""Sets of as many numbers whose denominators are found to more digits, and of which so many are fitted."""
 
 
 def matching_ratios(
@@ -45,7 +32,7 @@ def matching_ratios(
     estimates: Sequence[Estimate],
     offered: Sequence[Ratios],
     most: Mapping[int, int],
-    hopeless: float = HOPELESS,
+    hopeless: float = settings.MAX_SQUARES_RATIO,
 ) -> dict[int, list[TermSet]]:
     """Return ratios that fit best for how many numbers they have, the most promising first, by equation.
 
@@ -62,7 +49,7 @@ def matching_ratios(
     hopeless
         Ratios that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
-    indices = evenly_spaced(len(problem.models), OBJECTS)
+    indices = evenly_spaced(len(problem.models), settings.MAX_OBJECTS)
     courses = [Course.of(problem, o, estimates[o], ()) for o in indices]
     found = dict[int, list[TermSet]]()
     for equation, numbers in most.items():
@@ -145,7 +132,7 @@ class _Sides:
         gram, inner = np.matmul(columns.transpose(0, 2, 1), columns), np.matmul(self.target, columns)
         gained = []
         for own in sets:
-            inside = gram[:, own[:, :, np.newaxis], own[:, np.newaxis, :]] + INSIDE * np.eye(own.shape[1])
+            inside = gram[:, own[:, :, np.newaxis], own[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(own.shape[1])
             found = np.linalg.solve(inside, inner[:, own][..., np.newaxis])[..., 0]
             gained.append(np.sum(inner[:, own] * found, axis=2))
         left = self.target @ self.target - np.concatenate(gained, axis=1)
@@ -160,7 +147,7 @@ class _Sides:
         if not self.whole(below, coefficients[np.newaxis]).all():
             return np.zeros(len(terms)), self.target
         columns, norms = unit(self.columns(below, coefficients[np.newaxis])[0][:, terms])
-        found = np.linalg.lstsq(columns, self.target, rcond=1e-12)[0]
+        found = np.linalg.lstsq(columns, self.target, rcond=settings.MIN_SINGULAR_VALUE)[0]
         return found / np.where(norms > 0, norms, 1.0), self.target - columns @ found
 
     def closest(self, below: Sequence[int], begin: Floats, terms: Sequence[int]) -> Floats:
@@ -218,7 +205,7 @@ class _Ranked:
         most = min(most, self.at_most)
         closer: dict[int, list[tuple[float, _Shape]]] = {}
         for numbers in range(most + 2):
-            for _, shape in sorted(groups.get(numbers, []))[:_CLOSE]:
+            for _, shape in sorted(groups.get(numbers, []))[: settings.MAX_REFINED]:
                 found[shape] = self._closely(shape, found[shape])
                 closer.setdefault(numbers, []).append((found[shape].squares, shape))
         for numbers in range(most + 1, 1, -1):
@@ -233,7 +220,7 @@ class _Ranked:
         return [
             (self._criterion(numbers, squares), own)
             for numbers, listed in closer.items()
-            for place, (squares, shape) in enumerate(sorted(listed)[:_KEPT])
+            for place, (squares, shape) in enumerate(sorted(listed)[: settings.MAX_KEPT])
             if numbers <= min(enough + 1, self.at_most) and (not place or squares <= self.hopeless * least[enough])
             if (own := self._with_starts(shape, found[shape])) is not None
         ]
@@ -243,7 +230,7 @@ class _Ranked:
         found = dict[_Shape, _Score]()
         count = len(self.offered.below)
         listed = [(below, np.ones((len(self.sides), 1))) for below in combinations(range(count), 1)]
-        for size in range(2, min(_MOST_BELOW, count) + 1):
+        for size in range(2, min(settings.MAX_RATIO_TERMS[1], count) + 1):
             wider = dict[_Shape, _Score]()
             for below, coefficients in listed:
                 for new in range(count) if size > 2 else range(below[0] + 1, count):
@@ -268,7 +255,7 @@ class _Ranked:
         listed = dict[tuple[int, ...], Floats]()
         for shape, score in sorted(found.items(), key=lambda each: self._criterion(each[0].numbers, each[1].squares)):
             listed.setdefault(shape.below, score.below)
-            if len(listed) == _WIDENED:
+            if len(listed) == settings.MAX_KEPT:
                 break
         return list(listed.items())
 
@@ -279,7 +266,8 @@ class _Ranked:
             return
         order, ordered = np.argsort(below), tuple(sorted(below))
         ratio = self.offered.ratio((), ordered, self.problem.models[0].terms.variables)
-        tried = _BANK if ratio.degree % 2 == 0 else np.concatenate([_BANK, -_BANK])
+        bank = powers_of_ten(settings.PER_DECADE[1])
+        tried = bank if ratio.degree % 2 == 0 else np.concatenate([bank, -bank])
         sizes = [np.sqrt(np.mean(each.below**2, axis=0)) for each in self.sides]
         banks = list[Floats]()
         for side, own, size in zip(self.sides, coefficients, sizes, strict=True):
@@ -293,7 +281,7 @@ class _Ranked:
         for k, terms in enumerate(chain.from_iterable(own.tolist() for own in sets)):
             shape = self._shape(ordered, terms)
             better = shape not in found or squares[k] < found[shape].squares
-            counts = shape.numbers <= MOST_NUMBERS and np.isfinite(squares[k])
+            counts = shape.numbers <= settings.MAX_NUMBERS and np.isfinite(squares[k])
             if better and counts and (reduced or self.offered.is_reduced(shape.above, ordered)):
                 best = np.array([bank[place[k]] for bank, place in zip(banks, places, strict=True)])
                 found[shape] = _Score(float(squares[k]), best)
@@ -313,15 +301,17 @@ class _Ranked:
         free = self.problem.allowed[self.equation]
         beside = [count + k for k, each in enumerate(self.offered.beside) if each in plain and free[plain.index(each)]]
         found, total = list[Indices](), 0
-        for size in range(1, _MOST_ABOVE + _MOST_BESIDE + 1):
+        for size in range(1, settings.MAX_RATIO_TERMS[0] + settings.MAX_RATIO_TERMS[2] + 1):
             own = [
                 (*above, *others)
-                for many in range(max(1, size - _MOST_BESIDE), min(size, _MOST_ABOVE) + 1)
+                for many in range(
+                    max(1, size - settings.MAX_RATIO_TERMS[2]), min(size, settings.MAX_RATIO_TERMS[0]) + 1
+                )
                 for above in combinations(range(count), many)
                 for others in combinations(beside, size - many)
             ]
             total += len(own)
-            if not own or (size > 1 and total > _MOST_SETS):
+            if not own or (size > 1 and total > settings.MAX_SETS[2]):
                 break
             found.append(np.array(own))
         return found

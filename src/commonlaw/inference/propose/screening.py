@@ -14,33 +14,15 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.effort import check_memory
 from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.inference import settings
 from commonlaw.inference.data.noise import estimated_noise
 from commonlaw.inference.data.smoothing import smooth_curves, terms_and_rates
 from commonlaw.inference.data.subsampling import as_many_as_are_carried
 from commonlaw.inference.fit.state import neighbours
-from commonlaw.inference.score.supports import MOST_TERMS
 from commonlaw.inference.search.law_search import LawSearch
 from commonlaw.library import Terms
 from commonlaw.trials import Trial, Trials
 from commonlaw.wording import counted
-
-MOST_SEARCHED = 70
-"""Terms of an equation among which supports are searched as they are: beyond, the search takes minutes."""
-
-_KEPT = 40
-"""Terms that are kept of more, about, for all equations together."""
-
-_BESIDE = 3
-"""How many terms are kept at each step, those that explain most."""
-
-_SAMPLES = 10_000
-"""Samples that tell what terms explain."""
-
-_TRIED = 30
-"""Terms that are tried at a time on a law."""
-
-_INSIDE = 1e-12
-"""Columns whose square is less than this share outside the span of others explain nothing more."""
 
 
 def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> Bools:
@@ -62,19 +44,21 @@ def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) 
     CommonlawError
         If a trial is too short, a term is not finite on it, or the terms take more memory than there is.
     """
-    if len(terms) <= MOST_SEARCHED:
+    if len(terms) <= settings.MAX_SEARCHED_TERMS:
         return np.ones(len(terms), dtype=np.bool_)
     objects = trials.objects
-    size = 8 * (2 * (1 + known.shape[1]) * len(objects) * len(terms) ** 2 + 3 * _SAMPLES * len(terms))
+    size = 8 * (
+        2 * (1 + known.shape[1]) * len(objects) * len(terms) ** 2 + 3 * settings.MAX_SCREENED_SAMPLES * len(terms)
+    )
     check_memory(f"screening of {counted(len(terms), 'term')}", size, "take a smaller library")
-    some = as_many_as_are_carried(trials, estimated_noise(trials)[0], _SAMPLES).trials
+    some = as_many_as_are_carried(trials, estimated_noise(trials)[0], settings.MAX_SCREENED_SAMPLES).trials
     problems = [_regression(some.of_object(name), terms, own) for name, own in zip(objects, known, strict=True)]
     factors = np.array([each.factor for each in problems if each is not None])
     allowed = np.isnan(known[0])
     kept = needed.copy()
     ranked = [_ranked(factors, j, len(terms), own) for j, own in enumerate(allowed)]
-    for _ in range(MOST_TERMS):
-        if kept.sum() >= _KEPT:
+    for _ in range(settings.MAX_TERMS):
+        if kept.sum() >= settings.MAX_SCREENED_TERMS:
             break
         for step in ranked:
             kept[next(step, [])] = True
@@ -97,7 +81,7 @@ def missed_terms(found: LawSearch, terms: Terms) -> Bools:
     inside = np.flatnonzero(kept)[state.supports.any(axis=0)]
     mine, missed = np.isin(np.flatnonzero(kept), inside), np.zeros_like(kept)
     left_out = np.flatnonzero(~kept)
-    for tried in np.array_split(left_out, -(-len(left_out) // _TRIED)):
+    for tried in np.array_split(left_out, -(-len(left_out) // settings.MAX_SCREENED_TERMS)):
         several = terms.take([*inside, *tried])
 
         def wider(values: Floats, new: float, count: int = len(tried)) -> Floats:
@@ -138,15 +122,15 @@ def _ranked(factors: Floats, equation: int, terms: int, allowed: Bools) -> Itera
     while True:
         outside = np.sum(rest**2, axis=1)
         inner = np.einsum("opt,op->ot", rest, rest[..., -1])
-        clear = outside > _INSIDE * norms
+        clear = outside > settings.COLLINEAR * norms
         gains = np.sum(np.divide(inner**2, outside, out=np.zeros_like(inner), where=clear), axis=0)[:-1]
         gains[~free] = 0.0
-        best = np.argsort(-gains)[:_BESIDE]
+        best = np.argsort(-gains)[: settings.MAX_KEPT]
         if not gains[best[0]] > 0:
             return
         yield best[gains[best] > 0]
         free[best[0]] = False
         own = rest[:, :, best[0]]
         sizes = np.linalg.norm(own, axis=1, keepdims=True)
-        basis = np.divide(own, sizes, out=np.zeros_like(own), where=sizes**2 > _INSIDE * norms[:, best[:1]])
+        basis = np.divide(own, sizes, out=np.zeros_like(own), where=sizes**2 > settings.COLLINEAR * norms[:, best[:1]])
         rest = rest - np.einsum("op,ot->opt", basis, np.einsum("op,opt->ot", basis, rest))

@@ -14,8 +14,8 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState
 from commonlaw.inference.fit.validity import follows_solutions
 from commonlaw.inference.score.score import Kind
-from commonlaw.inference.score.supports import MOST_TERMS
 from commonlaw.inference.search.error_levels import kind_of
+from commonlaw.inference.settings import MAX_TERMS
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.outcomes import Outcome, OutcomeKind, note
@@ -106,7 +106,7 @@ def outcomes(
     found += [
         note("as-many-terms-as-samples", side, terms=most)
         for side, support in zip(law.left_hand_sides, state.supports, strict=True)
-        if support.sum() == most < min(MOST_TERMS, problem.allowed.sum(axis=1).max())
+        if support.sum() == most < min(MAX_TERMS, problem.allowed.sum(axis=1).max())
     ]
     return tuple(found)
 

@@ -24,20 +24,8 @@ from commonlaw.hierarchy import (
     marginal_deviance,
     relative_variances,
 )
+from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE, ROUNDING
 from commonlaw.kernel import MeasuredStructure, address, kernel
-
-VERY_STRONG = 10.0
-"""2 log B above which evidence is very strong (Kass and Raftery 1995)."""
-
-_WORST_OF_ONE = 1e14
-"""Worst condition of the information on one object's coefficients: it is not inverted, so that only rounding counts."""
-
-_UNTOLD = 1e-6
-"""Columns of mean square one over objects that are so small in one of them, as of an input that is never on there, tell
-nothing of this object's coefficient; what its trials do not tell is zero, which counts for nothing."""
-
-_NEAR = 1e-12
-"""Columns whose square is less than this share outside the span of others have too few digits there."""
 
 
 @dataclass(frozen=True)
@@ -179,10 +167,10 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
     if not np.linalg.cond(information.sum(axis=0)) < _worst_condition(len(columns)):
         return np.inf
-    told = np.abs(np.diagonal(columns, axis1=1, axis2=2)).min(axis=1) > _UNTOLD
+    told = np.abs(np.diagonal(columns, axis1=1, axis2=2)).min(axis=1) > ROUNDING
     estimates = np.empty(columns.shape[:2])
     estimates[told] = np.linalg.solve(columns[told], targets[told])[..., 0]
-    ridge = _UNTOLD**2 * np.eye(columns.shape[1])
+    ridge = ROUNDING**2 * np.eye(columns.shape[1])
     projected = np.matmul(columns[~told].transpose(0, 2, 1), targets[~told])
     estimates[~told] = np.linalg.solve(information[~told] + ridge, projected)[..., 0]
     return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)), common)
@@ -190,7 +178,7 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int
 
 def _worst_condition(objects: int) -> float:
     """Return the worst condition of the information on coefficients that are told."""
-    return WORST_CONDITION if objects > 1 else _WORST_OF_ONE
+    return WORST_CONDITION if objects > 1 else MIN_SINGULAR_VALUE**-2
 
 
 def cost_of_coefficients(size: int, objects: int, measured: Measured) -> float:
@@ -204,5 +192,5 @@ def rss_with_each(factors: Floats, indices: Indices) -> Floats:
     Shape (terms + 1,). Where a term is inside, or so near to those inside that the sum would not be exact, this is
     zero, a lower bound.
     """
-    found = explained(factors, indices, _NEAR, bound=True)
+    found = explained(factors, indices, COLLINEAR, bound=True)
     return np.append(np.maximum(found[-1] - found[:-1], 0.0), found[-1])

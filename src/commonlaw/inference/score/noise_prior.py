@@ -7,17 +7,14 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.data.noise import FLOOR, noise_told
+from commonlaw.inference.data.noise import noise_told
 from commonlaw.inference.score.evidence import Measured
+from commonlaw.inference.settings import MIN_NOISE, MIN_NOISE_OF_EXACT
 from commonlaw.library import Order
 from commonlaw.likelihood import ErrorModel, Mesh
 from commonlaw.trials import Trials
 from commonlaw.trials.repeats import pure_error
 from commonlaw.trials.trial import with_typical
-
-_EXACT = 0.1
-"""Share of the noise that laws are fitted under at least down to which exact measurements tell them apart: meshes that
-resolve less would have to be much finer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +55,7 @@ class Measurements:
         a species that is absent, have none.
         """
         std = errors.white_std(self._usual_states, with_typical(self._given, noise))
-        still = np.where(self._absent, FLOOR * self.first_noise, self.first_noise)
+        still = np.where(self._absent, MIN_NOISE * self.first_noise, self.first_noise)
         return np.where(self._still, with_typical(self._given, still), std) * self._averaging
 
     def counted(self, noise: Floats, errors: ErrorModel, std: Floats) -> Measured:
@@ -135,7 +132,7 @@ class Measurements:
 
     @cached_property
     def _floors(self) -> tuple[Floats, Floats]:
-        return noise_told(self.trials, _EXACT)
+        return noise_told(self.trials, MIN_NOISE_OF_EXACT)
 
     @cached_property
     def _step(self) -> float:

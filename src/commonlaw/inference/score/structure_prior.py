@@ -7,19 +7,8 @@ from math import lgamma
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.inference.settings import GENERIC_POINTS, ROUNDING
 from commonlaw.library import Terms
-
-FACTOR = 2 * np.log(2)
-"""What a factor of a term costs: one bit, by which a text that says a law tells whether the term goes on or ends."""
-
-_POINTS = (0.5, 2.0)
-"""Values of variables between which derivatives of terms are compared with terms."""
-
-_SAME = 1e-8
-"""Relative differences that are rounding."""
-
-_MIXED = 1e-6
-"""Shares of a term in the derivative of another that are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +45,24 @@ class Prices:
         return -2 * likely + float(self.terms[support].sum()) + zeros * self.zero
 
 
+def complexity_prices(terms: Terms) -> Floats:
+    """Return what terms cost, shape (terms,): each factor one bit, by which a text tells whether a term goes on."""
+    return np.asarray(2 * np.log(2) * terms.complexities)
+
+
 def shifted(terms: Terms, column: int) -> Bools:
     """Return which other terms each term takes where a variable is counted from elsewhere, shape (terms, terms).
 
     They are those of its derivative by the variable; all, where that is no sum of terms.
     """
-    points = np.random.default_rng(0).uniform(*_POINTS, (4 * len(terms) + 20, len(terms.variables.names)))
+    points = np.random.default_rng(0).uniform(0.5, 2.0, (4 * len(terms) + GENERIC_POINTS, len(terms.variables.names)))
     with np.errstate(all="ignore"):
         values, slopes = terms.evaluate(points), terms.jacobian(points)[:, :, column]
     if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
         return np.zeros((len(terms), len(terms)), dtype=bool)
     mixtures = np.linalg.lstsq(values, slopes, rcond=1e-12)[0].T
-    wrong = np.abs(values @ mixtures.T - slopes).max(axis=0) > _SAME * np.maximum(1.0, np.abs(slopes).max(axis=0))
-    return np.where(wrong[:, np.newaxis], True, np.abs(mixtures) > _MIXED)
+    wrong = np.abs(values @ mixtures.T - slopes).max(axis=0) > ROUNDING * np.maximum(1.0, np.abs(slopes).max(axis=0))
+    return np.where(wrong[:, np.newaxis], True, np.abs(mixtures) > ROUNDING)
 
 
 def _betaln(a: float, b: float) -> float:

@@ -21,16 +21,8 @@ from commonlaw.inference.score.evidence import (
 )
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.structure_prior import Prices
+from commonlaw.inference.settings import MAX_SWEEPS, MAX_TERMS
 from commonlaw.solvers import AbstractSolver
-
-MOST_TERMS = 20
-"""Equations of more terms are not laws that anybody can read."""
-
-SAMPLES_FOR_A_TERM = 5
-"""For each term of an equation, all objects together need so many samples; with fewer, terms follow the noise."""
-
-_SWEEPS = 4
-"""How often each equation is chosen again, given the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +50,7 @@ class SupportEvidence:
     allowed: Bools
     measured: Measured
     prices: Prices
-    most: int = MOST_TERMS
+    most: int = MAX_TERMS
     offsets: Mapping[Part, float] = field(default_factory=dict)
     stated: Bools | None = None
     in_ratios: Floats | None = None
@@ -69,7 +61,7 @@ class SupportEvidence:
         Each is chosen from the solver's path, beginning with those of `start`, shape (equations, terms), in the others.
         """
         supports, known = start.copy(), dict[int, bytes]()
-        for _ in range(_SWEEPS):
+        for _ in range(MAX_SWEEPS):
             before = supports.copy()
             for j in self._chosen:
                 others = np.delete(supports, j, axis=0).tobytes()

@@ -19,15 +19,14 @@ from commonlaw.inference.fit.mesh import on_finer_mesh, until_resolved
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.fit.state import ANY_ERROR, PLAUSIBLE, SearchState
 from commonlaw.inference.fit.validity import follows_solutions, runs_away
-from commonlaw.inference.score.evidence import VERY_STRONG
 from commonlaw.inference.score.score import Kind
-from commonlaw.inference.score.supports import SAMPLES_FOR_A_TERM
 from commonlaw.inference.search.error_levels import ErrorKind, kind_of, with_errors_of_kind
 from commonlaw.inference.search.error_models import OF_LAWS, candidates, chosen, hypotheses, under_each_kind
 from commonlaw.inference.search.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.search.log_scale import error_kinds
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.search.staged_search import few_of, search_by_few
+from commonlaw.inference.settings import MIN_SAMPLES_PER_TERM, VERY_STRONG
 from commonlaw.law import Law, Step
 from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
@@ -145,7 +144,7 @@ class LawSearch:
         """
         problem = self.problem
         numbers = self.size * len(problem.models) + problem.models[0].width * len(problem.trials)
-        return bool(sum(problem.measured) < SAMPLES_FOR_A_TERM * numbers)
+        return bool(sum(problem.measured) < MIN_SAMPLES_PER_TERM * numbers)
 
     @property
     def among_plain(self) -> "LawSearch":

@@ -1,0 +1,132 @@
+"""Every number by which inference decides, with its unit, its meaning and its source."""
+
+# Rounding and iterations
+ROUNDING = 1e-6
+"""Relative differences, or changes in units of a scale, up to which two numbers are the same."""
+MIN_SINGULAR_VALUE = 1e-7
+"""Of columns of unit norm: directions that are smaller are collinear, about half of the digits of a number."""
+COLLINEAR = 1e-10
+"""Squared norm outside of the span of others up to which a column of unit norm is collinear with them."""
+MAX_ITERATIONS = 30
+"""Newton, Gauss-Newton or Levenberg-Marquardt steps of a minimization."""
+MAX_SWEEPS = 4
+"""Rounds of alternating choices, or Gauss-Newton steps, that improve what is fitted to the end afterwards."""
+DIFFERENCE_SPACING = 0.02
+"""Spacing of central differences of functions known to some ten digits, in variables of order one."""
+
+# Comparisons of fits, in twice the log-likelihood
+SAME_DEVIANCE = 0.01
+"""Fits that differ by less are the same, and a step that gains less is the last."""
+INDIFFERENT = 2.0
+"""Differences that are not worth more than a bare mention (Kass and Raftery 1995)."""
+VERY_STRONG = 10.0
+"""2 log B above which evidence is very strong (Kass and Raftery 1995)."""
+
+# Noise before any law
+MIN_NOISE = 1e-4
+"""Noise, in standard deviations of a state: few things are measured more exactly than laws are integrated here."""
+MIN_NOISE_OF_EXACT = 0.1
+"""Noise of exact measurements, as a share of the least noise of a fit: less would take much finer meshes."""
+ASSUMED_NOISE = 0.05
+"""Noise, in standard deviations of a state, where a trial has too few samples for an estimate."""
+MIN_FREEDOM = 4
+"""Degrees of freedom of an estimate of noise: its relative standard error is then a third."""
+MIN_SAMPLES = 8
+"""Samples of a trial whose differences estimate the noise."""
+MIN_SAMPLES_OF_MANY = 30
+"""Samples by which noise at some stride or size of a state is estimated, to a tenth."""
+MAX_FROM_MULTIPLE = 1e-3
+"""Distance from a multiple of a step, in steps, by the rounding of single precision."""
+MAX_STANDARDIZED_RESIDUAL = 4.0
+"""Residuals, in standard deviations; larger ones are outliers."""
+VAGUE = 100.0
+"""Standard deviation of initial values that nothing is known of, in scales of their states."""
+
+# Samples, objects and trials
+MAX_SAMPLES = 50_000
+"""Samples that are fitted: some minutes of work."""
+MAX_SCREENED_SAMPLES = 10_000
+"""Samples by which terms are screened, and strides of samples compared."""
+MIN_RESOLUTION = 8
+"""Strides of samples that the stride from which differences still estimate the noise must hold; at half of it, errors
+of the mesh exceed those of coefficients by noise."""
+MAX_CURVE_POINTS = 200
+"""Points in a row that stand for a trial, its window or its segment."""
+MAX_WINDOWS = 4
+"""Windows of an object, or trials and objects, for what would take long with all of them."""
+MAX_OBJECTS = 12
+"""Objects, or segments of an object, evenly spread, that stand for all."""
+MAX_TRIALS = 24
+"""Trials by which confounded variables are found."""
+
+# Models
+MAX_TERMS = 20
+"""Terms of an equation; longer ones nobody reads."""
+MIN_SAMPLES_PER_TERM = 5
+"""Samples of all objects for each term of an equation; with fewer, terms follow the noise."""
+MAX_SEARCHED_TERMS = 70
+"""Candidate terms of an equation that are searched unscreened: beyond, the search takes minutes."""
+MAX_SCREENED_TERMS = 40
+"""Candidate terms that screening keeps, about, and those that are tested at a time on a law."""
+MAX_NUMBERS = 7
+"""Coefficients and nonlinear parameters of an equation with parametric or rational terms."""
+MAX_PLAIN_TERMS = 4
+"""Terms without parameters of such an equation."""
+MAX_RATIO_TERMS = (3, 4, 2)
+"""Terms in the numerator, in the denominator and beside a ratio."""
+MAX_VARIABLES = 8
+"""Variables whose subsets are all compared."""
+
+# Rankings on integrals along curves
+MAX_SETS = (1500, 60, 400)
+"""Sets of terms compared, smaller ones first: beside at most one parametric term, beside two, and with each
+denominator."""
+MAX_LINEARIZED = 80
+"""Sets of as many numbers that are compared to first order about values of a grid."""
+MAX_REFINED = 8
+"""Sets of as many numbers, or values of a grid, that Gauss-Newton steps refine."""
+MAX_KEPT = 3
+"""Best terms of a step, sets of as many numbers, or values, that go on to the next stage."""
+MAX_SQUARES_RATIO = 30.0
+"""Sum of squares over the least one, up to which a set of terms is fitted where curves are not those of a law."""
+
+# Parameter grids
+MAX_DECADES = 1.5
+"""Decades from the size that a parameter is expected to have, up and down."""
+PER_DECADE = (8, 4, 2)
+"""Values in a decade for one, two and more parameters of a term."""
+PER_CYCLE = 8
+"""Frequencies in a cycle over the range of a variable, and phases of a cycle."""
+EXPONENTS = (-3.0, -2.0, -1.5, -1.0, -0.5, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
+"""Exponents that are tried."""
+MAX_COMBINATIONS = 3000
+"""Combinations of values of all parameters, or frequencies; of more, as many are drawn."""
+MIN_FACTOR = 2.0
+"""Factor by which a parameter differs from those that were refined already."""
+MAX_BELOW_ZERO = 0.2
+"""Share of the size of a variable by which noise may take it below zero."""
+MIN_ABOVE_ZERO = 1e-3
+"""Share of the size of a variable that stands for its values about zero under roots and logarithms."""
+
+# Latent states
+MIN_DRAWS = (32, 128)
+"""Draws for each two parameters where initial values are given, and where they are drawn: a tenth or
+ten times as many give the same optimum."""
+MAX_FITTED_DRAWS = 64
+"""Draws of an object that are fitted."""
+INITIAL_VALUE_DECADES = (-1.0, 1.5)
+"""Decades from the scale of a state between which initial values are drawn."""
+NEGATIVE = 0.25
+"""Share of initial values that are drawn below zero."""
+GENERIC_POINTS = 16
+"""Random points at which terms are compared or averaged."""
+LATENT_MODEL_ERRORS = (1.0, 0.1, 0.01)
+"""Model errors relative to the noise, from the measurements to the law."""
+ALIKE = 0.2
+"""Relative difference up to which coefficients of objects, or of fits that are not finished, are alike."""
+
+# Errors in time
+CORRELATED_SHARES = (0.2, 0.4, 0.6, 0.8, 0.95)
+"""Shares of the variance of errors that are autocorrelated."""
+CORRELATION_TIMES = (2.0, 5.0, 15.0)
+"""Correlation times of these, in median sampling intervals."""
