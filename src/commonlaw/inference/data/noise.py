@@ -8,11 +8,25 @@ from numpy.polynomial import Polynomial
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.data.latent_states import scales_of_starts, spread_within
-from commonlaw.inference.settings import ASSUMED_NOISE, MAX_FROM_MULTIPLE, MIN_FREEDOM, MIN_NOISE, MIN_SAMPLES, ROUNDING
+from commonlaw.inference import settings
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.repeats import pure_error
+
+
+def spread_within(trials: Trials) -> Floats:
+    """Return the standard deviation of each state within the trials in which it was measured, shape (states,)."""
+    spread = np.zeros(len(trials.schema.states))
+    for j in range(len(spread)):
+        columns = [trial.states[np.isfinite(trial.states[:, j]), j] for trial in trials]
+        spread[j] = np.sqrt(np.mean([np.var(each) for each in columns if len(each)]))
+    return spread
+
+
+def scales_of_starts(trials: Trials) -> Floats:
+    """Return the scale of each state, shape (states,), by the standard deviations of starts that nobody measured."""
+    of_starts = np.max([trial.noise[0] for trial in trials], axis=0)
+    return np.asarray(of_starts / np.where(trials.schema.with_free_start, settings.VAGUE, settings.ROUNDING))
 
 
 def noise_floor(trials: Trials) -> Floats:
@@ -31,8 +45,8 @@ def noise_told(trials: Trials, share: float) -> tuple[Floats, Floats]:
 
 
 def _floor(trials: Trials, digits: Floats) -> Floats:
-    found = np.maximum(MIN_NOISE * spread_within(trials), digits)
-    return np.asarray(np.where(trials.schema.unmeasured, ROUNDING * scales_of_starts(trials), found))
+    found = np.maximum(settings.MIN_NOISE * spread_within(trials), digits)
+    return np.asarray(np.where(trials.schema.unmeasured, settings.ROUNDING * scales_of_starts(trials), found))
 
 
 def noise_of_digits(trials: Trials) -> Floats:
@@ -55,7 +69,7 @@ def _step(values: Floats) -> float:
         return 0.0
     step = float(np.diff(different).min())
     multiples = (different - different[0]) / step
-    if np.all(np.abs(multiples - np.round(multiples)) < MAX_FROM_MULTIPLE):
+    if np.all(np.abs(multiples - np.round(multiples)) < settings.MAX_FROM_MULTIPLE):
         return step
     decimals = (
         places for places in range(np.finfo(float).precision) if np.array_equal(np.round(different, places), different)
@@ -105,21 +119,21 @@ def parabola(times: Floats, values: Floats) -> Polynomial:
 
 def _estimator(samples: int, name: str) -> tuple[int, int, Callable[[Floats, Floats], float], str]:
     """Return samples that the best estimator of a variance takes and spends, if there are so many; it; and its name."""
-    if samples >= MIN_SAMPLES:
+    if samples >= settings.MIN_SAMPLES:
         by_differences = "from differences of neighbouring samples"
-        return MIN_SAMPLES, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, by_differences
+        return settings.MIN_SAMPLES, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, by_differences
     remedy = f"; known noise is given by `noise={{{name!r}: ...}}`"
     if samples > 3:
         about_parabolas = f"assumed: the scatter of all trials about parabolas{remedy}"
         return 4, 3, lambda t, x: float(np.sum((x - parabola(t, x)(t)) ** 2)) / (len(t) - 3), about_parabolas
-    assumed = f"assumed: {100 * ASSUMED_NOISE:g} % of the standard deviation of {name}{remedy}"
-    return 2, 0, lambda _, x: (ASSUMED_NOISE * float(np.std(x))) ** 2, assumed
+    assumed = f"assumed: {100 * settings.ASSUMED_NOISE:g} % of the standard deviation of {name}{remedy}"
+    return 2, 0, lambda _, x: (settings.ASSUMED_NOISE * float(np.std(x))) ** 2, assumed
 
 
 def told_by_repeats(trials: Trials) -> Bools:
     """Return of which states repeated measurements estimate the noise, shape (states,)."""
     freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))[1]
-    return np.asarray(freedom >= MIN_FREEDOM)
+    return np.asarray(freedom >= settings.MIN_FREEDOM)
 
 
 def estimated_noise(trials: Trials) -> tuple[Floats, str]:

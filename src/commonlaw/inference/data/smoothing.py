@@ -13,8 +13,21 @@ from commonlaw.inference.settings import MIN_SINGULAR_VALUE
 from commonlaw.library import Order, Terms, Variables, order_of_each
 from commonlaw.trials import Trial
 
+Curve = tuple[Floats, Floats]
+"""States and rates of a trial at its samples, shape (n, D), and their highest derivatives, shape (n, states)."""
 
-def smooth_curves(trial: Trial, order: Order, unmeasured: Bools | None = None) -> tuple[Floats, Floats]:
+
+def filled_curves(curves: Sequence[Curve], typical: Floats) -> list[Floats]:
+    """Return smoothed states (and rates), shape (n, D), the typical ones, shape (D,), where a state has no curve."""
+    return [np.where(np.isnan(states), typical, states) for states, _ in curves]
+
+
+def typical_states(curves: Sequence[Sequence[Curve]]) -> Floats:
+    """Return the mean of each state (and rate) over all objects' curves, shape (D,)."""
+    return np.asarray(np.nanmean(np.concatenate([states for group in curves for states, _ in group]), axis=0))
+
+
+def smooth_curves(trial: Trial, order: Order, unmeasured: Bools | None = None) -> Curve:
     """Return smoothed states and rates of a trial, shape (n, D), and the highest derivatives, shape (n, d).
 
     Those of a state that was not measured in it are NaN, and so are those of states of which at most a start is known.
@@ -37,7 +50,7 @@ def smooth_curves(trial: Trial, order: Order, unmeasured: Bools | None = None) -
 
 
 def terms_and_rates(
-    terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]], coefficients: Floats | None = None
+    terms: Terms, curves: Sequence[tuple[Trial, Curve]], coefficients: Floats | None = None
 ) -> tuple[Floats, Floats]:
     """Return terms, shape (n, terms), and the highest derivatives, shape (n, states), on the curves of some trials.
 
@@ -62,7 +75,7 @@ def terms_and_rates(
     return np.concatenate(blocks), np.concatenate(rates)
 
 
-def values_and_rates(variables: Variables, trial: Trial, curve: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+def values_and_rates(variables: Variables, trial: Trial, curve: Curve) -> tuple[Floats, Floats]:
     """Return the variables along a trial's curve, shape (n, variables), and the highest derivatives, (n, states)."""
     states, rates = curve[0], curve[1].copy()
     values = variables.natural(np.column_stack([states, trial.inputs, trial.times]))
@@ -71,7 +84,7 @@ def values_and_rates(variables: Variables, trial: Trial, curve: tuple[Floats, Fl
     return values, rates
 
 
-def first_coefficients(terms: Terms, curves: Sequence[tuple[Trial, tuple[Floats, Floats]]], known: Floats) -> Floats:
+def first_coefficients(terms: Terms, curves: Sequence[tuple[Trial, Curve]], known: Floats) -> Floats:
     """Return coefficients by least squares on each trial's smoothed states and rates, shape (equations, terms)."""
     found = np.nan_to_num(known)
     library, targets = terms_and_rates(terms, curves, found)

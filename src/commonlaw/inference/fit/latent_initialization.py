@@ -1,29 +1,44 @@
 """States that nobody measured: how exactly their starts are known, and where a fit begins.
 
-No curve tells the coefficients of their equations. So a fit begins at many of them: each gives the states along the
-curves of those that were measured, and least squares then the coefficients of the others.
+No curve tells the coefficients of their equations. So a fit begins at many of them, drawn at random: each gives the
+states along the curves of those that were measured, and least squares then the coefficients of the others.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.data.latent_states import scales_of_starts
-from commonlaw.inference.data.smoothing import first_coefficients, terms_and_rates
-from commonlaw.inference.fit.initial_guesses import Drawn, draws, relative_speed, scales_of_states
-from commonlaw.inference.fit.shooting import shot
+from commonlaw.inference.data.noise import scales_of_starts
+from commonlaw.inference.data.smoothing import Curve, first_coefficients, terms_and_rates
+from commonlaw.inference.fit.parameter_grid import values_to_try
 from commonlaw.inference.fit.structural_identifiability import may_be_mixed, may_be_rescaled, may_be_shifted
-from commonlaw.library import Terms
+from commonlaw.library import Terms, order_of_each, with_rates
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
 from commonlaw.spacing import evenly_spaced
-from commonlaw.trials import Schema, Trial, Trials
+from commonlaw.trials import Trial, Trials
+from commonlaw.trials.logarithms import natural
 
-Curve = tuple[Floats, Floats]
-"""States and rates of a trial at its samples, shape (n, D), and their highest derivatives, shape (n, states)."""
+
+def visited_besides(trials: Trials, estimates: Sequence[Estimate]) -> dict[str, tuple[float, float]]:
+    """Return the least and the largest value of states that start where nobody knows, by name."""
+    states = np.concatenate([path for each in estimates for path in each.states])
+    free = np.flatnonzero(trials.schema.with_free_start)
+    return {trials.schema.states[j]: (float(states[:, j].min()), float(states[:, j].max())) for j in free}
+
+
+def unmeasured_in_words(trials: Trials) -> str:
+    """Return which states were not measured in how many trials; nothing if all were."""
+    lacking = {
+        name: sum(bool(np.isnan(trial.states[:, j]).all()) for trial in trials)
+        for j, name in enumerate(trials.schema.states)
+    }
+    return ", ".join(f"{name} in {count} of {len(trials)} trials" for name, count in lacking.items() if count)
 
 
 def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
@@ -45,8 +60,15 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
     at_zero = started & np.all([trial.states[0] == 0 for trial in trials], axis=0)
     rescaled = may_be_rescaled(terms, known, at_zero | free)
     shifted, mixed = may_be_shifted(terms, known, free), may_be_mixed(terms, known, free)
-    _refuse_what_starts_do_not_tell(schema, rescaled, shifted, mixed)
-    std = np.where(free, settings.VAGUE, settings.ROUNDING) * scales_of_states(trials, terms, known)
+    for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
+        if any_scale and schema.starts.get(name, 0.0) is not None:
+            raise CommonlawError("latent-scale-of-zero", name=name)
+        if any_scale or any_zero:
+            what, where = ("scale", "1.0") if any_scale else ("zero", "0.0")
+            raise CommonlawError("latent-scale", name=name, quantity=what, value=where)
+        if any_share:
+            raise CommonlawError("latent-initial-value", name=name)
+    std = np.where(free, settings.VAGUE, settings.ROUNDING) * _Guesses(trials, terms, known).scales
     changed = []
     for trial in trials:
         states, noise = trial.states.copy(), trial.noise.copy()
@@ -54,19 +76,6 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
         noise[0, started] = std[started]
         changed.append(replace(trial, states=states, noise=noise))
     return trials.with_trials(changed)
-
-
-def _refuse_what_starts_do_not_tell(schema: Schema, rescaled: Bools, shifted: Bools, mixed: Bools) -> None:
-    """Refuse states whose scale, zero, or share of another state could be any."""
-    for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
-        is_free = schema.starts.get(name, 0.0) is None
-        if any_scale and not is_free:
-            raise CommonlawError("latent-scale-of-zero", name=name)
-        if any_scale or any_zero:
-            what, where = ("scale", "1.0") if any_scale else ("zero", "0.0")
-            raise CommonlawError("latent-scale", name=name, quantity=what, value=where)
-        if any_share:
-            raise CommonlawError("latent-initial-value", name=name)
 
 
 def with_noise_of_unmeasured(noise: Floats, trials: Trials) -> Floats:
@@ -79,6 +88,19 @@ def with_noise_of_unmeasured(noise: Floats, trials: Trials) -> Floats:
     spread = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
     share = np.median(noise[~started] / spread)
     return np.where(started, share * scales_of_starts(trials), noise)
+
+
+def begun(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> Estimate:
+    """Return a start whose unmeasured states follow the law that other objects have, on the whole.
+
+    Those have coefficients of shape (equations, terms); without any the start stays as it is.
+    """
+    if not others:
+        return start
+    coefficients = np.mean(others, axis=0)
+    fixed = np.zeros(coefficients.shape, dtype=np.bool_)
+    fitted = fit(model, replace(start, coefficients=coefficients), fixed, settings.LATENT_MODEL_ERRORS)
+    return Estimate(fitted.states, coefficients) if np.isfinite(fitted.objective) else start
 
 
 def begun_at_starts(
@@ -111,32 +133,36 @@ def begun_at_starts(
     CommonlawError
         If the likelihood cannot be computed from any of them.
     """
-    groups = [trials.of_object(name) for name in trials.objects]
-    started = trials.schema.unmeasured
-    free = trials.schema.with_free_start
-    objects = [_Object(*own, started, free) for own in zip(models, groups, curves, known, guess, strict=True)]
-    tried = [each.begun(draws(trials, each.model.terms, each.known, each.guess)) for each in objects]
-    for each, own in zip(objects, tried, strict=True):
-        if not own:
+    started, free = trials.schema.unmeasured, trials.schema.with_free_start
+    objects = [
+        _Object(model, trials.of_object(name), own, started, free, signs, _Guesses(trials, model.terms, given))
+        for model, name, own, given, signs in zip(models, trials.objects, curves, known, guess, strict=True)
+    ]
+    fits = [each.begun(each.guesses.draws(each.signs)) for each in objects]
+    for each, listed in zip(objects, fits, strict=True):
+        if not listed:
             raise CommonlawError("latent-diverges", where=each.group[0].object, latent=trials.schema.starts)
-    first = [_found(_best(*each, trials)[0][0]) for each in zip(objects, tried, strict=True)]
-    some = [first[i] for i in evenly_spaced(len(first), settings.MAX_OBJECTS)]
-    best = [_best(each, [*own, *each.begun(some)], trials) for each, own in zip(objects, tried, strict=True)]
-    typical = _typical([each[0][0].coefficients for each in best])
-    nearest = [min(each, key=lambda fit: _distance(fit[0].coefficients, typical)) for each in best]
-    unlike = [_distance(each.coefficients, typical) > settings.ALIKE * np.isnan(known[0]).sum() for each, _ in nearest]
+    first = [each.best(listed)[0][0] for each, listed in zip(objects, fits, strict=True)]
+    some = [
+        Draw(first[i].coefficients, first[i].states[0][0, : len(started)])
+        for i in evenly_spaced(len(first), settings.MAX_OBJECTS)
+    ]
+    best = [each.best([*listed, *each.begun(some)]) for each, listed in zip(objects, fits, strict=True)]
+    likeliest = [each[0][0].coefficients for each in best]
+    typical = min(likeliest, key=lambda each: sum(_distance(each, other) for other in likeliest))
+    nearest = [min(each, key=lambda fitted: _distance(fitted[0].coefficients, typical)) for each in best]
+    far = settings.ALIKE * np.isnan(known[0]).sum()
+    unlike = [_distance(each.coefficients, typical) > far for each, _ in nearest]
     if 2 * sum(unlike) < len(unlike):
         nearest = [
-            own.like(typical, fitted) if other else fitted
-            for own, fitted, other in zip(objects, nearest, unlike, strict=True)
+            each.like(typical, fitted) if other else fitted
+            for each, fitted, other in zip(objects, nearest, unlike, strict=True)
         ]
-    others = _different([nearest[0][0].coefficients, *(found.coefficients for found, _ in best[0])])
-    return [found for found, _ in nearest], [curve for _, curve in nearest], others[1:]
-
-
-def _typical(found: Sequence[Floats]) -> Floats:
-    """Return the coefficients of the object that is most like all others."""
-    return min(found, key=lambda each: sum(_distance(each, other) for other in found))
+    different: list[Floats] = []
+    for one in (nearest[0][0].coefficients, *(each.coefficients for each, _ in best[0])):
+        if not any(np.allclose(one, other, rtol=settings.ALIKE, atol=0.0) for other in different):
+            different.append(one)
+    return [each for each, _ in nearest], [curve for _, curve in nearest], different[1:]
 
 
 def _distance(one: Floats, other: Floats) -> float:
@@ -145,22 +171,177 @@ def _distance(one: Floats, other: Floats) -> float:
     return float(np.sum(np.abs(one - other) / np.where(sizes > 0, sizes, 1.0)))
 
 
+class Draw(NamedTuple):
+    """Coefficients, shape (equations, terms), and starts of states, shape (states,), that a fit may begin at."""
+
+    coefficients: Floats
+    starts: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Guesses:
+    """Coefficients to try of equations of states that nobody measured, by known ones of shape (equations, terms)."""
+
+    trials: Trials
+    terms: Terms
+    known: Floats
+
+    @cached_property
+    def scales(self) -> Floats:
+        """The scale of each state, shape (states,), by measurements and starts, or else by the equations.
+
+        By these, and by constants that are factors of terms, states change by about their scales within a trial.
+        """
+        columns = np.concatenate([natural(trial.states, self.trials.schema) for trial in self.trials])
+        largest = np.asarray(np.nanmax(np.abs(np.vstack([columns, np.zeros(columns.shape[1])])), axis=0))
+        unknown = self.trials.schema.unmeasured & (largest == 0)
+        scales = np.where(unknown, np.median(largest[~unknown]), largest)
+        where, count = np.nonzero(~np.isnan(self.known) & (self.known != 0)), int(unknown.sum())
+        if not unknown.any() or not len(where[0]):
+            return scales
+
+        def excess(logarithms: Floats) -> Floats:
+            """Return by what factors, as logarithms, rates are off."""
+            scales[unknown], constants = np.exp(logarithms[:count]), np.exp(logarithms[count:])
+            rates = self._sizes(scales, constants)[where[1]] * np.abs(self.known[where])
+            factors = np.log(self._times[where[0]] * rates / scales[where[0]])
+            return np.where(np.isfinite(factors), factors, 0.0)
+
+        logarithms = np.log([*scales[unknown], *np.full(len(self.terms.constants), 1 / self._duration)])
+        for _ in range(settings.MAX_ITERATIONS):
+            here, steps = excess(logarithms), settings.ROUNDING * np.eye(len(logarithms))
+            slopes = np.array([(excess(logarithms + each) - here) / settings.ROUNDING for each in steps]).T
+            step = np.linalg.lstsq(slopes, here, rcond=settings.ROUNDING)[0]
+            logarithms = logarithms - np.clip(step, -1.0, 1.0)
+            if np.abs(step).max() < settings.ROUNDING:
+                break
+        scales[unknown] = np.exp(logarithms[:count])
+        return scales
+
+    def relative_speed(self, coefficients: Floats) -> float:
+        """Return how fast unmeasured states change, beside changes by their scales within a trial."""
+        constants = coefficients[:, list(self.terms.constants)].sum(axis=0)
+        rates = np.abs(coefficients) * self._sizes(self.scales, constants) / self.scales[:, np.newaxis]
+        return self._duration * float(np.sum(rates[self.trials.schema.unmeasured]))
+
+    def draws(self, guess: Floats) -> list[Draw]:
+        """Return coefficients that are known with those that are tried, and starts.
+
+        Tried are constants inside of terms, and coefficients in equations of unmeasured states. By them a state changes
+        by its scale within a trial at the slowest, and within the shortest step at the fastest. Constants that are no
+        factors, such as K in ``s/(K + s)``, are about the size of what they stand beside. Signs are those of a guess.
+        """
+        trials, terms, schema = self.trials, self.terms, self.trials.schema
+        tried = np.isnan(self.known) & (schema.unmeasured[:, np.newaxis] | ~terms.is_factor)
+        powers, is_rate = self._powers, tried & terms.is_factor
+        is_rate[:, list(terms.constants)] |= tried[:, list(terms.constants)] & np.isfinite(powers).all(axis=0)
+        (equations, columns), matrix = self._rates(is_rate, powers)
+        first, inside = len(terms.variables.measured), tried & ~is_rate
+        others = [first + terms.constants.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
+        bank = values_to_try(terms, self._whole(self.scales)[np.newaxis], others) if others else np.empty((1, 0))
+        signs = np.sign(guess[is_rate])
+        factors = np.nan_to_num(np.abs(self.known[equations, columns]), nan=1.0)
+        steps = self._duration / min(np.diff(trial.measured().times).min() for trial in trials)
+        count, is_drawn = int(tried.sum() + schema.with_free_start.sum()), bool(schema.with_free_start.any())
+        random, found = np.random.default_rng(0), list[Draw]()
+        for _ in range(settings.MIN_DRAWS[is_drawn] * max(1, (count + 1) // 2) if count else 1):
+            drawn, starts = self.known.copy(), self.scales
+            either = np.where(signs == 0, random.choice([-1, 1], len(signs)), signs)
+            drawn[inside] = bank[random.integers(len(bank))]
+            constants = np.nan_to_num(np.where(is_rate, 1.0, drawn)[:, list(terms.constants)]).sum(axis=0)
+            sizes = self._sizes(self.scales, constants)[columns] * factors
+            typical = self.scales[equations] / (self._times[equations] * sizes)
+            targets = np.log(typical * steps ** random.uniform(0, 1, len(typical)))
+            drawn[is_rate] = either * np.exp(np.linalg.lstsq(matrix, targets)[0])
+            if is_drawn:
+                is_negative = random.uniform(size=len(starts)) < settings.NEGATIVE
+                sizes = starts * 10 ** random.uniform(*settings.INITIAL_VALUE_DECADES, len(starts))
+                starts = np.where(is_negative, -sizes, sizes)
+            found.append(Draw(drawn, starts))
+        return found
+
+    def _rates(self, is_rate: Bools, powers: Floats) -> tuple[tuple[Floats, Floats], Floats]:
+        """Return where rates stand, by equation and term, and the powers of what is tried in each, (rates, tried).
+
+        Those are coefficients that are tried, and numbers before terms with constants that are.
+        """
+        columns = np.argwhere(is_rate).tolist()
+        constants = {k: c for c, k in enumerate(self.terms.constants)}
+        is_one = (is_rate & self.terms.is_factor) | (~np.isnan(self.known) & (self.known != 0))
+        rows, matrix = [], list[list[float]]()
+        for j, k in np.argwhere(is_one).tolist():
+            row = [powers[k, constants[b]] if b in constants else float((j, k) == (a, b)) for a, b in columns]
+            if any(row):
+                rows.append((j, k))
+                matrix.append(row)
+        indices = np.array(rows, dtype=int).reshape(-1, 2)
+        return (indices[:, 0], indices[:, 1]), np.array(matrix).reshape(len(rows), len(columns))
+
+    @cached_property
+    def _powers(self) -> Floats:
+        """The power of each constant in each term, shape (terms, constants), NaN where it is no factor of it."""
+        first = len(self.terms.variables.measured)
+        shape = settings.GENERIC_POINTS, len(self.terms.variables.names)
+        points = np.random.default_rng(0).uniform(0.5, 1.5, shape)
+        values = self.terms.evaluate(points)[:, :, np.newaxis]
+        slopes = self.terms.jacobian(points)[:, :, first:] * points[:, np.newaxis, first:]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratios = np.where(slopes == 0, 0.0, slopes / values)
+        power = np.rint(ratios[0])
+        return np.asarray(np.where((np.abs(ratios - power) < settings.ROUNDING).all(axis=0), power, np.nan))
+
+    @cached_property
+    def _duration(self) -> float:
+        return float(np.mean([np.ptp(trial.times) for trial in self.trials]))
+
+    @cached_property
+    def _times(self) -> Floats:
+        """By what each equation is multiplied to give a change within a trial, shape (equations,)."""
+        equations = len(self.known)
+        orders = order_of_each(self.terms.variables.order_of(equations), equations)
+        return self._duration ** np.array(orders, dtype=float)
+
+    def _whole(self, scales: Floats) -> Floats:
+        """Return sizes of all variables without constants, shape (variables,)."""
+        rates = scales[with_rates(self.terms.variables.order_of(len(scales)), len(scales))] / self._duration
+        inputs = np.sqrt(np.mean(np.concatenate([trial.inputs for trial in self.trials]) ** 2, axis=0))
+        return np.concatenate([scales, rates, inputs, [self._duration]])
+
+    def _sizes(self, scales: Floats, constants: Floats) -> Floats:
+        """Return the size of each term where states are of the size of their scales, or less, shape (terms,)."""
+        whole = self._whole(scales)
+        # Shares of their own, so that what is written as a difference is no smaller than its parts
+        values = whole * np.random.default_rng(0).uniform(size=(settings.GENERIC_POINTS, len(whole)))
+        values = np.column_stack([values, np.broadcast_to(constants, (len(values), len(constants)))])
+        with np.errstate(all="ignore"):
+            return np.asarray(np.mean(np.abs(self.terms.evaluate(values)), axis=0))
+
+
+Begun = tuple[Estimate, list[Curve]]
+"""A fit, and the curves of all states along which it began."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Object:
-    """An object: its model, trials, curves, known and guessed coefficients, and which states nobody measured.
+    """An object: its model, trials and curves, and which states nobody measured, or start where nobody knows, too.
 
-    Of these, some start where nobody knows.
+    Its coefficients likely have some signs, shape (equations, terms).
     """
 
     model: TrajectoryModel
     group: Sequence[Trial]
     curves: Sequence[Curve]
-    known: Floats
-    guess: Floats
     started: Bools
     free: Bools
+    signs: Floats
+    guesses: _Guesses
 
-    def begun(self, tried: Sequence[Drawn]) -> list[tuple[Estimate, list[Curve]]]:
+    @property
+    def known(self) -> Floats:
+        """Coefficients that are known, shape (equations, terms), NaN where they are to be found."""
+        return self.guesses.known
+
+    def begun(self, tried: Sequence[Draw]) -> list[Begun]:
         """Return fits that begin at coefficients, NaN where least squares find them, and curves of all states.
 
         Of many those begin that leave least of the rates of measured states along curves.
@@ -171,126 +352,130 @@ class _Object:
         followed = [_followed(self.model.terms, *pair, drawn, starts, self.started) for pair in pairs]
         begins = []
         for coefficients, *states in zip(drawn, *followed, strict=True):
-            if all(np.isfinite(own).all() for own in states):
-                filled = [
-                    (own, np.where(self.started, 0.0, rates))
-                    for own, (_, rates) in zip(states, self.curves, strict=True)
-                ]
+            if all(np.isfinite(path).all() for path in states):
+                filled = self._filled(states)
                 begins.append((*self._along(filled, coefficients), filled))
         best = sorted(begins, key=lambda each: each[0])[: settings.MAX_FITTED_DRAWS]
-        fits = ((self._fitted(own, filled), filled) for _, own, filled in best)
+        free, fits = np.isnan(self.known), list[Begun]()
+        for _, coefficients, filled in best:
+            start = Estimate(tuple(interpolate([states for states, _ in filled])), coefficients)
+            fits.append((fit(self.model, start, free, settings.LATENT_MODEL_ERRORS), filled))
         return [each for each in fits if np.isfinite(each[0].objective)]
 
-    def as_good(self, one: Estimate, other: Estimate, most: float) -> bool:
-        """Return whether a fit is worse than another by no more than this in twice the log-likelihood.
+    def best(self, fits: Sequence[Begun]) -> list[Begun]:
+        """Return the fits that are the best, those with signs as guessed and fast unmeasured states first."""
+        least = min((fitted for fitted, _ in fits), key=lambda each: each.objective)
 
-        That is at the noise that each fit leaves, as it is not known yet.
-        """
+        def unusual(fitted: Begun) -> tuple[int, float]:
+            coefficients = fitted[0].coefficients
+            return -int(np.sum(coefficients * self.signs > 0)), -self.guesses.relative_speed(coefficients)
+
+        return sorted((each for each in fits if self._as_good(each[0], least)), key=unusual)
+
+    def _as_good(self, one: Estimate, other: Estimate) -> bool:
+        """Return whether a fit is not worse than another, at the noise that each leaves, as it is not known yet."""
         count = sum(int(np.isfinite(trial.states).sum()) for trial in self.group)
-        return bool(count * np.log((one.objective + settings.ROUNDING) / (other.objective + settings.ROUNDING)) < most)
+        ratio = (one.objective + settings.ROUNDING) / (other.objective + settings.ROUNDING)
+        return bool(count * np.log(ratio) < settings.INDIFFERENT)
 
-    def like(self, typical: Floats, fitted: tuple[Estimate, list[Curve]]) -> tuple[Estimate, list[Curve]]:
+    def like(self, typical: Floats, fitted: Begun) -> Begun:
         """Return a fit that is like the typical coefficients, if that is as good as another one; else this."""
         if not self.free.any() and not self.model.terms.variables.logarithmic and self.model.order == 1:
-            found = self.shot(np.where(np.isnan(self.known), typical, self.known))
-            if np.isfinite(found[0].objective) and self.as_good(found[0], fitted[0], settings.INDIFFERENT):
-                return found
+            shot = self.shot(np.where(np.isnan(self.known), typical, self.known))
+            if np.isfinite(shot[0].objective) and self._as_good(shot[0], fitted[0]):
+                return shot
         return fitted
 
-    def shot(self, coefficients: Floats) -> tuple[Estimate, list[Curve]]:
-        """Return the solutions of the law that fit best near some coefficients, with the squares that they leave."""
-        measured = [np.where(self.started, np.nan, trial.states) for trial in self.group]
-        begin = np.array([trial.states[0] for trial in self.group])
-        begin = np.where(self.started, begin, [states[0] for states, _ in self.curves])
-        loose = np.broadcast_to(~self.started, begin.shape)
+    def shot(self, coefficients: Floats) -> Begun:
+        """Return the solutions of the law that fit best near some coefficients (single shooting).
 
-        def solutions(found: Floats, starts: Floats) -> list[Floats]:
-            everything, pairs = np.ones_like(self.started), zip(self.group, self.curves, strict=True)
+        It is slower than fitting states with coefficients, and loses its way where trajectories are chaotic, but goes
+        on where coefficients that nearly fit lie in a narrow bent valley, as those of unmeasured states do.
+        """
+        from scipy.optimize import least_squares
+
+        begin = np.where(self.started, [trial.states[0] for trial in self.group], [path[0] for path, _ in self.curves])
+        free, loose = np.isnan(self.known), np.broadcast_to(~self.started, begin.shape)
+        noise, everything = self.model.observation.noise, np.ones_like(self.started)
+        sizes = np.concatenate([np.abs(coefficients[free]), np.maximum(np.abs(begin), noise)[loose]])
+        sizes = np.where(sizes > 0, sizes, 1.0)
+
+        def solutions(parameters: Floats) -> tuple[list[Floats], Floats]:
+            """Return states of each trial, and coefficients, at parameters of shape (m, parameters) in their sizes."""
+            laws, starts = (np.tile(each, (len(parameters), 1, 1)) for each in (coefficients, begin))
+            laws[:, free], starts[:, loose] = np.split(parameters * sizes, [int(free.sum())], axis=1)
+            rows = zip(self.group, self.curves, starts.swapaxes(0, 1), strict=True)
             terms = self.model.terms
-            return [_followed(terms, *pair, found, starts[:, i], everything) for i, pair in enumerate(pairs)]
+            return [_followed(terms, trial, curve, laws, own, everything) for trial, curve, own in rows], laws
 
-        free, noise = np.isnan(self.known), self.model.observation.noise
-        squares, found, starts = shot(solutions, measured, noise, coefficients, free, begin, loose)
-        states = [each[0] for each in solutions(found[np.newaxis], starts[np.newaxis])]
-        filled = [
-            (own, np.where(self.started, 0.0, rates)) for own, (_, rates) in zip(states, self.curves, strict=True)
-        ]
+        def residuals(parameters: Floats) -> Floats:
+            with np.errstate(all="ignore"):
+                parts = [
+                    ((states - trial.states) / noise)[:, np.isfinite(trial.states) & ~self.started]
+                    for states, trial in zip(solutions(parameters)[0], self.group, strict=True)
+                ]
+            return np.nan_to_num(np.concatenate(parts, axis=1), nan=np.inf, posinf=np.inf, neginf=np.inf)
+
+        def residuals_at(parameters: Floats) -> Floats:
+            return np.asarray(residuals(parameters[np.newaxis])[0])
+
+        def slopes(parameters: Floats) -> Floats:
+            steps = settings.ROUNDING * np.eye(len(parameters) + 1, len(parameters), -1)
+            values = residuals(parameters + steps)
+            return np.asarray(((values[1:] - values[0]) / settings.ROUNDING).T)
+
+        found = np.concatenate([coefficients[free], begin[loose]]) / sizes
+        squares = float(np.sum(residuals_at(found) ** 2))
+        if np.isfinite(squares) and np.isfinite(slopes(found)).all():
+            tolerance = settings.SAME_DEVIANCE / max(squares, 1.0)
+            solved = least_squares(residuals_at, found, slopes, ftol=tolerance)
+            found, squares = solved.x, float(2 * solved.cost)
+        states, laws = solutions(found[np.newaxis])
+        start = Estimate(tuple(interpolate([path[0] for path in states])), laws[0])
         # On the mesh a solution is slightly another one
-        settled = fit(
-            self.model,
-            Estimate(tuple(interpolate(states)), found),
-            np.zeros_like(free),
-            (*settings.LATENT_MODEL_ERRORS, 0.001, 0.0003),
-        )
-        return replace(settled, deviance=squares, objective=squares), filled
+        settled = fit(self.model, start, np.zeros_like(free), (*settings.LATENT_MODEL_ERRORS, 0.001, 0.0003))
+        return replace(settled, deviance=squares, objective=squares), self._filled([path[0] for path in states])
+
+    def _filled(self, states: Sequence[Floats]) -> list[Curve]:
+        """Return states with the rates of those that were measured."""
+        return [
+            (path, np.where(self.started, 0.0, rates)) for path, (_, rates) in zip(states, self.curves, strict=True)
+        ]
 
     def _along(self, filled: list[Curve], coefficients: Floats) -> tuple[float, Floats]:
         """Return how much of the rates of measured states is left along curves of all states, and all coefficients."""
         curves = list(zip(self.group, filled, strict=True))
-        own = first_coefficients(self.model.terms, curves, coefficients)
-        library, rates = terms_and_rates(self.model.terms, curves, own)
-        left = (rates - library @ own.T)[:, ~self.started]
+        completed = first_coefficients(self.model.terms, curves, coefficients)
+        library, rates = terms_and_rates(self.model.terms, curves, completed)
+        residuals = (rates - library @ completed.T)[:, ~self.started]
         with np.errstate(over="ignore"):  # Far from any law
-            squares = np.mean(left**2, axis=0)
-        return float(np.sum(np.log(squares + np.finfo(float).tiny))), own
-
-    def _fitted(self, coefficients: Floats, filled: list[Curve]) -> Estimate:
-        start = Estimate(tuple(interpolate([states for states, _ in filled])), coefficients)
-        return fit(self.model, start, np.isnan(self.known), settings.LATENT_MODEL_ERRORS)
+            squares = np.mean(residuals**2, axis=0)
+        return float(np.sum(np.log(squares + np.finfo(float).tiny))), completed
 
 
-def _found(estimate: Estimate) -> Drawn:
-    """Return the coefficients of a fit, and where its first trial starts."""
-    return Drawn(estimate.coefficients, estimate.states[0][0, : len(estimate.coefficients)])
+def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, starts: Floats, solved: Bools) -> Floats:
+    """Return states with some solved for from their starts on, along a curve of the others (Runge-Kutta).
 
-
-def _best(
-    own: _Object, fits: Sequence[tuple[Estimate, list[Curve]]], trials: Trials
-) -> list[tuple[Estimate, list[Curve]]]:
-    """Return the fits that are the best, those with signs as guessed and fast unmeasured states first."""
-    least = min((found for found, _ in fits), key=lambda each: each.objective)
-    best = [each for each in fits if own.as_good(each[0], least, settings.INDIFFERENT)]
-    return sorted(
-        best,
-        key=lambda each: (
-            -int(np.sum(each[0].coefficients * own.guess > 0)),
-            -relative_speed(trials, own.model.terms, own.known, each[0].coefficients),
-        ),
-    )
-
-
-def _different(found: Sequence[Floats]) -> list[Floats]:
-    """Return the first of coefficients that are alike."""
-    kept: list[Floats] = []
-    for each in found:
-        if not any(np.allclose(each, other, rtol=settings.ALIKE, atol=0.0) for other in kept):
-            kept.append(each)
-    return kept
-
-
-def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, starts: Floats, started: Bools) -> Floats:
-    """Return states with the unmeasured ones from their starts on, along a curve of the others (Runge-Kutta).
-
-    They have the shape (draws, n, states), by coefficients of shape (draws, equations, terms) and starts of those that
-    nobody knows, shape (draws, states).
+    They have the shape (draws, n, states), by coefficients of shape (draws, equations, terms) and starts of shape
+    (draws, states), NaN where the trial has them.
     """
+    columns = np.flatnonzero(solved)
+    constants = np.nan_to_num(coefficients[:, :, list(terms.constants)]).sum(axis=1)
     substeps = -(-settings.MAX_CURVE_POINTS // len(trial))
-    known, columns = curve[0].copy(), np.flatnonzero(started)
+    known = curve[0].copy()
     known[:, columns] = 0.0
     rows = np.column_stack([known, trial.inputs, trial.times])
     (rows,) = interpolate([rows], 2 * substeps, len(trial))
     rows = terms.variables.natural(rows)
-    own = coefficients[:, started]
-    inside = np.nan_to_num(coefficients[:, :, list(terms.constants)]).sum(axis=1)
-    values = np.empty((len(coefficients), rows.shape[1] + inside.shape[1]))
-    values[:, rows.shape[1] :] = inside
+    values = np.empty((len(coefficients), rows.shape[1] + constants.shape[1]))
+    values[:, rows.shape[1] :], equations = constants, coefficients[:, solved]
 
     def rates(i: int, now: Floats) -> Floats:
         values[:, : rows.shape[1]] = rows[i]
         values[:, columns] = now
-        return np.asarray((own @ terms.evaluate(values)[:, :, np.newaxis])[:, :, 0])
+        return np.asarray((equations @ terms.evaluate(values)[:, :, np.newaxis])[:, :, 0])
 
-    now = np.where(np.isnan(starts), trial.states[0], starts)[:, started]
+    now = np.where(np.isnan(starts), trial.states[0], starts)[:, columns]
     path = [now]
     with np.errstate(all="ignore"):
         for i in range(0, len(rows) - 1, 2):

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.data.latent_states import begun
+from commonlaw.inference.fit.latent_initialization import begun
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import MODEL_ERRORS, SearchState
 from commonlaw.likelihood import fit

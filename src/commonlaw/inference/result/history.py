@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.data.latent_states import unmeasured_in_words
 from commonlaw.inference.data.noise import by_columns
 from commonlaw.inference.diagnose.convergence import MAX_MOVE, MAX_POINTS
 from commonlaw.inference.fit.lack_of_fit import departures, in_words
+from commonlaw.inference.fit.latent_initialization import unmeasured_in_words
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState
 from commonlaw.inference.fit.validity import follows_solutions

@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.inference.data.latent_states import spread_within
-from commonlaw.inference.data.noise import noise_floor
+from commonlaw.inference.data.noise import noise_floor, spread_within
 from commonlaw.inference.fit.annealing import to_scale
 from commonlaw.inference.fit.newton import minimum
 from commonlaw.inference.fit.problem import SearchProblem
