@@ -105,49 +105,23 @@ class Match:
             not self.banks.others[a].constants and bool(np.any(np.abs(self.plain.T @ columns) > 1 - settings.COLLINEAR))
         )
 
-    def best_beside(self, plain: Indices, which: Indices, beside: Indices | None = None) -> Indices:
-        """Return for sets of plain terms the values of one of the others that leave least, by index in its bank.
+    def columns_at(self, others: Sequence[int], values: Sequence[int]) -> Floats:
+        """Return the columns of some of the others, each at a value by its index in its bank, shape (n, others)."""
+        return self.others[:, [self.banks.firsts[a] + i for a, i in zip(others, values, strict=True)]]
 
-        The sets have the shape (sets, size); which other it is, and a column of the others that is taken too, (sets,).
-        """
-        firsts = self.banks.firsts[which]
-        counts = self.banks.firsts[which + 1] - firsts
-        offsets = np.arange(counts.max())
-        exists = offsets < counts[:, np.newaxis]
-        columns = firsts[:, np.newaxis] + np.where(exists, offsets, 0)
-        own, inner = self._gram[plain[:, :, np.newaxis], plain[:, np.newaxis, :]], self._inner[plain]
-        crossed, every = self._crossed[plain[:, :, np.newaxis], columns[:, np.newaxis, :]], self._every[columns]
-        if beside is not None:
-            between = self._crossed[plain, beside[:, np.newaxis]][:, :, np.newaxis]
-            own = np.block([[own, between], [between.transpose(0, 2, 1), self.squares[beside, np.newaxis, np.newaxis]]])
-            added = np.zeros((len(plain), 1, len(offsets)))
-            for row, a, column, count in zip(added[:, 0], which, beside, counts, strict=True):
-                row[:count] = self.others[:, column] @ self.columns_of(a)
-            inner, crossed = np.column_stack([inner, self._every[beside]]), np.concatenate([crossed, added], axis=1)
-        whole = np.concatenate([inner[..., np.newaxis], crossed], axis=2)
-        solved = np.linalg.solve(own + settings.COLLINEAR * np.eye(own.shape[1]), whole)
-        outside = self.squares[columns] - np.sum(crossed * solved[:, :, 1:], axis=1)
-        gained = gains(every - np.sum(crossed * solved[:, :, :1], axis=1), outside)
-        return np.asarray(np.argmax(np.where(exists, gained, -1.0), axis=1))
+    def best_values(self, plain: Sequence[int], others: Sequence[int]) -> tuple[int, ...]:
+        """Return the values of the others that leave least, by their indices in banks, found in turn."""
+        found, fixed = dict[int, int](), self.plain[:, list(plain)]
+        for a in [*others] * len(others):
+            found.pop(a, None)
+            basis = np.linalg.qr(np.column_stack([fixed, self.columns_at([*found], [*found.values()])]))[0]
+            columns, residuals = self.columns_of(a), self.target - basis @ (basis.T @ self.target)
+            outside = self.squares[self._of(a)] - np.sum((basis.T @ columns) ** 2, axis=0)
+            found[a] = int(np.argmax(gains(residuals @ columns, outside)))
+        return tuple(found[a] for a in others)
 
     def _of(self, a: int) -> slice:
         return slice(self.banks.firsts[a], self.banks.firsts[a + 1])
-
-    @cached_property
-    def _gram(self) -> Floats:
-        return self.plain.T @ self.plain
-
-    @cached_property
-    def _inner(self) -> Floats:
-        return self.plain.T @ self.target
-
-    @cached_property
-    def _crossed(self) -> Floats:
-        return self.plain.T @ self.others
-
-    @cached_property
-    def _every(self) -> Floats:
-        return self.target @ self.others
 
     def learn_slopes(self, pairs: Iterable[tuple[int, int]]) -> None:
         """Compute derivatives by the constants at values in banks, by index of a term and of a value, all at once."""
@@ -164,17 +138,11 @@ class Match:
                 self.slopes[a, index] = unit(each[:, 1:] - each[:, :1])[0]
 
     def left_nearby(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
-        """Return the least sum of squares to first order about values of the constants, by their indices in banks.
-
-        Their slopes are known.
-        """
-        beside = [own for a, i in zip(others, indices, strict=True) for own in (self._column(a, i), self.slopes[a, i])]
-        whole = np.column_stack([self.plain[:, list(plain)], *beside])
-        left = self.target - whole @ np.linalg.lstsq(whole, self.target, rcond=settings.MIN_SINGULAR_VALUE)[0]
-        return float(left @ left)
-
-    def _column(self, a: int, index: int) -> Floats:
-        return self.columns_of(a)[:, [index]]
+        """Return the least sum of squares to first order about values of the constants, whose slopes are known."""
+        slopes = [self.slopes[pair] for pair in zip(others, indices, strict=True)]
+        whole = np.column_stack([self.plain[:, list(plain)], self.columns_at(others, indices), *slopes])
+        residuals = self.target - whole @ np.linalg.lstsq(whole, self.target, rcond=settings.MIN_SINGULAR_VALUE)[0]
+        return float(residuals @ residuals)
 
     def fitted(
         self, plain: Sequence[int], others: Sequence[ParametricTerm], constants: Sequence[Floats]
@@ -184,20 +152,14 @@ class Match:
         The others are any terms with these constants. All is left where a term is not finite.
         """
         columns = self._integrated(others, [own[np.newaxis] for own in constants])
-        beside, sizes = unit(np.column_stack([self.plain[:, :0], *columns]))
-        whole = np.column_stack([self.plain[:, list(plain)], beside])
-        if not np.isfinite(sizes).all():
-            return np.zeros(whole.shape[1]), self.target
-        own = np.linalg.lstsq(whole, self.target, rcond=settings.MIN_SINGULAR_VALUE)[0]
-        norms = np.append(self.norms[list(plain)], sizes)
-        return own / np.where(norms > 0, norms, 1.0), self.target - whole @ own
+        return solved(np.column_stack([self.plain[:, list(plain)] * self.norms[list(plain)], *columns]), self.target)
 
-    def closest(self, plain: Sequence[int], others: Sequence[int], begin: Sequence[Floats]) -> tuple[Floats, ...]:
-        """Return the constants of terms that leave least, near some."""
-        counts = [len(each) for each in begin]
-        if not sum(counts):
+    def closest(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> tuple[Floats, ...]:
+        """Return the constants of terms that leave least, near those in banks."""
+        begin = [self.banks.constants[a][i] for a, i in zip(others, indices, strict=True)]
+        if not any(map(len, begin)):
             return tuple(begin)
-        cuts, fixed = np.cumsum(counts)[:-1], self.plain[:, list(plain)]
+        cuts, fixed = np.cumsum([len(each) for each in begin])[:-1], self.plain[:, list(plain)]
         terms = [self.banks.others[a] for a in others]
 
         def linearized(values: Floats) -> tuple[Floats, Floats]:
@@ -356,6 +318,15 @@ def projected(target: Floats, columns: Floats) -> tuple[Floats, Floats]:
 
 def _sizes(values: Floats) -> Floats:
     return np.where(values != 0, values, 1.0)
+
+
+def solved(columns: Floats, target: Floats) -> tuple[Floats, Floats]:
+    """Return coefficients of columns by least squares, and what is left: all where a column is not finite."""
+    whole, norms = unit(columns)
+    if not np.isfinite(norms).all():
+        return np.zeros(len(norms)), target
+    found = np.linalg.lstsq(whole, target, rcond=settings.MIN_SINGULAR_VALUE)[0]
+    return found / np.where(norms > 0, norms, 1.0), target - whole @ found
 
 
 def gains(inner: Floats, outside: Floats) -> Floats:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations, groupby
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from commonlaw.library import ParametricTerm, Ratio, TiedTerms
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
 from commonlaw.spacing import evenly_spaced
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -94,15 +97,63 @@ def matching_sets(
     hopeless
         Sets that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
-    indices = evenly_spaced(len(problem.models), settings.MAX_OBJECTS)
-    whole = [each.whole for each in others]
-    courses = in_parallel(lambda o: Course.of(problem, o, estimates[o], whole), indices)
-    found = {}
+    courses, found = courses_of(problem, estimates, [each.whole for each in others]), dict[int, list[TermSet]]()
     for equation, numbers in most.items():
         matches = [match for each in courses if len((match := each.match(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
-        found[equation] = _Ranked(matches, plain, others, numbers, hopeless).best(len(problem.models))
+        ranked = _Ranked(matches, plain, others, numbers, hopeless)
+        found[equation] = ranked.best(len(problem.models)) if matches else []
     return found
+
+
+def courses_of(problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm]) -> list[Course]:
+    """Return the curves, along their estimated states, of the objects whose measurements are matched."""
+    indices = evenly_spaced(len(problem.models), settings.MAX_OBJECTS)
+    return in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
+
+
+def for_all(found: Floats, objects: int) -> Floats:
+    """Return values for all objects from those of the objects that were matched: typical ones for the others."""
+    where, every = evenly_spaced(objects, settings.MAX_OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
+    if len(found) == len(where):
+        every[where] = found
+    return every
+
+
+@dataclass(frozen=True)
+class InformationCriterion:
+    """The BIC of terms that leave sums of squares of so many measurements on so many objects."""
+
+    measurements: int
+    objects: int
+
+    def __call__(self, numbers: int, squares: float) -> float:
+        """Return the criterion of terms with so many numbers for each object."""
+        deviance = self.measurements * np.log(max(squares, np.finfo(float).tiny))
+        return float(deviance + numbers * self.objects * np.log(self.measurements))
+
+    def enough(self, least: Mapping[int, float]) -> int:
+        """Return how many numbers have the least criterion, by the least squares for each; zero if there are none."""
+        return min(least, key=lambda numbers: self(numbers, least[numbers]), default=0)
+
+    def kept(
+        self, ranked: Sequence[tuple[int, Sequence[tuple[float, _T]]]], at_most: int, hopeless: float
+    ) -> list[tuple[float, _T]]:
+        """Return the best of each list of as many numbers, with their criterion, as far as more numbers pay.
+
+        Lists have sums of squares, the least first. Those that leave so many times the least are hopeless, but for the
+        first of each list.
+        """
+        least: dict[int, float] = {}
+        for numbers, listed in ranked:
+            least[numbers] = min(listed[0][0], least.get(numbers, np.inf))
+        enough = self.enough(least)
+        return [
+            (self(numbers, squares), each)
+            for numbers, listed in ranked
+            for place, (squares, each) in enumerate(listed[: settings.MAX_KEPT])
+            if numbers <= min(enough + 1, at_most) and (not place or squares <= hopeless * least[enough])
+        ]
 
 
 _Key = tuple[tuple[int, ...], tuple[int, ...]]
@@ -111,24 +162,17 @@ _Key = tuple[tuple[int, ...], tuple[int, ...]]
 
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """The sums of squares that sets of as many plain terms leave, with others, shape (sets, columns).
-
-    All have those others that are `beside`, and those of a column one more, or none.
-    """
+    """The sums of squares that sets of as many plain terms leave, shape (sets,), all with the same others."""
 
     sets: Sequence[tuple[int, ...]]
-    beside: tuple[int, ...]
-    more: Sequence[tuple[int, ...]]
+    others: tuple[int, ...]
     squares: Floats
 
-    def key(self, place: int, column: int) -> _Key:
-        """Return a set by its place, with the others of a column."""
-        return self.sets[place], tuple(sorted((*self.beside, *self.more[column])))
-
-    def best_of(self, column: int) -> tuple[float, _Key]:
-        """Return the set that leaves least with the others of a column, and what it leaves."""
-        place = int(np.argmin(self.squares[:, column]))
-        return float(self.squares[place, column]), self.key(place, column)
+    @property
+    def best(self) -> tuple[float, _Key]:
+        """The set that leaves least, and what it leaves."""
+        place = int(np.argmin(self.squares))
+        return float(self.squares[place]), (self.sets[place], self.others)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,142 +187,96 @@ class _Ranked:
     others: Sequence[ParametricTerm | TiedTerms]
     at_most: int
     hopeless: float
-    values: dict[_Key, list[tuple[int, ...]]] = field(default_factory=dict)
-    constants: dict[_Key, list[tuple[Floats, ...]]] = field(default_factory=dict)
 
     def best(self, objects: int) -> list[TermSet]:
         """Return the best sets of each size, as far as more numbers pay for themselves, for so many objects."""
-        if not self.matches:
-            return []
         compared = self._of_one()
         compared += self._of_two(compared)
-        groups: dict[tuple[int, int], list[tuple[_Compared, int]]] = {}
+        groups, least = dict[tuple[int, int], list[_Compared]](), dict[int, float]()
         for each in compared:
-            for column in range(len(each.more)):
-                key = each.key(0, column)
-                groups.setdefault((self._numbers(key), len(key[1])), []).append((each, column))
-        coarse = [
-            (numbers, min(each.best_of(column)[0] for each, column in listed))
-            for (numbers, _), listed in groups.items()
-            if 0 < numbers <= self.at_most
-        ]
-        if not coarse:
-            return []
-        most, _ = min(coarse, key=lambda pair: self._criterion(*pair))
-        ranked = [
-            (numbers, many, sorted(self._closely(key) for key in self._nearest(self._different(listed))))
-            for (numbers, many), listed in sorted(groups.items(), key=lambda pair: pair[0])
-            if 0 < numbers <= min(most + 1, self.at_most)
-        ]
-        least = {numbers: np.inf for numbers, _, _ in ranked}
-        for numbers, _, listed in ranked:
-            least[numbers] = min(least[numbers], listed[0][0])
-        enough = min(least, key=lambda n: self._criterion(n, least[n]))
-        kept = [
-            (self._criterion(numbers, squares), key)
-            for numbers, many, listed in ranked
-            for place, (squares, key) in enumerate(listed[: settings.MAX_KEPT])
-            if numbers <= enough + 1 and (not place or squares <= self.hopeless * least[enough])
-        ]
-        return [self._with_starts(key, objects) for _, key in sorted(kept)]
+            squares, key = each.best
+            if numbers := self._numbers(key):
+                groups.setdefault((numbers, len(each.others)), []).append(each)
+                least[numbers] = min(squares, least.get(numbers, np.inf))
+        most, constants = self._criterion.enough(least), dict[_Key, list[tuple[Floats, ...]]]()
+        ranked = list[tuple[int, list[tuple[float, _Key]]]]()
+        for (numbers, _), listed in sorted(groups.items(), key=lambda pair: pair[0]):
+            if numbers <= most + 1:
+                closest = self._closest(self._different(listed))
+                fits = {key: self._fitted(key, each) for key, each in closest.items()}
+                constants |= closest
+                ranked.append((numbers, sorted((sum(float(r @ r) for _, r in fits[key]), key) for key in fits)))
+        kept = sorted(self._criterion.kept(ranked, self.at_most, self.hopeless))
+        return [self._with_starts(key, constants[key], objects) for _, key in kept]
 
     def _of_one(self) -> list[_Compared]:
         """Return what plain terms leave, with at most one of the others."""
         columns = [match.plain for match in self.matches]
         repeated = np.all([match.banks.repeated for match in self.matches], axis=0)
         repeated |= np.any([[match.repeats(a) for a in range(len(self.others))] for match in self.matches], axis=0)
-        new = np.flatnonzero(~repeated).tolist()
-        return self._compared(columns, _subsets(self.plain, settings.MAX_SETS[0]), (), (), [(), *((a,) for a in new)])
+        new = [(a,) for a in np.flatnonzero(~repeated).tolist()]
+        return self._compared(columns, _subsets(self.plain, settings.MAX_SETS[0]), (), [(), *new])
 
     def _of_two(self, compared: Sequence[_Compared]) -> list[_Compared]:
         """Return the same with two of the others, one of them from the best sets with one, each with another one."""
-        best: dict[int, tuple[float, _Key]] = {}
+        best: dict[tuple[int, ...], tuple[float, _Key]] = {}
         for each in compared:
-            for column, own in enumerate(each.more):
-                for a in own:
-                    squares, key = each.best_of(column)
-                    value = self._criterion(self._numbers(key), squares)
-                    best[a] = min((value, key), best.get(a, (np.inf, key)))
-        found = list[_Compared]()
-        for _, key in sorted(best.values())[: settings.MAX_KEPT]:
-            (a,), columns = key[1], []
-            more = [(b,) for b in best if b != a and self._numbers(((), (a, b))) <= self.at_most]
-            if more:
-                for match in self.matches:
-                    (value,) = self._values(match, [key])[key]
-                    columns.append(np.column_stack([match.plain, match.columns_of(a)[:, value]]))
-                last = columns[0].shape[1] - 1
-                found += self._compared(columns, _subsets(self.plain, settings.MAX_SETS[1]), (last,), (a,), more)
+            squares, key = each.best
+            value = self._criterion(self._numbers(key), squares), key
+            best[each.others] = min(value, best.get(each.others, value))
+        best.pop((), None)
+        found, sets = list[_Compared](), _subsets(self.plain, settings.MAX_SETS[1])
+        for _, (plain, others) in sorted(best.values())[: settings.MAX_KEPT]:
+            columns = [
+                np.column_stack([match.plain, match.columns_at(others, match.best_values(plain, others))])
+                for match in self.matches
+            ]
+            found += self._compared(columns, sets, others, [each for each in best if each != others])
         return found
 
     def _compared(
         self,
         columns: Sequence[Floats],
         sets: Sequence[tuple[int, ...]],
-        last: tuple[int, ...],
         beside: tuple[int, ...],
         more: Sequence[tuple[int, ...]],
     ) -> list[_Compared]:
-        """Return what sets of columns leave, by their size: with the last of the columns, for the others beside."""
+        """Return what sets of columns leave, by their size and the others, one more or none.
+
+        Beside are others, whose columns are the last ones and in all sets.
+        """
         found = list[_Compared]()
+        last = range(columns[0].shape[1] - len(beside), columns[0].shape[1])
         for size, group in groupby(sets, len):
             listed = list(group)
-            few = [own for own in more if size + self._numbers(((), (*beside, *own))) <= self.at_most]
+            few = [each for each in more if size + self._numbers(((), (*beside, *each))) <= self.at_most]
             if few:
-                indices = np.array([(*own, *last) for own in listed], dtype=int)
-                chosen = [a for own in few for a in own]
-                sums = np.sum(in_parallel(partial(_left_by_one, indices, chosen), self.matches, columns), axis=0)
-                found.append(_Compared(listed, beside, few, sums if () in few else sums[:, 1:]))
+                indices = np.array([(*each, *last) for each in listed], dtype=int)
+                sums = partial(_left_by_one, indices, [a for each in few for a in each])
+                squares = np.sum(in_parallel(sums, self.matches, columns), axis=0)
+                for each, own in zip(few, squares.T if () in few else squares.T[1:], strict=True):
+                    found.append(_Compared(listed, tuple(sorted((*beside, *each))), own))
         return found
 
     def _numbers(self, key: _Key) -> int:
         return len(key[0]) + sum(self.others[a].size + len(self.others[a].constants) for a in key[1])
 
-    def _criterion(self, numbers: int, squares: float) -> float:
-        """Return what ranks sets of different size: the BIC."""
-        count = sum(len(each.target) for each in self.matches)
-        return count * float(np.log(max(squares, 1e-300))) + numbers * len(self.matches) * float(np.log(count))
+    @property
+    def _criterion(self) -> InformationCriterion:
+        return InformationCriterion(sum(len(each.target) for each in self.matches), len(self.matches))
 
-    def _values(self, match: Match, keys: Sequence[_Key]) -> dict[_Key, tuple[int, ...]]:
-        """Return the indices, in their banks, of the best values of the others of some sets, found in turn.
+    def _different(self, listed: Sequence[_Compared]) -> list[_Key]:
+        """Return the sets that leave least, but for those that leave the same as the one before: they say the same.
 
-        All sets have as many others.
-        """
-        found = dict[_Key, tuple[int, ...]]()
-        for _, group in groupby(sorted(keys, key=lambda key: len(key[0])), lambda key: len(key[0])):
-            own = list(group)
-            plain, which = (np.array(each, dtype=int) for each in zip(*own, strict=True))
-            chosen, beside = np.zeros_like(which), None
-            for place in [*range(which.shape[1])] * which.shape[1]:
-                chosen[:, place] = match.best_beside(plain, which[:, place], beside)
-                beside = match.banks.firsts[which[:, place]] + chosen[:, place]
-            found |= dict(zip(own, map(tuple, chosen.tolist()), strict=True))
-        return found
-
-    def _constants(self, key: _Key) -> list[tuple[Floats, ...]]:
-        """Return for each object the constants of a set that leave least, from the best in the banks."""
-        if key not in self.constants:
-            begin = [
-                [match.banks.constants[a][i] for a, i in zip(key[1], own, strict=True)]
-                for match, own in zip(self.matches, self.values[key], strict=True)
-            ]
-            pairs = zip(self.matches, begin, strict=True)
-            self.constants[key] = [match.closest(*key, each) for match, each in pairs]
-        return self.constants[key]
-
-    def _different(self, listed: Sequence[tuple[_Compared, int]]) -> list[_Key]:
-        """Return the sets of some columns that leave least, but for those that leave the same as the one before.
-
-        They say the same. Few have the same terms with constants, or none.
+        Few have the same terms with constants, as a bank may be nearer to the best constants of one than of another.
         """
         found, before, alike = dict[_Key, None](), 0.0, Counter[tuple[int, ...]]()
-        squares = np.concatenate([each.squares[:, column] for each, column in listed])
-        firsts = np.cumsum([0, *(len(each.sets) for each, _ in listed)])
+        squares = np.concatenate([each.squares for each in listed])
+        keys = [(each, place) for each in listed for place in range(len(each.sets))]
         for k in np.argsort(squares, kind="stable").tolist():
-            group = int(np.searchsorted(firsts, k, side="right")) - 1
-            each, column = listed[group]
-            key = each.key(k - int(firsts[group]), column)
-            inside = tuple(a for a in key[1] if self.others[a].constants)
+            each, place = keys[k]
+            key = each.sets[place], each.others
+            inside = tuple(a for a in each.others if self.others[a].constants)
             few = alike[inside] < (settings.MAX_KEPT if inside else settings.MAX_REFINED)
             if few and key not in found and squares[k] > before * (1 + settings.ROUNDING):
                 found[key] = None
@@ -288,22 +286,27 @@ class _Ranked:
                 break
         return [*found]
 
-    def _nearest(self, keys: Sequence[_Key]) -> list[_Key]:
-        """Return the sets that leave least where constants may be near those of their banks: banks are coarse."""
-        best = in_parallel(lambda match: self._values(match, keys), self.matches)
-        self.values.update({key: [own[key] for own in best] for key in keys})
-        for match, own in zip(self.matches, best, strict=True):
-            match.learn_slopes(pair for key in keys for pair in zip(key[1], own[key], strict=True))
-        left = [
-            sum(match.left_nearby(*key, own) for match, own in zip(self.matches, self.values[key], strict=True))
-            for key in keys
-        ]
-        return [keys[k] for k in np.argsort(left, kind="stable")[: settings.MAX_REFINED]]
+    def _closest(self, keys: Sequence[_Key]) -> dict[_Key, list[tuple[Floats, ...]]]:
+        """Return the constants of each object that leave least, of those sets that leave least to first order.
 
-    def _closely(self, key: _Key) -> tuple[float, _Key]:
-        """Return a set with what it leaves at the best constants."""
-        fits = self._fitted(key, self._constants(key))
-        return sum(float(left @ left) for _, left in fits), key
+        Constants may lie between those of the banks, which are coarse.
+        """
+        values = in_parallel(lambda match: [match.best_values(*key) for key in keys], self.matches)
+        for match, indices in zip(self.matches, values, strict=True):
+            match.learn_slopes(
+                pair for key, each in zip(keys, indices, strict=True) for pair in zip(key[1], each, strict=True)
+            )
+        of_keys = list(zip(keys, zip(*values, strict=True), strict=True))
+        squares = [
+            sum(match.left_nearby(*key, each) for match, each in zip(self.matches, indices, strict=True))
+            for key, indices in of_keys
+        ]
+        found = dict[_Key, list[tuple[Floats, ...]]]()
+        for k in np.argsort(squares, kind="stable")[: settings.MAX_REFINED]:
+            (plain, others), indices = of_keys[k]
+            pairs = zip(self.matches, indices, strict=True)
+            found[plain, others] = [match.closest(plain, others, each) for match, each in pairs]
+        return found
 
     def _fitted(self, key: _Key, constants: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:
         """Return the coefficients of a set in each object, with constants of its others there, and what is left."""
@@ -317,13 +320,12 @@ class _Ranked:
         other = self.others[a]
         return constants[[other.whole.constants.index(name) for name in other.constants]]
 
-    def _with_starts(self, key: _Key, objects: int) -> TermSet:
+    def _with_starts(self, key: _Key, alone: Sequence[tuple[Floats, ...]], objects: int) -> TermSet:
         """Return a set with what fits begin with, for so many objects.
 
         That is what each object has by itself, and with the constants that are typical: those of an object alone may
         be far off.
         """
-        alone = self._constants(key)
         typical = tuple(np.median(own, axis=0) for own in zip(*alone, strict=True))
         starts = []
         for constants in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
@@ -366,11 +368,3 @@ def _subsets(plain: Sequence[int], most: int) -> list[tuple[int, ...]]:
             break
         found += of_size
     return found
-
-
-def for_all(found: Floats, objects: int) -> Floats:
-    """Return values for all objects from those of the objects that were matched: typical ones for the others."""
-    where, every = evenly_spaced(objects, settings.MAX_OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
-    if len(found) == len(where):
-        every[where] = found
-    return every

@@ -16,15 +16,14 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference import settings
-from commonlaw.inference.fit.integral_form import Course, closest, projected, unit, with_steps
+from commonlaw.inference.fit.integral_form import Course, closest, projected, solved, with_steps
 from commonlaw.inference.fit.parameter_grid import powers_of_ten
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.validity import with_points_between
-from commonlaw.inference.propose.integral_ranking import Start, TermSet, for_all
+from commonlaw.inference.propose.integral_ranking import InformationCriterion, Start, TermSet, courses_of, for_all
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
-from commonlaw.spacing import evenly_spaced
 
 
 def matching_ratios(
@@ -49,8 +48,7 @@ def matching_ratios(
     hopeless
         Ratios that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
-    indices = evenly_spaced(len(problem.models), settings.MAX_OBJECTS)
-    courses = [Course.of(problem, o, estimates[o], ()) for o in indices]
+    courses = courses_of(problem, estimates, ())
     found = dict[int, list[TermSet]]()
     for equation, numbers in most.items():
         scored = list[tuple[float, TermSet]]()
@@ -146,9 +144,7 @@ class _Sides:
         """
         if not self.whole(below, coefficients[np.newaxis]).all():
             return np.zeros(len(terms)), self.target
-        columns, norms = unit(self.columns(below, coefficients[np.newaxis])[0][:, terms])
-        found = np.linalg.lstsq(columns, self.target, rcond=settings.MIN_SINGULAR_VALUE)[0]
-        return found / np.where(norms > 0, norms, 1.0), self.target - columns @ found
+        return solved(self.columns(below, coefficients[np.newaxis])[0][:, terms], self.target)
 
     def closest(self, below: Sequence[int], begin: Floats, terms: Sequence[int]) -> Floats:
         """Return the coefficients below that leave least, near some, of which none is zero."""
@@ -201,8 +197,8 @@ class _Ranked:
         groups: dict[int, list[tuple[float, _Shape]]] = {}
         for shape, score in found.items():
             groups.setdefault(shape.numbers, []).append((score.squares, shape))
-        most = min(groups, key=lambda numbers: self._criterion(numbers, min(groups[numbers])[0]), default=0)
-        most = min(most, self.at_most)
+        least = {numbers: min(listed)[0] for numbers, listed in groups.items()}
+        most = min(self._criterion.enough(least), self.at_most)
         closer: dict[int, list[tuple[float, _Shape]]] = {}
         for numbers in range(most + 2):
             for _, shape in sorted(groups.get(numbers, []))[: settings.MAX_REFINED]:
@@ -215,15 +211,10 @@ class _Ranked:
                     if less not in {own for _, own in listed} or score.squares < found[less].squares:
                         found[less] = score
                         closer[less.numbers] = [(score.squares, less), *(each for each in listed if each[1] != less)]
-        least = {numbers: min(listed)[0] for numbers, listed in closer.items()}
-        enough = min(least, key=lambda numbers: self._criterion(numbers, least[numbers]), default=0)
-        return [
-            (self._criterion(numbers, squares), own)
-            for numbers, listed in closer.items()
-            for place, (squares, shape) in enumerate(sorted(listed)[: settings.MAX_KEPT])
-            if numbers <= min(enough + 1, self.at_most) and (not place or squares <= self.hopeless * least[enough])
-            if (own := self._with_starts(shape, found[shape])) is not None
-        ]
+        ranked = [(numbers, sorted(listed)) for numbers, listed in closer.items()]
+        kept = self._criterion.kept(ranked, self.at_most, self.hopeless)
+        pairs = ((value, self._with_starts(shape, found[shape])) for value, shape in kept)
+        return [(value, each) for value, each in pairs if each is not None]
 
     def _all(self) -> dict[_Shape, _Score]:
         """Return what all shapes leave that are compared."""
@@ -316,10 +307,9 @@ class _Ranked:
             found.append(np.array(own))
         return found
 
-    def _criterion(self, numbers: int, squares: float) -> float:
-        """Return what ranks shapes of different size: the BIC."""
-        count = sum(len(each.target) for each in self.sides)
-        return count * float(np.log(max(squares, 1e-300))) + numbers * len(self.sides) * float(np.log(count))
+    @property
+    def _criterion(self) -> InformationCriterion:
+        return InformationCriterion(sum(len(each.target) for each in self.sides), len(self.sides))
 
     def _closely(self, shape: _Shape, score: _Score) -> _Score:
         """Return a score at the coefficients below that leave least of each object, near those that are known."""
