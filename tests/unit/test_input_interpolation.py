@@ -76,13 +76,9 @@ def test_inputs_that_are_held_are_found_out_and_the_law_with_them():
 def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
     trials = driven("linear")
     law = cl.fit("x' = a + b x + c u", trials, **KNOWN)
-    assert [(each.choice, each.reason) for each in law.history if each.stage == "inputs"] == [
-        (
-            "linear",
-            "between samples: as the samples of the inputs support it, and the evidence for no other interpolation is "
-            "strong",
-        )
-    ]
+    (step,) = (each for each in law.history if each.stage == "inputs")
+    assert step.choice == "linear"
+    assert "the evidence for no other interpolation is strong" in step.reason
     with refused("unknown-name", kind="input_between", name="steps"):
         cl.TrajectoryLikelihood(input_between="steps")
 
@@ -99,6 +95,26 @@ def test_a_latent_state_is_sought_once_under_the_interpolation_that_is_chosen(mo
     law = cl.discover(driven("held"), order=1, library="poly:1", method=method, cache=False)
     assert law.structure() == ("x' = a + b x + c u",)
     assert sought == ["held"]
+
+
+@pytest.mark.parametrize(("library", "rounds"), [("auto", 1), ("terms:x,sqrt(K + u)", 2)])
+def test_richer_terms_are_sought_once_where_no_interpolation_of_inputs_leaves_no_lack_of_fit(
+    library, rounds, monkeypatch
+):
+    """Plain terms chose it before, but where richer ones are asked for."""
+    sought, driven_by_steps = [], driven("held")
+    late = driven_by_steps.with_trials(
+        [replace(each, inputs=np.roll(each.inputs, 1, axis=0)) for each in driven_by_steps]
+    )
+
+    def counted(found, *_):
+        sought.append(found.problem.trials.schema.input_between)
+        return found
+
+    monkeypatch.setattr(trajectory_likelihood, "with_parametric_terms", counted)
+    monkeypatch.setattr(trajectory_likelihood, "with_unmeasured_state", lambda found, *_, **__: found)
+    cl.discover(late, order=1, library=library, method=cl.TrajectoryLikelihood(**KNOWN, errors="white"), cache=False)
+    assert len(sought) == rounds
 
 
 WAVE, NOISE = np.sin(1.3 * TIMES), np.random.default_rng(3).standard_normal(81)

@@ -368,8 +368,14 @@ class TrajectoryLikelihood(AbstractMethod):
             done = done or self._search(screened, trials, part(progress, 0.0, _PLAIN))
             return self._search_richer(screened, done, part(progress, _PLAIN, 1.0))
 
-        between = self.input_between
-        search, steps = begin_search(begin, followed, input_between=between, errors=self.errors, progress=progress)
+        search, steps = begin_search(
+            begin,
+            followed,
+            input_between=self.input_between,
+            errors=self.errors,
+            progress=progress,
+            is_chosen=richer and plain is not None,
+        )
         chosen = search.problem.trials.schema.input_between
         if chosen != followed.schema.input_between:
             followed = with_interpolation(followed, chosen)

@@ -1,6 +1,6 @@
 """Integration of many objects at once, by whichever back end takes their law."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
@@ -71,14 +71,21 @@ def simulate(
         If there is no such method, heyoka is asked for and is not installed or does not take the law, an event cannot
         be read, or events or dense output are asked of a law in discrete time.
     """
+    options = OutputOptions(tolerance, tuple(events), dense, sensitivities, limit)
+    return tuple(simulate_each(problems, options, method))
+
+
+def simulate_each(
+    problems: Iterable[InitialValueProblem], options: OutputOptions, method: str = "auto"
+) -> Iterator[Trajectory]:
+    """Yield the trajectories of `simulate`, each integrated when it is asked for."""
     if method not in METHODS:
         raise unknown("method of integration", method, METHODS)
-    options, problems = OutputOptions(tolerance, tuple(events), dense, sensitivities, limit), tuple(problems)
+    problems = tuple(problems)
     points = sum(len(problem.times) + _STOP * (len(problem.stops) - 1) for problem in problems)
-    if method == "auto" and not sensitivities and points < _FEW_POINTS:
+    if method == "auto" and not options.sensitivities and points < _FEW_POINTS:
         method = "scipy"
     choices: dict[tuple[int, Order, int, bytes], _Choice] = {}
-    trajectories = []
     what = f"integrating {len(problems)} trajectories"
     for problem in announced(problems, what, "take fewer trials or a shorter time"):
         vector_field = problem.field
@@ -87,8 +94,7 @@ def simulate(
         key = (id(vector_field.terms), vector_field.order, powers, masks)
         if key not in choices:
             choices[key] = _choice(vector_field, method, options)
-        trajectories.append(choices[key].integrate(problem))
-    return tuple(trajectories)
+        yield choices[key].integrate(problem)
 
 
 def integrate(

@@ -469,6 +469,8 @@ def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, st
     rows = terms.variables.natural(rows)
     values = np.empty((len(coefficients), rows.shape[1] + constants.shape[1]))
     values[:, rows.shape[1] :], equations = constants, coefficients[:, solved]
+    chosen = np.flatnonzero(equations.any(axis=(0, 1)))
+    equations, terms = equations[:, :, chosen], terms.take(chosen.tolist())
 
     def rates(i: int, now: Floats) -> Floats:
         values[:, : rows.shape[1]] = rows[i]

@@ -222,9 +222,10 @@ class Banks:
 
 def along(other: ParametricTerm, values: Floats, bank: Floats) -> Floats:
     """Return a term along curves at each of some values of its constants, shape (n, values)."""
-    count = len(values)
-    repeated = np.column_stack([np.tile(values, (len(bank), 1)), np.repeat(bank, count, axis=0)])
-    return np.asarray(other.term.evaluate(repeated).reshape(len(bank), count).T)
+    count, first = values.shape
+    every = np.empty((len(bank), count, first + bank.shape[1]))
+    every[:, :, :first], every[:, :, first:] = values, bank[:, np.newaxis]
+    return np.asarray(other.term.evaluate(every.reshape(-1, every.shape[2])).reshape(len(bank), count).T)
 
 
 def _bank(other: ParametricTerm, variables: Variables, values: Floats, sampled: Bools | slice) -> Floats:

@@ -11,7 +11,7 @@ from commonlaw.effort import unannounced
 from commonlaw.inference.fit.parameter_grid import divisors
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.state import SearchState
-from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
+from commonlaw.integration import InitialValueProblem, Inputs, OutputOptions, VectorField, simulate_each
 from commonlaw.library.grammar import NUMPY, compiled
 from commonlaw.likelihood import Estimate, Mesh, jacobians
 from commonlaw.spacing import evenly_spaced
@@ -48,7 +48,7 @@ def runs_away(problem: SearchProblem, state: SearchState) -> bool:
                     model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last], between)
                 )
                 found.append(InitialValueProblem(field, states[first, : model.width], times, ""))
-    return any(each.outcome for each in simulate(found, tolerance=1e-6))
+    return any(each.outcome for each in simulate_each(found, OutputOptions(tolerance=1e-6)))
 
 
 def follows_solutions(problem: SearchProblem, state: SearchState) -> bool:

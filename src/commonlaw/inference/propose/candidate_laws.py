@@ -187,9 +187,7 @@ class LawsOfSets:
             base = base.finer()
         while problem.points < points:
             problem = problem.finer()
-        state = fit_supports(problem, plain.state.supports, ANY_ERROR)
-        if not state.has_model_error:
-            problem, state = to_scale(problem, state)
+        problem, state = to_scale(problem, fit_supports(problem, plain.state.supports, ANY_ERROR))
         plain = replace(plain, problem=problem, state=state, found=(state,))
         return replace(self, found=plain, base=base, fitted={}, near={}, typical={}), base.starts
 

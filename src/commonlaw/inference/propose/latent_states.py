@@ -19,6 +19,7 @@ from commonlaw.inference.fit.annealing import polish, to_scale, with_close_neigh
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.fit.state import NO_ERROR, SearchState, promised
 from commonlaw.inference.propose.forcing import UNMEASURED_STATE, with_provenance
+from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.law_search import PATH, LawSearch, best_of
 from commonlaw.law import Law, Step
 from commonlaw.law.text import structure
@@ -113,12 +114,11 @@ def with_unmeasured_state(
     tried[:_AGAIN] = [(each, each.again(trials, most_samples, law)) for each, law in tried[:_AGAIN]]
     tried.sort(key=lambda pair: hypotheses.index(pair[0]))
     price = 2 * float(np.log(len(hypotheses)))
-    return _chosen(found, [(each, _dearer(law, price)) for each, law in tried])
+    return _chosen(found, [(each, _scored(law, law.state.score.plus("multiplicity", price))) for each, law in tried])
 
 
-def _dearer(found: LawSearch, price: float) -> LawSearch:
-    """Return a law that costs more, as it is one of several."""
-    return replace(found, state=replace(found.state, score=found.state.score.plus("multiplicity", price)))
+def _scored(found: LawSearch, score: Score) -> LawSearch:
+    return replace(found, state=replace(found.state, score=score))
 
 
 def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -> LawSearch:
@@ -126,7 +126,8 @@ def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -
 
     They are one law in different words, which has the evidence of the best of them.
     """
-    found = _honest(found)
+    # Fits to what no law explains may get stuck
+    found = _scored(found, found.state.score.plus("Laplace correction", promised(found.problem, found.state)))
     best = min([found, *(law for _, law in laws)], key=lambda each: each.state.score)
     alike = [pair for pair in laws if _fit_alike(pair[1], best)]
     others = [law for _, law in laws if not _fit_alike(law, best)]
@@ -137,16 +138,10 @@ def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -
         return best_of([with_provenance(found, (step,), ()), *found.rivals, *others])
     (hypothesis, chosen), *same = alike
     why = f"{hypothesis.words}; without it -2 log evidence is {found.state.score - best.state.score:.3g} more"
-    step = Step(UNMEASURED_STATE, _equation(chosen), why)
-    chosen = replace(chosen, state=replace(chosen.state, score=best.state.score))
+    step = Step(UNMEASURED_STATE, _structure(chosen)[-1], why)
+    chosen = _scored(chosen, best.state.score)
     outcomes = (_ambiguous(hypothesis.name, same),) if same else ()
     return best_of([with_provenance(chosen, (step,), outcomes), found, *found.rivals, *others])
-
-
-def _honest(found: LawSearch) -> LawSearch:
-    """Return a law without what its evidence only promises: fits to what no law explains may get stuck."""
-    more = promised(found.problem, found.state)
-    return replace(found, state=replace(found.state, score=found.state.score.plus("Laplace correction", more)))
 
 
 def _ambiguous(name: str, same: "Sequence[tuple[_Hypothesis, LawSearch]]") -> Outcome:
@@ -165,10 +160,6 @@ def _structure(found: LawSearch) -> tuple[str, ...]:
         if law.terms.is_factor[each.term]
     ]
     return structure(law.left_hand_sides, law.terms.factors, law.support & law.terms.is_factor, letters)
-
-
-def _equation(found: LawSearch) -> str:
-    return _structure(found)[-1]
 
 
 def _fit_alike(one: LawSearch, other: LawSearch) -> bool:

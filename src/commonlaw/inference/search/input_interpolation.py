@@ -1,5 +1,6 @@
 """The interpolation of inputs between samples: by what these leave out, then by the evidence of a law under each."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
@@ -48,27 +49,30 @@ def _left_out(trial: Trial) -> Floats:
     return np.array(found)
 
 
-def best_interpolation(problem: SearchProblem, state: SearchState) -> Step:
+def best_interpolation(
+    problem: SearchProblem, state: SearchState, may_decide: Callable[[SearchProblem, SearchState], bool]
+) -> Step:
     """Return the interpolation of inputs of largest evidence, for the supports that were found.
 
-    That of the problem stays unless the evidence for another is strong.
+    That of the problem stays unless the evidence for another is strong, by a law that may decide.
     """
-    before = problem.trials.schema.input_between
-    gains = {}
+    before, gains = problem.trials.schema.input_between, dict[str, float]()
     for between in BETWEEN:
         if between != before:
             with suppress(CommonlawError):
-                gains[between] = state.score - _fitted_with(problem, state, between).score
-    best = max(gains, key=lambda each: gains[each], default=before)
-    if gains and gains[best] > STRONG:
+                fitted = _fitted_with(problem, state, between)
+                if (gain := state.score - fitted[1].score) > STRONG and may_decide(*fitted):
+                    gains[between] = gain
+    if gains:
+        best = max(gains, key=lambda each: gains[each])
         why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
         return Step("inputs", best, why)
-    why = "as the samples of the inputs support it, and the evidence for no other interpolation is strong"
+    why = "the evidence for no other interpolation is strong, or the law has a lack of fit with it"
     return Step("inputs", before, f"between samples: {why}")
 
 
-def _fitted_with(problem: SearchProblem, state: SearchState, between: str) -> SearchState:
-    """Return the supports of a state fitted with another interpolation of inputs."""
+def _fitted_with(problem: SearchProblem, state: SearchState, between: str) -> tuple[SearchProblem, SearchState]:
+    """Return the supports of a state fitted with another interpolation of inputs, and the problem with it."""
     groups = [problem.trials.of_object(name) for name in problem.trials.objects]
     models = tuple(
         replace(model, meshes=meshes(group, problem.points, input_between=between))
@@ -76,4 +80,4 @@ def _fitted_with(problem: SearchProblem, state: SearchState, between: str) -> Se
     )
     changed = replace(problem, trials=with_interpolation(problem.trials, between), models=models)
     changed = changed.with_errors(problem.noise, problem.errors, problem.noise_reason)
-    return fit_supports(changed, state.supports, ANY_ERROR)
+    return changed, fit_supports(changed, state.supports, ANY_ERROR)

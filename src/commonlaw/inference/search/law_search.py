@@ -202,7 +202,7 @@ def search_supports(
     problem, rest = prepared(most_samples=most_samples), part(progress, 0.05, 1.0)
     few = few_of(problem, prepared)
     found = search_by_few(problem, few, solver, rest) if few else search(problem, solver, rest)
-    return LawSearch(template, *_to_scale(problem, found[0]), solver, found)
+    return LawSearch(template, *to_scale(problem, found[0]), solver, found)
 
 
 def explained_on_finer_mesh(found: LawSearch, progress: ProgressCallback) -> LawSearch:
@@ -219,12 +219,8 @@ def explained_on_finer_mesh(found: LawSearch, progress: ProgressCallback) -> Law
         listed = search(problem, found.solver, progress)
     if problem is found.problem:
         return found
-    problem, state = _to_scale(problem, listed[0])
+    problem, state = to_scale(problem, listed[0])
     return replace(found, problem=problem, state=state, found=listed)
-
-
-def _to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem, SearchState]:
-    return (problem, state) if state.has_model_error else to_scale(problem, state)
 
 
 def fit_terms(setup: FitSetup) -> LawSearch:
@@ -237,7 +233,7 @@ def fit_terms(setup: FitSetup) -> LawSearch:
     """
     problem, law = setup.problem(), setup.law
     state = fit_supports(problem, problem.allowed, ANY_ERROR)
-    problem, state = _to_scale(*until_resolved(problem, state, lambda _, fitted: fitted))
+    problem, state = to_scale(*until_resolved(problem, state, lambda _, fitted: fitted))
     template = Law(law.terms, law.schema, law.order, law.objects, np.nan_to_num(setup.known))
     return LawSearch(template, problem, state, None, (state,))
 
@@ -249,6 +245,7 @@ def begin_search(
     input_between: str,
     errors: ErrorKind | Literal["auto"],
     progress: ProgressCallback,
+    is_chosen: bool = False,
 ) -> tuple[LawSearch, list[Step]]:
     """Return a search with the interpolation of inputs that is chosen, and what to say of that.
 
@@ -264,6 +261,8 @@ def begin_search(
         Those that `choose_errors` will be asked for.
     progress
         Takes what is being done.
+    is_chosen
+        Whether laws of plain terms chose that of the trials: one without lack of fit is needed to choose again.
 
     Raises
     ------
@@ -274,7 +273,11 @@ def begin_search(
     found, steps = begin(trials, part(progress, 0.0, _SEARCH)), list[Step]()
     if input_between == "auto" and trials.schema.inputs:
         progress("comparing interpolations of inputs between samples")
-        steps = [best_interpolation(found.problem, found.state)]
+
+        def may_decide(problem: SearchProblem, state: SearchState) -> bool:
+            return not (is_chosen and replace(found, problem=problem, state=state).lack_of_fit)
+
+        steps = [best_interpolation(found.problem, found.state, may_decide)]
         if steps[0].choice != trials.schema.input_between:
             found = begin(with_interpolation(trials, steps[0].choice), progress)
     return found, steps
