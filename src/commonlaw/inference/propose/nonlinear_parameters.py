@@ -19,7 +19,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
-from commonlaw.inference.fit.integral_form import Integrals
+from commonlaw.inference.fit.integral_form import Integrals, solved
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, usual_of_best
 from commonlaw.inference.fit.parameter_grid import combined, divisors, values_of_each
 from commonlaw.inference.fit.practical_identifiability import SURE
@@ -55,6 +55,11 @@ class _Profile:
     said: Sequence[Callable[[Floats], Floats]]
 
     @cached_property
+    def divisors(self) -> list[str]:
+        """The code of what terms are divided by."""
+        return divisors(self.terms)
+
+    @cached_property
     def inside(self) -> Bools:
         """Which coefficients are constants that are to be found, shape (equations, terms)."""
         return np.asarray(np.isnan(self.known) & ~self.terms.is_factor)
@@ -85,7 +90,7 @@ class _Profile:
         found[self.inside] = constants
         columns = self.terms.at(self.values, found).T
         with np.errstate(all="ignore"):
-            return any(np.ptp(np.sign(compiled(code)(columns, NUMPY))) for code in self._divisors)
+            return any(np.ptp(np.sign(compiled(code)(columns, NUMPY))) for code in self.divisors)
 
     def derivatives(self, constants: Floats, order: Order) -> Floats:
         """Return the derivatives of rates by everything that is to be found, of unit norm, shape (m, parameters)."""
@@ -104,16 +109,10 @@ class _Profile:
         left, factors = list[Floats](), self.terms.is_factor
         for j, (target, said) in enumerate(zip(self.targets, self.said, strict=True)):
             free = np.isnan(self.known[j]) & factors
-            own = said(np.column_stack([library[:, factors] @ found[j, factors], library[:, free]]))
-            rest, columns = target - own[:, 0], own[:, 1:]
-            scale = column_scales(columns)
-            found[j, free] = np.linalg.lstsq(columns / scale, rest)[0] / scale
-            left.append(rest - columns @ found[j, free])
+            columns = said(np.column_stack([library[:, factors] @ found[j, factors], library[:, free]]))
+            found[j, free], residuals = solved(columns[:, 1:], target - columns[:, 0])
+            left.append(residuals)
         return found, left
-
-    @cached_property
-    def _divisors(self) -> list[str]:
-        return divisors(self.terms)
 
 
 def with_constants_found(
@@ -156,36 +155,27 @@ def with_constants_found(
     (on_terminal() if progress is None else progress)("looking for constants inside of terms")
     with threads(n_jobs):
         rates = _of_rates(setup)
-        tried = zip(law.terms.variables.constants, _within(_banks(setup.law, rates), setup.law, bounds), strict=True)
-        banks = [np.array([guesses[name]]) if guesses and name in guesses else each for name, each in tried]
-        bank, deviances = _banked(setup.law, rates, banks)
-        least = bank[deviances.argmin(axis=1)]
+        grid = _Grid.of(setup.law, rates, bounds, guesses or {})
+        deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in grid.values], rates))
+        if not len(grid.values) or not np.isfinite(deviances).any(axis=1).all():
+            raise CommonlawError("terms-nowhere-finite", parameters=law.terms.variables.constants)
+        least = grid.values[deviances.argmin(axis=1)]
         coefficients = [each.coefficients(own) for each, own in zip(rates, least, strict=True)]
         problem = replace(setup, law=replace(setup.law, coefficients=np.array(coefficients))).problem()
-        starts = _starts(setup.law, _of_integrals(problem), bounds, banks, bank, deviances)
-        inside = rates[0].inside
-        _check_identifiable(setup.law, rates, [own[inside] for own in starts[-1]])
-        found = _best_of_each(problem, starts)
-    if found is None:
-        names = ", ".join(law.terms.variables.constants)
-        raise CommonlawError("parameters-not-found", structure=law.structure(), names=names)
-    return replace(law, coefficients=found)
-
-
-def _best_of_each(problem: SearchProblem, starts: Sequence[Floats]) -> Floats | None:
-    """Return the coefficients of the best fit of trajectories of each object, from any start, without a pole.
-
-    All have the shape (objects, equations, terms); there are none if an object has no such fit.
-    """
-    fits: list[list[Estimate]] = [[] for _ in problem.models]
-    for start in starts:
-        with suppress(CommonlawError):
-            for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
-                fits[o] += [] if has_pole(problem, o, each) else [each]
-    if not all(fits):
-        return None
-    free = [usual_of_best(own) for own in fits]
-    return np.array([each.coefficients for each in drawn_together(problem, free, starts)[1]])
+        starts = grid.starts(_of_integrals(problem), deviances)
+        _check_identifiable(setup.law, rates, [each[rates[0].inside] for each in starts[-1]])
+        fits: list[list[Estimate]] = [[] for _ in problem.models]
+        for start in starts:
+            with suppress(CommonlawError):
+                for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
+                    fits[o] += [] if has_pole(problem, o, each) else [each]
+        if not all(fits):
+            names = ", ".join(law.terms.variables.constants)
+            raise CommonlawError("parameters-not-found", structure=law.structure(), names=names)
+        free = [usual_of_best(each) for each in fits]
+        return replace(
+            law, coefficients=np.array([each.coefficients for each in drawn_together(problem, free, starts)[1]])
+        )
 
 
 def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
@@ -238,146 +228,119 @@ def _of_integrals(problem: SearchProblem) -> list[_Profile]:
     return found
 
 
-def _banks(law: Law, profiles: Sequence[_Profile]) -> list[Floats]:
-    """Return the values that each constant is tried at."""
-    return values_of_each(law.terms, np.concatenate([each.values for each in profiles]), _columns(profiles[0]))
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Values of each constant of a law within their bounds, and combinations of them, shape (values, constants)."""
 
+    law: Law
+    bounds: Sequence[Bound]
+    banks: Sequence[Floats]
+    values: Floats
 
-def _within(banks: Sequence[Floats], law: Law, bounds: Sequence[Bound]) -> list[Floats]:
-    """Return the values within the bounds of each constant, and where these are close, values evenly between them."""
-    found = list[Floats]()
-    for name, bank in zip(law.terms.variables.constants, banks, strict=True):
-        low, high = limits_of(name, bounds)
-        inside = bank[(bank > low) & (bank < high)]
-        if len(inside) < settings.PER_CYCLE and np.isfinite(high - low):
-            inside = np.concatenate([inside, np.linspace(low, high, settings.PER_CYCLE + 2)[1:-1]])
-        found.append(inside)
-    return found
+    @classmethod
+    def of(
+        cls, law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound], guesses: Mapping[str, float]
+    ) -> "_Grid":
+        """Return the values that constants are tried at: guesses, those of the terms, and more where bounds are close.
 
+        Those are evenly between the bounds.
+        """
+        first, inside = profiles[0].values.shape[1], np.argwhere(profiles[0].inside)[:, 1]
+        columns = [first + law.terms.constants.index(k) for k in inside]
+        tried = values_of_each(law.terms, np.concatenate([each.values for each in profiles]), columns)
+        banks = list[Floats]()
+        for name, bank in zip(law.terms.variables.constants, tried, strict=True):
+            low, high = limits_of(name, bounds)
+            within = bank[(bank > low) & (bank < high)]
+            if len(within) < settings.PER_CYCLE and np.isfinite(high - low):
+                within = np.concatenate([within, np.linspace(low, high, settings.PER_CYCLE + 2)[1:-1]])
+            banks.append(np.array([guesses[name]]) if name in guesses else within)
+        return cls(law, bounds, banks, combined(banks))
 
-def _banked(law: Law, profiles: Sequence[_Profile], banks: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Return values of constants that are tried, shape (values, constants), and their deviances for each object."""
-    bank = combined(banks)
-    deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in bank], profiles))
-    if not len(bank) or not np.isfinite(deviances).any(axis=1).all():
-        raise _without_values(law)
-    return bank, deviances
+    def starts(self, profiles: Sequence[_Profile], deviances: Floats) -> list[Floats]:
+        """Return coefficients to begin with, each of shape (objects, equations, terms), by deviances of all values.
 
+        First with constants that are best for all objects together, then with others for all of them that differ, then
+        with those that are best for each.
+        """
+        swept, swept_alone = list[Floats](), [list[Floats]() for _ in profiles]
+        if np.prod([len(each) for each in self.banks], dtype=float) > settings.MAX_COMBINATIONS:
+            best = self.values[np.argsort(deviances.sum(axis=0), kind="stable")[: settings.MAX_KEPT]]
+            swept = [self._swept(profiles, each) for each in best]
+            swept_alone = in_parallel(lambda each: [self._swept([each], own) for own in swept[:1]], profiles)
+        together = self._best(profiles, deviances.sum(axis=0), swept)[: settings.MAX_KEPT]
+        alone = in_parallel(
+            lambda each, own, more: self._best([each], own, [*swept, *more])[:1], profiles, deviances, swept_alone
+        )
+        if not all(alone):
+            raise CommonlawError("terms-nowhere-finite", parameters=self.law.terms.variables.constants)
+        starts = [*([each] * len(profiles) for each in together), [each for (each,) in alone]]
+        return [
+            np.array([each.coefficients(own) for each, own in zip(profiles, start, strict=True)]) for start in starts
+        ]
 
-def _without_values(law: Law) -> CommonlawError:
-    return CommonlawError("terms-nowhere-finite", parameters=law.terms.variables.constants)
+    def _swept(self, profiles: Sequence[_Profile], begin: Floats) -> Floats:
+        """Return the constants that leave least of all values of one of them, given the others, one after the other.
 
+        Of several frequencies this is the periodogram of what the others leave, again and again (the relaxation of Li
+        and Stoica 1996), where their combinations are too many to be tried.
+        """
 
-def _starts(
-    law: Law,
-    profiles: Sequence[_Profile],
-    bounds: Sequence[Bound],
-    banks: Sequence[Floats],
-    bank: Floats,
-    deviances: Floats,
-) -> list[Floats]:
-    """Return coefficients to begin with, each of shape (objects, equations, terms).
+        def deviance(constants: Floats) -> float:
+            return sum(each.deviance(constants) for each in profiles)
 
-    First with constants that are best for all objects together, then with others for all of them that differ, then with
-    those that are best for each.
-    """
-    swept, swept_alone = list[Floats](), [list[Floats]() for _ in profiles]
-    if np.prod([len(each) for each in banks], dtype=float) > settings.MAX_COMBINATIONS:
-        best = [bank[i] for i in np.argsort(deviances.sum(axis=0), kind="stable")[: settings.MAX_KEPT]]
-        swept = [_swept(profiles, banks, each) for each in best]
-        swept_alone = in_parallel(lambda each: [_swept([each], banks, own) for own in swept[:1]], profiles)
-    together = _best(law, profiles, bounds, bank, deviances.sum(axis=0), swept)[: settings.MAX_KEPT]
-    alone = in_parallel(
-        lambda each, own, more: _best(law, [each], bounds, bank, own, [*swept, *more])[:1],
-        profiles,
-        deviances,
-        swept_alone,
-    )
-    if not all(alone):
-        raise _without_values(law)
-    starts = [*([each] * len(profiles) for each in together), [own for (own,) in alone]]
-    return [np.array([each.coefficients(own) for each, own in zip(profiles, start, strict=True)]) for start in starts]
+        now, value = begin, deviance(begin)
+        for _ in range(settings.MAX_SWEEPS):
+            before = value
+            for i, bank in enumerate(self.banks):
+                tried = np.tile(now, (len(bank), 1))
+                tried[:, i] = bank
+                values = [deviance(each) for each in tried]
+                best = int(np.argmin(values))
+                if values[best] < value:
+                    now, value = tried[best], values[best]
+            if not value < before - settings.SAME_DEVIANCE:
+                break
+        return now
 
+    def _best(self, profiles: Sequence[_Profile], deviances: Floats, swept: Sequence[Floats]) -> list[Floats]:
+        """Return the constants that leave least of some objects, from values that differ, and those found by sweeps.
 
-def _swept(profiles: Sequence[_Profile], banks: Sequence[Floats], begin: Floats) -> Floats:
-    """Return the constants that leave least of all values of one of them, given the others, one after the other.
+        Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has
+        a name is above zero, and then the smaller ones.
+        """
+        letters = {each.name: each for each in self.law.named_coefficients}
 
-    Of several frequencies this is the periodogram of what the others leave, again and again (the relaxation of Li and
-    Stoica 1996), where their combinations are too many to be tried.
-    """
+        def holds(constants: Floats) -> bool:
+            coefficients = [each.coefficients(constants) for each in profiles] if self.bounds else []
+            return all(bound.holds(letters[bound.name].of(own)) for bound in self.bounds for own in coefficients)
 
-    def left(constants: Floats) -> float:
-        return sum(each.deviance(constants) for each in profiles)
+        def unusual(constants: Floats) -> tuple[int, float]:
+            named = [each.of(profile.coefficients(constants)) for profile in profiles for each in letters.values()]
+            return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(constants)))
 
-    now, value = begin, left(begin)
-    for _ in range(settings.MAX_SWEEPS):
-        before = value
-        for i, bank in enumerate(banks):
-            tried = np.tile(now, (len(bank), 1))
-            tried[:, i] = bank
-            values = [left(each) for each in tried]
-            best = int(np.argmin(values))
-            if values[best] < value:
-                now, value = tried[best], values[best]
-        if not value < before - settings.SAME_DEVIANCE:
-            break
-    return now
-
-
-def _columns(profile: _Profile) -> list[int]:
-    """Return the columns, among the variables, of the constants that are to be found."""
-    first = profile.values.shape[1]
-    return [first + profile.terms.constants.index(k) for k in np.argwhere(profile.inside)[:, 1]]
-
-
-def _best(
-    law: Law,
-    profiles: Sequence[_Profile],
-    bounds: Sequence[Bound],
-    bank: Floats,
-    deviances: Floats,
-    swept: Sequence[Floats],
-) -> list[Floats]:
-    """Return the constants that leave least of the rates of some objects, from ones of a bank that differ.
-
-    Constants that were found by sweeps are begun with, too.
-
-    Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has a
-    name is above zero, and then the smaller ones.
-    """
-    letters = {each.name: each for each in law.named_coefficients}
-
-    def holds(constants: Floats) -> bool:
-        coefficients = [each.coefficients(constants) for each in profiles] if bounds else []
-        return all(bound.holds(letters[bound.name].of(own)) for bound in bounds for own in coefficients)
-
-    listed = [bank[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
-    begun = [*filter(holds, swept), *islice(filter(holds, listed), settings.MAX_REFINED), *_different(listed, holds)]
-    limits = np.array([limits_of(name, bounds) for name in law.terms.variables.constants]).reshape(-1, 2).T
-    found = [*begun, *filter(holds, (_refined(profiles, each, limits) for each in begun))]
-    values = [sum(each.deviance(own) for each in profiles) for own in found]
-
-    def unusual(constants: Floats) -> tuple[int, float]:
-        named = [each.of(profile.coefficients(constants)) for profile in profiles for each in letters.values()]
-        return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(constants)))
-
-    alike = [own for own, value in zip(found, values, strict=True) if value <= min(values) + settings.SAME_DEVIANCE]
-    ordered = [found[k] for k in np.argsort(values, kind="stable")]
-    return _different([*sorted(alike, key=unusual), *ordered])
+        listed = [self.values[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
+        first = islice(filter(holds, listed), settings.MAX_REFINED)
+        begun = [*filter(holds, swept), *first, *_different(listed, holds)]
+        limits = np.array([limits_of(name, self.bounds) for name in self.law.terms.variables.constants])
+        found = [*begun, *filter(holds, (_refined(profiles, each, limits.reshape(-1, 2).T) for each in begun))]
+        values = [sum(each.deviance(own) for each in profiles) for own in found]
+        ordered = [found[k] for k in np.argsort(values, kind="stable")]
+        same = [k for k, value in enumerate(values) if value <= min(values) + settings.SAME_DEVIANCE]
+        return _different([*sorted((found[k] for k in same), key=unusual), *ordered])
 
 
 def _different(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambda _: True) -> list[Floats]:
     """Return the first few of some constants that differ, by their signs or a factor."""
     found = list[Floats]()
     for each in listed:
-        if len(found) < settings.MAX_REFINED and not any(_is_near(each, other) for other in found) and holds(each):
+        if len(found) == settings.MAX_REFINED:
+            break
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distances = [np.abs(np.log(each / other)).max() for other in found]
+        if all(not distance < np.log(settings.MIN_FACTOR) for distance in distances) and holds(each):
             found.append(each)
     return found
-
-
-def _is_near(one: Floats, other: Floats) -> bool:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return bool((np.abs(np.log(one / other)) < np.log(settings.MIN_FACTOR)).all())
 
 
 def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Floats:
