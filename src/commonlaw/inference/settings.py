@@ -55,9 +55,7 @@ MAX_CURVE_POINTS = 200
 MAX_WINDOWS = 4
 """Windows of an object, or trials and objects, for what would take long with all of them."""
 MAX_OBJECTS = 12
-"""Objects, or segments of an object, evenly spread, that stand for all."""
-MAX_TRIALS = 24
-"""Trials by which confounded variables are found."""
+"""Objects, segments of an object, or trials, that stand for all."""
 
 # Models
 MAX_TERMS = 20
@@ -70,10 +68,8 @@ MAX_SCREENED_TERMS = 40
 """Candidate terms that screening keeps, about, and those that are tested at a time on a law."""
 MAX_NUMBERS = 7
 """Coefficients and nonlinear parameters of an equation with parametric or rational terms."""
-MAX_PLAIN_TERMS = 4
-"""Terms without parameters of such an equation."""
-MAX_RATIO_TERMS = (3, 4, 2)
-"""Terms in the numerator, in the denominator and beside a ratio."""
+MAX_SUM_TERMS = (4, 3, 4, 2)
+"""Terms without parameters of such an equation; in the numerator, in the denominator of a ratio, and beside it."""
 MAX_VARIABLES = 8
 """Variables whose subsets are all compared."""
 
@@ -101,8 +97,6 @@ EXPONENTS = (-3.0, -2.0, -1.5, -1.0, -0.5, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0,
 """Exponents that are tried."""
 MAX_COMBINATIONS = 3000
 """Combinations of values of all parameters, or frequencies; of more, as many are drawn."""
-MIN_FACTOR = 2.0
-"""Factor by which a parameter differs from those that were refined already."""
 MAX_BELOW_ZERO = 0.2
 """Share of the size of a variable by which noise may take it below zero."""
 MIN_ABOVE_ZERO = 1e-3
@@ -112,8 +106,6 @@ MIN_ABOVE_ZERO = 1e-3
 MIN_DRAWS = (32, 128)
 """Draws for each two parameters where initial values are given, and where they are drawn: a tenth or
 ten times as many give the same optimum."""
-MAX_FITTED_DRAWS = 64
-"""Draws of an object that are fitted."""
 INITIAL_VALUE_DECADES = (-1.0, 1.5)
 """Decades from the scale of a state between which initial values are drawn."""
 NEGATIVE = 0.25

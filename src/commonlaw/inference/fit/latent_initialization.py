@@ -355,7 +355,7 @@ class _Object:
             if all(np.isfinite(path).all() for path in states):
                 filled = self._filled(states)
                 begins.append((*self._along(filled, coefficients), filled))
-        best = sorted(begins, key=lambda each: each[0])[: settings.MAX_FITTED_DRAWS]
+        best = sorted(begins, key=lambda each: each[0])[: 2 * settings.MIN_DRAWS[0]]
         free, fits = np.isnan(self.known), list[Begun]()
         for _, coefficients, filled in best:
             start = Estimate(tuple(interpolate([states for states, _ in filled])), coefficients)
@@ -425,11 +425,12 @@ class _Object:
             return np.asarray(((values[1:] - values[0]) / settings.ROUNDING).T)
 
         found = np.concatenate([coefficients[free], begin[loose]]) / sizes
-        squares = float(np.sum(residuals_at(found) ** 2))
-        if np.isfinite(squares) and np.isfinite(slopes(found)).all():
-            tolerance = settings.SAME_DEVIANCE / max(squares, 1.0)
-            solved = least_squares(residuals_at, found, slopes, ftol=tolerance)
-            found, squares = solved.x, float(2 * solved.cost)
+        with np.errstate(over="ignore"):  # Far from any law
+            squares = float(np.sum(residuals_at(found) ** 2))
+            if np.isfinite(squares) and np.isfinite(slopes(found)).all():
+                tolerance = settings.SAME_DEVIANCE / max(squares, 1.0)
+                solved = least_squares(residuals_at, found, slopes, ftol=tolerance)
+                found, squares = solved.x, float(2 * solved.cost)
         states, laws = solutions(found[np.newaxis])
         start = Estimate(tuple(interpolate([path[0] for path in states])), laws[0])
         # On the mesh a solution is slightly another one

@@ -362,7 +362,7 @@ def _left_by_one(sets: Indices, chosen: Sequence[int], match: Match, columns: Fl
 def _subsets(plain: Sequence[int], most: int) -> list[tuple[int, ...]]:
     """Return the sets of some terms, smaller ones first, of sizes of which not too many are compared."""
     found: list[tuple[int, ...]] = []
-    for size in range(settings.MAX_PLAIN_TERMS + 1):
+    for size in range(settings.MAX_SUM_TERMS[0] + 1):
         of_size = list(combinations(plain, size))
         if size > 1 and len(found) + len(of_size) > most:
             break

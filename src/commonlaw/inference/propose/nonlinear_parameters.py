@@ -331,14 +331,14 @@ class _Grid:
 
 
 def _different(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambda _: True) -> list[Floats]:
-    """Return the first few of some constants that differ, by their signs or a factor."""
+    """Return the first few of some constants that differ, by their signs or a step of the grid."""
     found = list[Floats]()
     for each in listed:
         if len(found) == settings.MAX_REFINED:
             break
         with np.errstate(divide="ignore", invalid="ignore"):
             distances = [np.abs(np.log(each / other)).max() for other in found]
-        if all(not distance < np.log(settings.MIN_FACTOR) for distance in distances) and holds(each):
+        if all(not distance < np.log(10) / settings.PER_DECADE[1] for distance in distances) and holds(each):
             found.append(each)
     return found
 

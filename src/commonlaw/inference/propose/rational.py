@@ -221,7 +221,7 @@ class _Ranked:
         found = dict[_Shape, _Score]()
         count = len(self.offered.below)
         listed = [(below, np.ones((len(self.sides), 1))) for below in combinations(range(count), 1)]
-        for size in range(2, min(settings.MAX_RATIO_TERMS[1], count) + 1):
+        for size in range(2, min(settings.MAX_SUM_TERMS[2], count) + 1):
             wider = dict[_Shape, _Score]()
             for below, coefficients in listed:
                 for new in range(count) if size > 2 else range(below[0] + 1, count):
@@ -292,12 +292,10 @@ class _Ranked:
         free = self.problem.allowed[self.equation]
         beside = [count + k for k, each in enumerate(self.offered.beside) if each in plain and free[plain.index(each)]]
         found, total = list[Indices](), 0
-        for size in range(1, settings.MAX_RATIO_TERMS[0] + settings.MAX_RATIO_TERMS[2] + 1):
+        for size in range(1, settings.MAX_SUM_TERMS[1] + settings.MAX_SUM_TERMS[3] + 1):
             own = [
                 (*above, *others)
-                for many in range(
-                    max(1, size - settings.MAX_RATIO_TERMS[2]), min(size, settings.MAX_RATIO_TERMS[0]) + 1
-                )
+                for many in range(max(1, size - settings.MAX_SUM_TERMS[3]), min(size, settings.MAX_SUM_TERMS[1]) + 1)
                 for above in combinations(range(count), many)
                 for others in combinations(beside, size - many)
             ]
