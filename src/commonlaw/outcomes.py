@@ -19,6 +19,8 @@ class OutcomeKind(StrEnum):
     """The terms of an equation were chosen from candidates; the text says why these."""
     COPIES = "copies"
     """Trials are exact copies of others, and count all the same."""
+    DISCRETE_TIME = "discrete time"
+    """A law in discrete time explains what the one in continuous time does not."""
     DIVERGED = "diverged"
     """A trajectory ran away, or no number of steps could follow it on."""
     EMPTY_SUPPORT = "empty support"

@@ -48,3 +48,19 @@ def test_orders_that_do_not_fit_are_refused(run, order, message):
     code, _, err = run("discover", "motor.csv", "--order", order, *OPTIONS)
     assert code != 0
     assert message in err
+
+
+def test_a_table_of_generations_hints_at_the_option_for_discrete_time(run, tmp_path):
+    sizes = [0.3]
+    for _ in range(60):
+        sizes.append(3.9 * sizes[-1] * (1 - sizes[-1]))
+    noise = 0.01 * np.random.default_rng(3).standard_normal(61)
+    frame = pd.DataFrame({"generation": range(61), "size": sizes + noise})
+    frame.to_csv(tmp_path / "flies.csv", index=False)
+    code, _, err = run("discover", "flies.csv", "--time", "generation", "--no-cache")
+    assert code == 0
+    assert "discover a law in discrete time: --order 0" in err
+    code, out, err = run("discover", "flies.csv", "--time", "generation", "--order", "0", "--no-cache")
+    assert code == 0
+    assert "size[k+1] = " in out
+    assert "discrete time" not in err

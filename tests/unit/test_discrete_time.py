@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.discovery.generations import _within, outcomes_of_generations
 from tests.refusals import refused
 
 
@@ -53,3 +54,60 @@ def test_the_next_sample_of_a_chaotic_map_is_forecast_though_the_tenth_is_not():
     verdict = cl.fit("x[k+1] = a x (1 - x)", trials).verdict(trials)
     assert 1 <= verdict.horizon < 30
     assert "even the nearest" not in str(verdict)
+
+
+GENERATIONS = np.arange(60.0)
+
+
+def generations(growth, noise, times=GENERATIONS):
+    """Two populations of sizes x[k+1] = growth x (1 - x), measured with noise."""
+    generator, trials = np.random.default_rng(2), []
+    for i, name in enumerate(("a", "b")):
+        states = [0.3 + 0.1 * i]
+        for _ in times[1:]:
+            states.append(growth * states[-1] * (1 - states[-1]))
+        trials.append(cl.Trial(name, "1", times, states + noise * generator.standard_normal(len(times))))
+    return cl.Trials(tuple(trials), cl.Schema(("x",), time="generation"))
+
+
+def hints(trials, **settings):
+    law = cl.discover(trials, cache=False, **settings)
+    return [each for each in law.outcomes if each.code == "discrete-time-plausible"]
+
+
+def test_a_law_in_continuous_time_that_leaves_what_the_generation_before_explains_hints_at_discrete_time():
+    (hint,) = hints(generations(3.9, 0.01))
+    assert hint.where == "x'"
+    assert hint.kind == "discrete time"
+    assert "`order=0`" in hint.remedy
+
+
+@pytest.mark.parametrize(
+    ("trials", "settings"),
+    [
+        (generations(3.9, 0.01), {"order": 1}),
+        (generations(3.9, 0.01), {"order": 0}),
+        (generations(3.9, 0.01, times=0.5 * GENERATIONS), {}),
+        (generations(3.9, 0.01, times=np.where(GENERATIONS < 30, GENERATIONS, GENERATIONS + 1)), {}),
+        (generations(1.1, 0.002), {}),
+        (generations(1.0, 0.05), {}),
+    ],
+    ids=["order 1", "order 0", "half numbers", "a generation is missing", "resolved growth", "noise alone"],
+)
+def test_nothing_else_hints_at_discrete_time(trials, settings):
+    assert not hints(trials, **settings)
+
+
+def test_a_law_in_continuous_time_that_explains_its_samples_hints_at_no_other():
+    """An oscillation of 2.6 samples a cycle, which samples do not resolve."""
+    law, other = (cl.Law.from_text(text, {"a": 5.8}) for text in ("x'' = -a x", "x' = -a x"))
+    states = law.simulate(GENERATIONS, [1.0, 0.0])["object"].states[:, :1]
+    trials = cl.Trials((cl.Trial("object", "1", GENERATIONS, states),), cl.Schema(("x",)))
+    assert outcomes_of_generations(law, trials) == ()
+    (hint,) = outcomes_of_generations(other, trials)
+    assert (hint.code, hint.where) == ("discrete-time-plausible", "x'")
+
+
+def test_variation_between_objects_is_none_within_them():
+    values, objects = np.array([[1.0, 5.0], [3.0, 7.0], [10.0, 0.0]]), np.array([0, 0, 2])
+    np.testing.assert_array_equal(_within(values, objects), [[-1, -1], [1, 1], [0, 0]])

@@ -22,16 +22,21 @@ _READING = {
 }
 """The same of other settings of how a table is read."""
 
+_ONLY_IN_THE_COMMAND = {"clip_irregular()": "--clip", "order=0": "--order 0"}
+"""What the page cannot do."""
+
 
 def in_page(code: str) -> str:
     """Return a setting, written as an argument of a function, as the page calls it; the dialect of the page.
 
     >>> in_page("time=..."), in_page("trial='run'"), in_page("decimal=','")
     ("'time' under Columns", "trial 'run'", "',' as the decimal mark under Columns")
+    >>> in_page("order=0")
+    'the option --order 0 of the command'
     """
     name, _, value = code.partition("=")
-    if code == "clip_irregular()":
-        return "the option --clip of the command"
+    if code in _ONLY_IN_THE_COMMAND:
+        return f"the option {_ONLY_IN_THE_COMMAND[code]} of the command"
     if name in _COLUMNS:
         return f"{_COLUMNS[name]!r} under Columns" if value in ("...", "[...]") else f"{_COLUMNS[name]} {value}"
     if name in _READING:

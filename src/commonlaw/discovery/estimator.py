@@ -11,6 +11,7 @@ from commonlaw.discovery.data_check import outcomes_of_stand_ins
 from commonlaw.discovery.derivative_regression import DerivativeRegression
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.further_trials import outcomes_of_rivals
+from commonlaw.discovery.generations import outcomes_of_generations
 from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.method import AbstractMethod
@@ -53,6 +54,8 @@ class LawDiscovery:
         fits within the noise, otherwise 1 or 2 for each state, whichever has the law of larger evidence; `Law.history`
         says by how much. States measured together with their rates are of order 2, and known physics is of its own
         order. Where no evidence compares laws, in streams and by the regressions, ``"auto"`` is 1, and the law says so.
+        Discrete time is never tried; a note suggests it where samples at whole numbers follow from the ones before,
+        but not by the law.
     library
         Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, see
         `parse_library`. ``"auto"``: polynomials of degree 3, and richer terms where these show lack of fit, see
@@ -180,6 +183,8 @@ class LawDiscovery:
             domain = replace(Domain.of(trials, law.state_rates), at_rest=resting)
             outcomes = with_outcomes_of_zero(outcomes, law, trials)
             outcomes = (*outcomes, *outcomes_of_stand_ins(trials, law.order, library))
+            if self.order == "auto" and law.order != 0:
+                outcomes = (*outcomes, *outcomes_of_generations(law, trials))
         history = (*told, *law.history)
         provenance = replace(law.provenance, calls=made, domain=domain, outcomes=outcomes, history=history)
         law = replace(law, provenance=provenance)
