@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.discovery import trajectory_likelihood
-from commonlaw.inference import finish
-from commonlaw.inference.fit.state import evidence_about
+from commonlaw.discovery import pipeline
+from commonlaw.inference import assemble
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.setup import FitSetup
@@ -21,45 +20,45 @@ PROBLEMS = {
 
 @pytest.fixture(scope="module", params=PROBLEMS.values(), ids=PROBLEMS)
 def discovered(request):
-    """Trials, the law that `discover` finds, and the search that it comes from."""
+    """Trials, the law that `discover` finds, and the fit that it comes from."""
     trials, settings = request.param
-    searches = []
+    pools = []
 
-    def recorded(found, **rest):
-        searches.append(found)
-        return finish(found, **rest)
+    def recorded(pool, **rest):
+        pools.append(pool)
+        return assemble(pool, **rest)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trajectory_likelihood, "finish", recorded)
+        patch.setattr(pipeline, "assemble", recorded)
         law = cl.discover(trials, cache=False, **settings)
-    return trials, law, searches[-1]
+    return trials, law, pools[-1].best
 
 
 def test_the_parts_add_up_to_the_evidence(discovered):
-    *_, found = discovered
-    evidence = evidence_about(found.problem, found.state)
-    assert found.state.score.total == pytest.approx(evidence.value(found.state.supports), rel=1e-12)
+    *_, fit = discovered
+    assert fit.score.total == pytest.approx(fit.evidence.value(fit.supports), rel=1e-12)
 
 
 def test_discover_and_fit_give_the_same_score_part_by_part(discovered):
-    trials, law, found = discovered
-    fitted = fit_terms(FitSetup.of(law, trials)).state.score
-    assert fitted.kind is found.state.score.kind is Kind.EVIDENCE
-    assert dict(fitted.parts) == pytest.approx(dict(found.state.score.parts), rel=1e-6, abs=1e-6)
+    trials, law, fit = discovered
+    again = fit_terms(FitSetup.of(law, trials)).best
+    assert again.score.kind is fit.score.kind is Kind.EVIDENCE
+    assert dict(again.score.parts) == pytest.approx(dict(fit.score.parts), rel=1e-6, abs=1e-6)
+    assert again.model == fit.model
 
 
 def test_compare_gives_the_same_score_but_for_the_terms_that_were_left_out(discovered, monkeypatch):
-    trials, law, found = discovered
+    trials, law, fit = discovered
     scores = []
 
-    def fit(setup):
-        fitted = fit_terms(setup)
-        scores.append(dict(fitted.state.score.parts))
-        return fitted
+    def fitted(setup):
+        pool = fit_terms(setup)
+        scores.append(dict(pool.best.score.parts))
+        return pool
 
-    monkeypatch.setattr(comparison, "fit_terms", fit)
+    monkeypatch.setattr(comparison, "fit_terms", fitted)
     cl.compare({"law": law}, trials)
-    expected = dict(found.state.score.parts)
+    expected = dict(fit.score.parts)
     assert scores[0].pop("structure") < expected.pop("structure")
     assert scores[0] == pytest.approx(expected, rel=1e-6, abs=1e-6)
 

@@ -40,9 +40,9 @@ def _score() -> Iterator[list[float]]:
     def of(module: Any) -> Any:
         before = module.fitted_law
 
-        def fitted_law(template: Any, problem: Any, state: Any, *settings: Any) -> Any:
-            noted.append(state.score.total)
-            return before(template, problem, state, *settings)
+        def fitted_law(template: Any, fit: Any, *settings: Any) -> Any:
+            noted.append(fit.score.total)
+            return before(template, fit, *settings)
 
         return patch.object(module, "fitted_law", fitted_law)
 

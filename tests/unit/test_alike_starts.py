@@ -31,10 +31,10 @@ def falling(std, seed=0, trials=6):
 
 
 def fitted(trials, term):
-    """The problem of these trials, and the state with one term, of 1 and t."""
+    """The fit of these trials with one term, of 1 and t."""
     terms = terms_of("terms:1,t", ("x", "v"), order=2)
     problem = prepare(trials, terms, np.full((1, 1, 2), np.nan), noise=np.array([NOISE]))
-    return problem, fit_with(problem, np.array([[name == term for name in terms.names]]), 0.0)
+    return fit_with(problem, np.array([[name == term for name in terms.names]]), 0.0)
 
 
 def expected(trials, effect):
@@ -64,9 +64,7 @@ def expected(trials, effect):
 @pytest.mark.parametrize("std", [(0.1, 0.05), (3.0, 0.05), (3.0, 2.0)])
 def test_the_price_of_starts_is_that_of_their_normal_distribution(std):
     trials = falling(std)
-    problem, right = fitted(trials, "1")
-    _, wrong = fitted(trials, "t")
-    found = AlikeStarts(problem, right).price(wrong)
+    found = AlikeStarts(fitted(trials, "1")).price(fitted(trials, "t"))
     wanted = expected(trials, lambda t: t**3) - expected(trials, np.square)
     assert found == pytest.approx(wanted, abs=0.1)
 
@@ -74,26 +72,26 @@ def test_the_price_of_starts_is_that_of_their_normal_distribution(std):
 def test_starts_far_apart_hardly_tell_laws_apart():
     prices = []
     for std in (0.05, 20.0):
-        problem, right = fitted(falling((std, std)), "1")
-        prices.append(AlikeStarts(problem, right).price(fitted(falling((std, std)), "t")[1]))
+        right, wrong = (fitted(falling((std, std)), term) for term in "1t")
+        prices.append(AlikeStarts(right).price(wrong))
     assert prices[0] > 3
     assert abs(prices[1]) < 1
 
 
 def test_few_trials_say_nothing_of_starts():
     trials = falling((0.1, 0.1), trials=2)
-    problem, right = fitted(trials, "1")
-    starts, other = AlikeStarts(problem, right), fitted(trials, "t")[1]
+    right, other = (fitted(trials, term) for term in "1t")
+    starts = AlikeStarts(right)
     assert starts.price(other) == 0
     assert starts.near(right)(other.supports) == 0
 
 
 def test_what_is_promised_near_a_law_is_the_price_of_it_where_starts_scatter_alike():
-    problem, right = fitted(falling((0.1, 0.05)), "1")
-    starts = AlikeStarts(problem, right)
+    right = fitted(falling((0.1, 0.05)), "1")
+    starts = AlikeStarts(right)
     assert starts.near(right)(right.supports) == pytest.approx(0, abs=1e-6)
     more = starts.near(right)(np.array([[True, True]]))
-    assert more == pytest.approx(starts.price(fit_with(problem, np.array([[True, True]]), 0.0)), abs=0.5)
+    assert more == pytest.approx(starts.price(fit_with(right.problem, np.array([[True, True]]), 0.0)), abs=0.5)
 
 
 def test_rows_with_starts_as_columns_are_those_with_starts_eliminated():

@@ -12,7 +12,8 @@ from scipy.stats import t
 
 import commonlaw as cl
 from commonlaw.inference.data.noise import noise_floor
-from commonlaw.inference.search.law_search import choose_errors, fit_terms
+from commonlaw.inference.search.error_models import choose_errors
+from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.law import Uncertainty
 from commonlaw.likelihood import ErrorModel
@@ -203,7 +204,7 @@ def test_the_evidence_that_compares_laws_is_that_which_they_were_fitted_with():
     laws = {text: cl.fit(text, trials) for text in ("x'' = a x + b v", "x'' = a x + b v^3")}
     setups = [FitSetup.of(law, trials) for law in laws.values()]
     fitted = [
-        choose_errors(fit_terms(own), errors="auto", propose=lambda _: None, progress=lambda _: None).state.score.total
+        choose_errors(fit_terms(own), errors="auto", propose=lambda _: None, progress=lambda _: None).best.score.total
         for own in setups
     ]
     found = cl.compare(laws, trials).set_index("law")["2 log B"]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import search
 from commonlaw.inference.search import staged_search
 
@@ -26,7 +27,7 @@ def few(monkeypatch):
         searched.append(sum(map(len, problem.trials)))
         return search(problem, *rest, **options)
 
-    monkeypatch.setattr(staged_search, "FEW_SAMPLES", 200)
+    monkeypatch.setattr(settings, "FEW_SAMPLES", 200)
     monkeypatch.setattr(staged_search, "search", counting)
     return searched
 

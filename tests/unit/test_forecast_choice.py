@@ -8,7 +8,6 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference.result import predictive_choice
 from commonlaw.inference.result.interval_calibration import StandardizedErrors
-from commonlaw.inference.search.law_search import LawSearch
 from commonlaw.likelihood import ErrorModel
 
 LEARNED = 9
@@ -84,13 +83,12 @@ def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():
 def found_under(kind: ErrorModel, *, walks: bool, objects: int) -> SimpleNamespace:
     trials = SimpleNamespace(objects=["a", "b", "c"][:objects])
     return SimpleNamespace(
-        state=SimpleNamespace(has_model_error=walks), problem=SimpleNamespace(errors=kind, trials=trials)
+        has_process_noise=walks or kind.of_law, has_few_measurements=False, problem=SimpleNamespace(trials=trials)
     )
 
 
 @pytest.mark.parametrize("walks", [True, False])
-def test_a_law_that_errs_is_in_doubt_where_its_forecasts_diverge(walks, monkeypatch):
-    monkeypatch.setattr(LawSearch, "has_few_measurements", False)
+def test_a_law_that_errs_is_in_doubt_where_its_forecasts_diverge(walks):
     own = ErrorModel() if walks else ErrorModel(force=np.ones(1), force_time=1.0)
     one = found_under(own, walks=walks, objects=1)
     assert predictive_choice._is_in_doubt(one, [errors(np.full(8, np.inf), 1.0)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.discovery import trajectory_likelihood
+from commonlaw.discovery import candidate_search
 from commonlaw.inference.search.input_interpolation import _left_out, supported_interpolation
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
 from commonlaw.likelihood import meshes
@@ -86,11 +86,11 @@ def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
 def test_a_latent_state_is_sought_once_under_the_interpolation_that_is_chosen(monkeypatch):
     sought = []
 
-    def counted(found, trials, **_):
+    def counted(pool, trials, **_):
         sought.append(trials.schema.input_between)
-        return found
+        return pool
 
-    monkeypatch.setattr(trajectory_likelihood, "with_unmeasured_state", counted)
+    monkeypatch.setattr(candidate_search, "with_latent_state", counted)
     method = cl.TrajectoryLikelihood(unmeasured=1)
     law = cl.discover(driven("held"), order=1, library="poly:1", method=method, cache=False)
     assert law.structure() == ("x' = a + b x + c u",)
@@ -107,12 +107,12 @@ def test_richer_terms_are_sought_once_where_no_interpolation_of_inputs_leaves_no
         [replace(each, inputs=np.roll(each.inputs, 1, axis=0)) for each in driven_by_steps]
     )
 
-    def counted(found, *_):
-        sought.append(found.problem.trials.schema.input_between)
-        return found
+    def counted(pool, *_):
+        sought.append(pool.best.problem.trials.schema.input_between)
+        return pool
 
-    monkeypatch.setattr(trajectory_likelihood, "with_parametric_terms", counted)
-    monkeypatch.setattr(trajectory_likelihood, "with_unmeasured_state", lambda found, *_, **__: found)
+    monkeypatch.setattr(candidate_search, "with_parametric_terms", counted)
+    monkeypatch.setattr(candidate_search, "with_latent_state", lambda pool, *_, **__: pool)
     cl.discover(late, order=1, library=library, method=cl.TrajectoryLikelihood(**KNOWN, errors="white"), cache=False)
     assert len(sought) == rounds
 

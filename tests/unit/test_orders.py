@@ -9,11 +9,12 @@ from scipy.stats import multivariate_normal
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.discovery import orders, trajectory_likelihood
+from commonlaw.discovery import orders, pipeline
+from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.inference import may_be_of_first_order, prepare, score_of_order
 from commonlaw.inference.fit.annealing import fit_with
-from commonlaw.inference.fit.lack_of_fit import departures, in_words
+from commonlaw.inference.fit.lack_of_fit import in_words
 from commonlaw.library import Variables, parse_library
 from tests.refusals import refused
 
@@ -87,7 +88,7 @@ def test_falling_balls_accelerate(noise):
 
 
 def test_a_state_and_its_measured_rate_are_of_first_order(monkeypatch):
-    monkeypatch.setattr(trajectory_likelihood, "with_order_said", lambda *_: pytest.fail("orders were compared"))
+    monkeypatch.setattr(pipeline, "with_order_said", lambda *_: pytest.fail("orders were compared"))
     law = discover(swings(0.01, columns=2), library="poly:1 + fourier:1")
     assert law.structure() == ("x' = a y", "y' = b y + c sin(x)")
     assert (law.history[0].choice, law.history[0].reason) == ("1", "y is the rate of x")
@@ -228,12 +229,12 @@ def test_streams_are_of_the_first_order_and_say_so(tmp_path):
 def test_a_law_that_explains_is_tried_with_no_other_order(monkeypatch):
     tried = list[int]()
 
-    def begun(self, trials, screened, *rest):
-        tried.append(screened.whole.order)
-        return begin(self, trials, screened, *rest)
+    def counted(self, structure, is_first):
+        tried.append(structure.order)
+        return plain(self, structure, is_first)
 
-    begin = cl.TrajectoryLikelihood._begun
-    monkeypatch.setattr(cl.TrajectoryLikelihood, "_begun", begun)
+    plain = CandidateSearch.plain
+    monkeypatch.setattr(CandidateSearch, "plain", counted)
     assert cl.discover(relaxations(0.05), cache=False).structure() == ("x' = a + b x",)
     assert tried == [1]
 
@@ -275,7 +276,7 @@ def test_the_evidence_of_both_orders_is_the_density_of_the_same_measurements(poi
         problem = prepare(trials, terms, known, noise=np.array([noise]), huber_threshold=np.inf)
         while problem.points < points:
             problem = problem.finer()
-        found[order] = score_of_order(problem, fit_with(problem, problem.allowed, 0.0))
+        found[order] = score_of_order(fit_with(problem, problem.allowed, 0.0))
     rates = np.concatenate([each[:, 1] for own in problem.smoothed for each in own])
 
     def log_density(mean, covariance):
@@ -297,7 +298,5 @@ def test_a_law_that_leaves_many_times_the_noise_does_not_explain():
     structure = ModelStructure(1, parse_library("terms:1"))
     terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
     problem = prepare(trials, terms, known, noise=None, huber_threshold=4.0)
-    state = fit_with(problem, problem.allowed, 0.0)
-    assert (
-        in_words(departures(problem, state)) == "residuals of x are mostly more than 4 standard deviations of its noise"
-    )
+    fit = fit_with(problem, problem.allowed, 0.0)
+    assert in_words(fit.departures) == "residuals of x are mostly more than 4 standard deviations of its noise"

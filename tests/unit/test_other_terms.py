@@ -45,13 +45,10 @@ def test_a_law_in_other_words_is_not_counted_twice(law):
 def test_laws_are_the_same_by_their_states_whatever_other_processes_they_have():
     def found(*processes, shift=0.0):
         states = np.linspace(1.0, 2.0, 10)[:, np.newaxis] + shift
-        state = SimpleNamespace(
-            supports=np.ones((1, 2), dtype=bool),
-            estimates=[SimpleNamespace(states=[np.column_stack([states, *(own * states for own in processes)])])],
-        )
-        return SimpleNamespace(
-            state=state, template=SimpleNamespace(states=("s",)), problem=SimpleNamespace(noise=np.array([0.1]))
-        )
+        path = np.column_stack([states, *(own * states for own in processes)])
+        trials = SimpleNamespace(schema=SimpleNamespace(states=("s",)))
+        problem = SimpleNamespace(noise=np.array([0.1]), trials=trials)
+        return SimpleNamespace(size=2, estimates=[SimpleNamespace(states=[path])], problem=problem)
 
     assert _is_same(found(), found(3.0, 4.0))
     assert not _is_same(found(), found(3.0, shift=0.01))

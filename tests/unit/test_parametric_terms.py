@@ -10,10 +10,10 @@ from scipy.optimize import curve_fit
 
 import commonlaw as cl
 from commonlaw.inference import prepare
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import Course
 from commonlaw.inference.fit.parameter_grid import Banks, frequencies_in_time
-from commonlaw.inference.fit.practical_identifiability import are_constants_told
-from commonlaw.inference.fit.state import SearchState
+from commonlaw.inference.fit.practical_identifiability import are_parameters_identifiable
 from commonlaw.inference.propose.candidate_laws import terms_of_sets
 from commonlaw.inference.propose.integral_ranking import Start, TermSet, matching_sets
 from commonlaw.inference.score.score import Score
@@ -262,8 +262,8 @@ def test_a_drive_is_told_if_a_trial_has_a_whole_cycle_of_it_and_each_cycle_two_s
     terms = Terms(variables, (parametric_term("cos(w*t)", Variables(("x",))).term, Constant(2)))
     problem = prepare(trials, terms, np.full((1, 1, 2), np.nan), guess=np.array([[[1.0, frequency]]]))
     estimate = replace(problem.starts[0], states=(exact,), coefficients=np.array([[1.0, frequency]]))
-    state = SearchState(np.ones((1, 2), dtype=bool), (estimate,), 0.0, Score({}))
-    assert are_constants_told(problem, state) == told
+    fit = Fit(problem, np.ones((1, 2), dtype=bool), (estimate,), 0.0, Score({}))
+    assert are_parameters_identifiable(fit) == told
 
 
 def test_a_term_may_be_left_out_of_a_set_with_its_constants(enzymes):

@@ -7,9 +7,8 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.formulation import law_variables
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.fit.state import SearchState
-from commonlaw.inference.fit.validity import follows_solutions, is_solved, runs_away
 from commonlaw.inference.result.history import outcomes_of_fit
 from commonlaw.inference.score.score import Score
 from commonlaw.library import parse_library
@@ -26,45 +25,45 @@ def stated(library, coefficients, curve, model_error=0.0, noise=0.05):
     problem = prepare(trials, terms, np.full((1, 1, len(terms)), np.nan), noise=np.array([noise]))
     (start,) = problem.starts
     estimate = replace(start, states=(curve[:, np.newaxis],), coefficients=np.array([coefficients]))
-    return problem, SearchState(np.ones((1, len(terms)), dtype=bool), (estimate,), model_error, Score({}))
+    return Fit(problem, np.ones((1, len(terms)), dtype=bool), (estimate,), model_error, Score({}))
 
 
 def test_a_law_whose_solution_is_followed_is_solved():
-    assert is_solved(*stated("terms:x", [-0.5], 3 * np.exp(-0.5 * TIMES)))
+    assert stated("terms:x", [-0.5], 3 * np.exp(-0.5 * TIMES)).is_solved
 
 
 def test_steps_from_one_resting_point_to_the_next_follow_no_solution():
     resting = np.pi * np.random.default_rng(1).integers(20, 24, len(TIMES))  # Of sin(x), 12 rates of 20 in a step
-    problem, state = stated("terms:sin(x)", [-500.0], resting.astype(float), model_error=0.5)
-    assert not follows_solutions(problem, state)
-    assert not is_solved(problem, state)
+    fit = stated("terms:sin(x)", [-500.0], resting.astype(float), model_error=0.5)
+    assert not fit.follows_solutions
+    assert not fit.is_solved
 
 
 def test_a_fit_that_is_no_solution_of_its_law_did_not_converge():
     resting = np.pi * np.random.default_rng(1).integers(20, 24, len(TIMES))
     (found, *_) = outcomes_of_fit(
-        *stated("terms:sin(x)", [-500.0], resting.astype(float)), is_converged=True, tried_errors=True
+        stated("terms:sin(x)", [-500.0], resting.astype(float)), is_converged=True, tried_errors=True
     )
     assert found.kind is OutcomeKind.NOT_CONVERGED
     solved = stated("terms:x", [-0.5], 3 * np.exp(-0.5 * TIMES))
-    assert outcomes_of_fit(*solved, is_converged=True, tried_errors=True) == ()
-    (found,) = outcomes_of_fit(*solved, is_converged=False, tried_errors=True)
+    assert outcomes_of_fit(solved, is_converged=True, tried_errors=True) == ()
+    (found,) = outcomes_of_fit(solved, is_converged=False, tried_errors=True)
     assert found.kind is OutcomeKind.NOT_CONVERGED
 
 
 def test_a_fast_law_at_rest_is_followed():
-    assert follows_solutions(*stated("terms:1,x", [200.0, -100.0], np.full(len(TIMES), 2.0)))
+    assert stated("terms:1,x", [200.0, -100.0], np.full(len(TIMES), 2.0)).follows_solutions
 
 
 def test_what_a_law_errs_by_in_each_step_is_no_error_of_the_step():
     wandering = 3 * np.exp(-0.5 * TIMES) + np.cumsum(0.05 * np.random.default_rng(2).standard_normal(len(TIMES)))
-    assert follows_solutions(*stated("terms:x", [-0.5], wandering, model_error=1.0))
+    assert stated("terms:x", [-0.5], wandering, model_error=1.0).follows_solutions
 
 
-def test_a_trajectory_that_diverges_runs_away():
-    problem, state = stated("terms:x^2", [1.0], np.full(len(TIMES), 1.0))
-    assert runs_away(problem, state)
-    assert not is_solved(problem, state)
+def test_a_law_whose_trajectories_diverge_is_not_solved():
+    fit = stated("terms:x^2", [1.0], np.full(len(TIMES), 1.0))
+    assert fit.diverges
+    assert not fit.is_solved
 
 
 @pytest.mark.parametrize("seed", range(2))

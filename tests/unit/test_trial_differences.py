@@ -8,8 +8,8 @@ import commonlaw as cl
 from commonlaw.discovery import TrajectoryLikelihood
 from commonlaw.inference.diagnose import trial_heterogeneity
 from commonlaw.inference.fit.annealing import fit_supports
-from commonlaw.inference.fit.problem import SearchProblem, prepare
-from commonlaw.inference.fit.state import SearchState
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.fit.problem import prepare
 from commonlaw.law import Law
 
 TIMES = np.linspace(0, 3, 20)
@@ -26,10 +26,10 @@ def balls(scatter: float, seed: int, trials: int = 4) -> cl.Trials:
     return cl.Trials.from_arrays([TIMES] * len(states), states, object=objects, names=["x"])
 
 
-def problem_of(trials: cl.Trials) -> tuple[SearchProblem, SearchState]:
+def fitted(trials: cl.Trials) -> Fit:
     law = Law.from_text("x' = -a x", {"a": dict.fromkeys(trials.objects, 0.7)})
     problem = prepare(trials, law.terms, np.full((2, 1, 1), np.nan))
-    return problem, fit_supports(problem, problem.allowed, (0.3, 0.03))
+    return fit_supports(problem, problem.allowed, (0.3, 0.03))
 
 
 def test_the_probability_is_that_of_an_f_test_on_rates_of_each_trial():
@@ -37,7 +37,6 @@ def test_the_probability_is_that_of_an_f_test_on_rates_of_each_trial():
     from scipy.optimize import least_squares
 
     trials = balls(0.05, 3)
-    problem, state = problem_of(trials)
     own = [each.states[:, 0] for each in trials.of_object("ball 2")]
 
     def left(rates, starts):
@@ -46,13 +45,13 @@ def test_the_probability_is_that_of_an_f_test_on_rates_of_each_trial():
     together = 2 * least_squares(lambda p: left([p[0]] * 4, p[1:]), [0.9, 1, 1, 1, 1]).cost
     alone = 2 * least_squares(lambda p: left(p[:4], p[4:]), [0.9] * 4 + [1] * 4).cost
     expected = f.sf((together - alone) / 3 / (alone / 72), 3, 72)
-    found = trial_heterogeneity._probability(problem, state, "ball 2")
+    found = trial_heterogeneity._probability(fitted(trials), "ball 2")
     assert np.log(found) == pytest.approx(np.log(expected), rel=0.1)
 
 
 def test_trials_that_do_not_differ_have_probabilities_as_even_as_chance():
     found = [
-        trial_heterogeneity._probability(*problem_of(balls(0.0, seed, trials=3)), name)
+        trial_heterogeneity._probability(fitted(balls(0.0, seed, trials=3)), name)
         for seed in range(12)
         for name in ("ball 1", "ball 2")
     ]

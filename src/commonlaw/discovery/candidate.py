@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from commonlaw.discovery.screened import Screened
-from commonlaw.inference import LawSearch, Score, may_be_series, may_be_simpler, score_of_order
+from commonlaw.inference import Pool, Score, may_be_series, may_be_simpler, score_of_order
 from commonlaw.law import Step
 from commonlaw.library import Order, order_of_each
 from commonlaw.trials import Trials
@@ -25,8 +25,8 @@ class Candidate:
     ----------
     screened
         The terms that were kept.
-    search
-        The law among them.
+    pool
+        The law among them, and its rivals.
     steps
         What is to be said of the way there.
     followed
@@ -40,7 +40,7 @@ class Candidate:
     """
 
     screened: Screened
-    search: LawSearch
+    pool: Pool
     steps: Sequence[Step]
     followed: Trials
     has_richer: bool
@@ -50,31 +50,31 @@ class Candidate:
     @property
     def order(self) -> Order:
         """Of the law."""
-        return self.search.template.order
+        return self.pool.best.problem.order
 
     @property
     def total_order(self) -> int:
         """Sum of the orders of all states."""
-        return sum(order_of_each(self.order, len(self.search.template.states)))
+        return sum(order_of_each(self.order, len(self.pool.best.supports)))
 
     @property
     def most_terms(self) -> int:
         """Of the longest equation."""
-        return int(self.search.state.supports.sum(axis=1).max())
+        return int(self.pool.best.supports.sum(axis=1).max())
 
     @cached_property
     def is_simple(self) -> bool:
         """Whether the law explains what was measured, and no richer terms could say it in fewer numbers."""
-        if self.search.lack_of_fit or not self.search.is_determined:
+        if self.pool.best.lack_of_fit or not self.pool.is_determined:
             return False
         if self.has_richer:
             return True
         most = MAX_TERMS_OF_SIMPLE_LAW
         if self.is_of_higher_degree:  # A few of these stand for no shorter law, as a series has most of them
-            most = max(most, len(self.search.template.terms) // _SERIES_DIVISOR)
-        return not (may_be_simpler(self.search, most) or may_be_series(self.search))
+            most = max(most, len(self.pool.best.problem.terms) // _SERIES_DIVISOR)
+        return not (may_be_simpler(self.pool.best, most) or may_be_series(self.pool.best))
 
     @cached_property
     def score(self) -> Score:
         """By its evidence, comparable between orders."""
-        return score_of_order(self.search.problem, self.search.state)
+        return score_of_order(self.pool.best)

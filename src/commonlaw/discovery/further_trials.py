@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import forecast_from
-from commonlaw.inference.fit.annealing import STRONG
+from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.forecast import Forecast
 from commonlaw.outcomes import Outcome, note

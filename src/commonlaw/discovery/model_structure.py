@@ -1,7 +1,7 @@
 """What is sought: the order of a law, its candidate terms, and what is known of their coefficients beforehand."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
+from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, Order, ParametricTerm, PolynomialLibrary, Ratios, Terms, TiedTerms
 from commonlaw.trials import Schema
 
@@ -93,6 +94,14 @@ class ModelStructure:
         for key in self.universal:
             found[_index_of(key, schema.states, terms)] = True
         return found
+
+    def universal_in(self, law: Law) -> Bools:
+        """Return which coefficients of a law all objects are to have in common, shape (equations, terms)."""
+        schema = replace(law.schema, states=law.schema.measured, starts={}, starts_at=None)
+        universal, names = self.universal_coefficients(schema), self.terms(schema).names
+        universal = np.pad(universal, ((0, len(law.states) - len(universal)), (0, 0)))
+        columns = {name: universal[:, k] for k, name in enumerate(names)}
+        return np.column_stack([columns.get(name, np.zeros(len(universal), dtype=bool)) for name in law.terms.names])
 
 
 def _number(key: Key, value: Any) -> float:

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple, TypeVar
 from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import Score
+from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order
@@ -20,9 +21,6 @@ Found = TypeVar("Found")
 
 AskedOrder = Order | Literal["auto"] | Mapping[str, int]
 """Of a law: 1, 2, or 0 in discrete time; 1 or 2 for each state; ``"auto"`` for what the measurements tell."""
-
-_STRONG = 6.0
-"""2 log B from which evidence is strong (Kass and Raftery 1995)."""
 
 
 class Orders(NamedTuple):
@@ -190,7 +188,7 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     choice = order_in_words(law.order, states)
     reasons = [*against, *(f"of another none was found: {each}" for each in refused)]
     step = Step("order", choice, "; ".join(reasons) or "a law of this order fits within the noise")
-    close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < _STRONG]
+    close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < STRONG]
     said = tuple(note("order-not-identifiable", choice=choice, other=each) for each in close)
     provenance = law.provenance
     provenance = replace(provenance, history=(step, *provenance.history), outcomes=(*provenance.outcomes, *said))

@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.inference import LawSearch, missed_terms, promising_terms
+from commonlaw.inference import Fit, missed_terms, promising_terms
 from commonlaw.law import Step
 from commonlaw.library import SelectedLibrary, Terms
 from commonlaw.trials import Trials
@@ -46,11 +46,11 @@ class Screened:
         why = "they explain most of smoothed rates; each of the others was tried on the law, and none improves it"
         return (Step("screening", f"{int(self.kept.sum())} of {counted(len(self.terms), 'term')}", why),)
 
-    def among(self, found: LawSearch) -> "Screened":
-        """Return the same with the terms among which a law was found."""
-        return replace(self, kept=np.isin(self.terms.names, found.template.terms.names))
+    def among(self, fit: Fit) -> "Screened":
+        """Return the same with the terms among which a law was chosen."""
+        return replace(self, kept=np.isin(self.terms.names, fit.problem.terms.names))
 
-    def with_missed(self, found: LawSearch) -> "Screened | None":
+    def with_missed(self, fit: Fit) -> "Screened | None":
         """Return the same with terms that were left out and improve a law; None if there are none."""
-        missed = missed_terms(found, self.terms)
+        missed = missed_terms(fit, self.terms)
         return replace(self, kept=self.kept | missed) if missed.any() else None

@@ -11,7 +11,7 @@ from commonlaw.discrepancy.setting import Setting
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, fit_about
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference.fit.state import NO_ERROR
+from commonlaw.inference.fit.fit import NO_ERROR
 from commonlaw.likelihood import NotPositiveError
 
 

@@ -10,9 +10,9 @@ from commonlaw.discrepancy.coordinates import Visited, with_properties_in, zero_
 from commonlaw.discrepancy.prior import Samples, factors, meaning
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionModel
-from commonlaw.inference.fit.mesh import FINEST
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.settings import MAX_MESH_POINTS
 from commonlaw.law import Law
 from commonlaw.library import Terms, highest_columns
 from commonlaw.trials import Trials
@@ -72,6 +72,6 @@ class Setting:
     def resolving(self, basis: SmoothBasis) -> "Setting":
         """Return the setting with meshes that are fine enough for bumps."""
         problem, step = self.problem, np.quantile(self.visited.steps(self.visited.evaluate(basis.coordinate)), 0.95)
-        while problem.points < FINEST and step > basis.width * problem.points / 2:
+        while problem.points < MAX_MESH_POINTS[1] and step > basis.width * problem.points / 2:
             problem = problem.finer()
         return replace(self, problem=problem)

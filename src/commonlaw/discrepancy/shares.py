@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.discrepancy.trajectories import FunctionFit
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import FINAL, MODEL_ERRORS
+from commonlaw.inference.settings import FINAL_MODEL_ERRORS, MODEL_ERRORS
 from commonlaw.likelihood import fit
 
 
@@ -39,5 +39,5 @@ def _deviance(problem: SearchProblem, given: Floats, alone: FunctionFit) -> floa
     found, none = 0.0, np.zeros_like(alone.model.own)
     for model, start, own in zip(problem.models, problem.starts, given, strict=True):
         first = replace(start, coefficients=own)
-        found += fit(model, first, none, (*MODEL_ERRORS, *FINAL)).deviance
+        found += fit(model, first, none, (*MODEL_ERRORS, *FINAL_MODEL_ERRORS)).deviance
     return found

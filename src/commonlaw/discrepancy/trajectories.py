@@ -9,8 +9,8 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.discrepancy.posterior import Posterior, SharedRows, posterior
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, errors_to_fit
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import ANY_ERROR, NO_ERROR, errors_to_fit
 from commonlaw.library import Terms
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 

@@ -5,9 +5,10 @@ from commonlaw.inference.data.subsampling import can_be_carried
 from commonlaw.inference.diagnose.coefficient_limits import Bounds
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.covariance import CovarianceKind
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.forcing import drives, with_drive_said
-from commonlaw.inference.propose.latent_states import with_unmeasured_state
+from commonlaw.inference.propose.latent_states import with_latent_state
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_constants, with_constants_found
 from commonlaw.inference.propose.orders import may_be_of_first_order, may_be_of_lower_order, score_of_order
 from commonlaw.inference.propose.parametric import (
@@ -18,22 +19,20 @@ from commonlaw.inference.propose.parametric import (
 )
 from commonlaw.inference.propose.screening import missed_terms, promising_terms
 from commonlaw.inference.result.approximation import explains_whole_trials, most_explaining
-from commonlaw.inference.result.assembly import finish
+from commonlaw.inference.result.assembly import assemble
 from commonlaw.inference.result.history import levels_in_words
 from commonlaw.inference.score.score import Score
-from commonlaw.inference.search.error_levels import ErrorKind
+from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.input_interpolation import with_interpolation
 from commonlaw.inference.search.law_search import (
-    CHOSEN,
     PATH,
-    LawSearch,
     begin_search,
-    choose_errors,
     explained_on_finer_mesh,
     resolved,
     search_supports,
 )
 from commonlaw.inference.search.log_scale import error_kinds
+from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import as_followed
 from commonlaw.inference.settings import MAX_SAMPLES
 from commonlaw.inference.verbs.absent_terms import bounds
@@ -42,10 +41,9 @@ from commonlaw.inference.verbs.chunks import LawOfPart, law_of_all, typical
 from commonlaw.inference.verbs.comparison import compare, compare_by_parts, written_alike
 from commonlaw.inference.verbs.other_terms import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
 from commonlaw.inference.verbs.refinement import refine
-from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
 
 __all__ = [
-    "CHOSEN",
     "HUBER_THRESHOLD",
     "MAX_SAMPLES",
     "PATH",
@@ -53,11 +51,13 @@ __all__ = [
     "CandidateLaw",
     "CovarianceKind",
     "ErrorKind",
+    "Fit",
     "LawOfPart",
-    "LawSearch",
+    "Pool",
     "Score",
     "adapt",
     "as_followed",
+    "assemble",
     "begin_search",
     "bounds",
     "can_be_carried",
@@ -71,7 +71,6 @@ __all__ = [
     "error_kinds",
     "explained_on_finer_mesh",
     "explains_whole_trials",
-    "finish",
     "fit_supports",
     "known_noise",
     "law_of_all",
@@ -93,8 +92,8 @@ __all__ = [
     "with_constants_found",
     "with_drive_said",
     "with_interpolation",
+    "with_latent_state",
     "with_parametric_terms",
     "with_parametric_terms_under_errors",
-    "with_unmeasured_state",
     "written_alike",
 ]

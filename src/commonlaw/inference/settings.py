@@ -122,3 +122,103 @@ CORRELATED_SHARES = (0.2, 0.4, 0.6, 0.8, 0.95)
 """Shares of the variance of errors that are autocorrelated."""
 CORRELATION_TIMES = (2.0, 5.0, 15.0)
 """Correlation times of these, in median sampling intervals."""
+
+# Search and comparison of models
+STRONG = 6.0
+"""2 log B from which evidence is strong (Kass and Raftery 1995)."""
+MIN_PROBABILITY = 0.01
+"""Posterior probability of a model that is kept, and of differences by chance from which these are reported."""
+MAX_MODELS = 12
+"""Models that are kept beside the best, and fitted in vain before a search ends."""
+MAX_PROPOSED = 4
+"""Supports or sets of terms that one source proposes, and that are fitted by each kind of errors."""
+MAX_RIVALS = 2
+"""Rivals of the best model that are treated as this is."""
+ALTERNATIONS = 2
+"""Rounds of what is chosen in turn: supports and levels of errors, or variances of initial conditions."""
+MAX_TRIED_SETS = 30
+"""Sets of terms of an equation that are fitted from where they were proposed."""
+MAX_JOINT_LAWS = (3, 27)
+"""Sets of each equation that are tried with those of the others, and laws of these."""
+MAX_ABSENT_TERMS = 30
+"""Absent terms whose coefficients are limited unless they are named: each takes a fit."""
+MAX_DEVIANCE = (2.0, 100.0)
+"""Twice the log-likelihood that a typical object may lose for a law to be fitted in all ways: relative to the least
+one so far, and besides it."""
+MIN_RATIO_NUMBERS = 2
+"""Coefficients and parameters of a ratio."""
+
+# Model errors (random walk in each step) relative to the noise
+MODEL_ERRORS = (10.0, 3.0, 1.0, 0.3, 0.1)
+"""Compared where the measurements follow no law."""
+FINAL_MODEL_ERRORS = (0.03, 0.003, 0.0003)
+"""Down to which laws without one are fitted: the last times the samples of a trial should be below one, as what is
+allowed in each step adds up."""
+SCHEDULES = ((3.0, 1.0, 0.3, 0.1, 0.0), (0.3, 0.0), (0.1, 0.0))
+"""At which supports are chosen, in turn. Different ways find different supports; the best is kept."""
+SHORT_SCHEDULE = (3.0, 0.3, *FINAL_MODEL_ERRORS)
+"""From measurements to a law, for most objects as good as all model errors."""
+MAX_STEP_ERROR = 0.1
+"""Standard deviations of the noise in which finer divisions of a step agree."""
+
+# Meshes and convergence
+MAX_MESH_POINTS = (4, 8, 64)
+"""Points for each sampling step: with a random walk, in a search, and of the estimate that is reported."""
+MAX_MESH_CHANGE = 1.0
+"""Twice the log-likelihood that a finer mesh may change; a term is worth many times that."""
+MAX_PREDICTED_DECREASE = 4.0
+"""Of minus twice the log-likelihood, for each object, of a fit that converged: hardly more than it may be held by."""
+MIN_GAIN = 0.1
+"""Twice the log-likelihood (for each object) that a further fit gains, and that one of a latent state may be short of
+its maximum."""
+CONVERGED = 0.01
+"""Standard errors by which a converged estimate moves with another mesh or iteration."""
+CONVERGED_NOISE = 1e-3
+"""Relative change of the noise, and change of estimates in standard errors, at which their iteration ends."""
+
+# Objects, trials and samples of checks
+MIN_OBJECTS = 3
+"""Objects, or trials, from which on their scatter says what one of them does not."""
+MAX_CHECKED_OBJECTS = 30
+"""Objects whose forecasts, trials and trajectories are checked, evenly spread."""
+MAX_PAIRS = 500
+"""Samples of an object, or pairs of them, that are compared."""
+FEW_SAMPLES = 4000
+"""Samples in which supports are sought first, where there are more than twice as many."""
+OBJECT_GROUPS = (10, 2)
+"""Objects of a group, and groups, in which supports are sought first where there are more objects."""
+LEVEL_MEASUREMENTS = 300
+"""Measurements of the objects by which levels of errors are estimated."""
+
+# Estimates
+SIGNIFICANT = 2.0
+"""Standard errors from which on a coefficient differs from zero, or forecasts from what they say."""
+PRIOR_OBSERVATIONS = 2.0
+"""Observations that a first estimate is worth: of the noise, and of the errors of forecasts that a law says itself."""
+MAX_DEVIANCE_RATIO = 1.2
+"""Deviance of an object with coefficients like those of others, over that with its own."""
+PRIOR_WIDTH = (3.0, 0.1)
+"""Scatter of parameters between objects as a prior: times the observed one, and at least this share of the median."""
+BOOTSTRAP = (30, 500)
+"""Blocks of an object's trials, and resamples, which give standard errors to 3 %."""
+MIN_SMOOTHNESS = 2.0
+"""Mean square leave-one-out error of straight lines, in that of cubics, above which an input counts as smooth: of a
+kink at a sample it is 1.5, of a step 0.9, of white noise 0.8, and of a sine of four samples a cycle 2.25."""
+
+# Orders
+SAME_STATE = (0.03, 0.1, 0.5)
+"""Shares of the range up to which states are the same, and from which times and rates are not."""
+MAX_OTHER_RATES = 0.25
+"""Share of samples at the same state whose rates may differ by noise."""
+
+# Interval calibration
+LEVEL = 0.95
+"""Of intervals that are calibrated."""
+FITTED_SHARES = (0.5, 0.75)
+"""Shares of the samples of a trial that a law is fitted to before it forecasts the rest."""
+MAX_FOLDS = 4
+"""Trials of each object that are left out in turn."""
+HORIZONS = 6
+"""Horizons, evenly spread up to the longest, at which intervals are calibrated."""
+MAX_RELATIVE_ERROR = 10.0
+"""Standard errors of a coefficient, in its size by all trials, up to which some trials identify it."""

@@ -2,7 +2,7 @@
 
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.computing import fit, fit_each, linearize, linearize_each, threads_pay, whitened
-from commonlaw.likelihood.error_model import NO_ERRORS, ErrorModel
+from commonlaw.likelihood.error_model import NO_ERRORS, ErrorKind, ErrorModel
 from commonlaw.likelihood.fitting import Estimate, Prior, TrajectoryModel, without_states
 from commonlaw.likelihood.latent import LatentProcesses
 from commonlaw.likelihood.levels import AboutEstimates
@@ -17,6 +17,7 @@ __all__ = [
     "LONGEST_MESH",
     "NO_ERRORS",
     "AboutEstimates",
+    "ErrorKind",
     "ErrorModel",
     "Estimate",
     "LatentProcesses",

@@ -1,11 +1,16 @@
 """How measurements and laws err beside white noise: the levels of every kind of error, together."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.likelihood.latent import LatentProcesses
+
+ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
+"""White noise; white noise that also grows with the state; autocorrelated errors of the measurements; a law with a
+random walk, or with a smooth force."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +37,12 @@ class ErrorModel:
     force: Floats | None = None
     force_time: float = np.inf
     walk: Floats | None = None
+
+    @property
+    def kind(self) -> ErrorKind:
+        """Of which kind these errors are."""
+        kinds: tuple[ErrorKind, ...] = ("force", "correlated", "proportional", "walk")
+        return next((kind for kind in kinds if getattr(self, kind) is not None), "white")
 
     @property
     def latent(self) -> LatentProcesses:

@@ -10,33 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import LEFT_BY_LAW
 from commonlaw.inference.fit.covariance import factors, free_coefficients, residual_freedom, total_freedom
+from commonlaw.inference.fit.fit import Fit, Status
 from commonlaw.inference.fit.latent_scale import held_like_others
-from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import FINAL, SearchState
-from commonlaw.inference.fit.validity import follows_solutions
-from commonlaw.inference.settings import VERY_STRONG
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
 
-MAX_MOVE = 0.01
-"""Standard errors by which a mesh of half the steps may still move the estimate, whose own error is then a fifteenth
-of that: the discretization error goes with the fourth power of the step."""
 
-MAX_POINTS = 64
-"""Points for each sampling step; solutions that need more are not resolved by their samples."""
-
-_CONVERGED = 1e-3
-"""Standard errors by which a converged estimate moves in one more fit."""
-
-_ROUNDS = 20
-"""Fits, and estimates of the noise, at most."""
-
-
-def converged(
-    problem: SearchProblem, state: SearchState, least_squares: bool = False
-) -> tuple[SearchProblem, SearchState, bool]:
-    """Return the problem under the noise of the residuals, on a resolved mesh, the state there, and if it converged.
+def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
+    """Return the fit under the noise of its residuals, on a resolved mesh, and whether it converged.
 
     A law with a random walk in each step needs no finer mesh, and its levels were found with it. Objects of which
     coefficients are held like those of others stay. The residuals of solutions that no mesh resolves are no noise: of
@@ -45,110 +28,108 @@ def converged(
 
     Parameters
     ----------
-    problem, state
-        As the search left them.
+    fit
+        As the search left it.
     least_squares
         Whether no measurement counts as an outlier. By default outliers do so on very strong evidence.
     """
-    shared = any(held_like_others(problem, index).any() for index in range(len(problem.models)))
-    if state.has_model_error or shared:
-        return problem, state, True
-    before, moved = (problem, state), np.inf
-    try:
-        problem, state = _by_least_squares(*_under_residual_noise(problem, state), least_squares)
-    except NotPositiveError:
-        return *before, False
-    while problem.points < MAX_POINTS:
-        finer = problem.finer()
+    shared = any(held_like_others(fit.problem, index).any() for index in range(len(fit.estimates)))
+    if fit.has_model_error or shared:
+        return fit, True
+    before, moved = fit, np.inf
+    fit = _by_least_squares(_under_residual_noise(fit), least_squares)
+    if not fit.is_usable:
+        return before, False
+    while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
         estimates = tuple(
             replace(each, states=tuple(map(type(model.meshes[0]).halfway, model.meshes, each.states)))
-            for model, each in zip(problem.models, state.estimates, strict=True)
+            for model, each in zip(fit.problem.models, fit.estimates, strict=True)
         )
-        try:
-            finer, fine = _under_residual_noise(finer, replace(state, estimates=estimates, linearized=None))
-        except NotPositiveError:
+        finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
+        if not finer.is_usable:
             break
-        moved = _moved(finer, fine, state.estimates)
-        problem, state = finer, fine
-        if moved < MAX_MOVE:
+        moved = _moved(finer, fit.estimates)
+        fit = finer
+        if moved < settings.CONVERGED:
             break
-    return (problem, state, True) if moved < MAX_MOVE else (*before, follows_solutions(*before))
+    return (fit, True) if moved < settings.CONVERGED else (before, before.follows_solutions)
 
 
-def _by_least_squares(problem: SearchProblem, state: SearchState, always: bool) -> tuple[SearchProblem, SearchState]:
-    """Return the problem and the state by least squares; not always where outliers are strong evidence against that."""
-    sizes, huber = _relative_residuals(problem, state), problem.models[0].observation.huber_threshold
-    if not np.any(sizes > huber):
-        return problem, state
-    squares, plain = _under_residual_noise(problem.with_huber_threshold(np.inf), state)
-    worse = _minus_twice_log_likelihood(squares, plain) - _minus_twice_log_likelihood(problem, state)
-    return (squares, plain) if always or worse < VERY_STRONG else (problem, state)
+def _by_least_squares(fit: Fit, always: bool) -> Fit:
+    """Return the fit by least squares; not always where outliers are strong evidence against that."""
+    if not fit.is_usable or not np.any(_relative_residuals(fit) > fit.problem.models[0].observation.huber_threshold):
+        return fit
+    squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
+    if not squares.is_usable:
+        return squares
+    worse = _minus_twice_log_likelihood(squares) - _minus_twice_log_likelihood(fit)
+    return squares if always or worse < settings.VERY_STRONG else fit
 
 
-def _minus_twice_log_likelihood(problem: SearchProblem, state: SearchState) -> float:
+def _minus_twice_log_likelihood(fit: Fit) -> float:
     """Return minus twice the log-likelihood, with outliers as probable as a measurement at the threshold."""
-    sizes, (squares, repeated) = _relative_residuals(problem, state), problem.measurements.pure_error
+    problem = fit.problem
+    sizes, (squares, repeated) = _relative_residuals(fit), problem.measurements.pure_error
     deviance = np.nansum(np.minimum(sizes, problem.models[0].observation.huber_threshold) ** 2, axis=0)
     deviance += squares / problem.noise**2
     return float(np.sum(deviance + 2 * (np.isfinite(sizes).sum(axis=0) + repeated) * np.log(problem.noise)))
 
 
-def _relative_residuals(problem: SearchProblem, state: SearchState) -> Floats:
+def _relative_residuals(fit: Fit) -> Floats:
     """Return the sizes of residuals over their standard deviations, shape (points, states), NaN for what is still."""
+    problem = fit.problem
     return np.concatenate(
         [
             np.where(mesh.still, np.nan, np.abs(model.residuals(mesh, states)) / problem.std_of(mesh))
-            for model, estimate in zip(problem.models, state.estimates, strict=True)
+            for model, estimate in zip(problem.models, fit.estimates, strict=True)
             for mesh, states in zip(model.meshes, estimate.states, strict=True)
         ]
     )
 
 
-def _moved(problem: SearchProblem, state: SearchState, before: Sequence[Estimate]) -> float:
+def _moved(fit: Fit, before: Sequence[Estimate]) -> float:
     """Return by how many standard errors coefficients differ from others, the most of any object (Mahalanobis)."""
-    triangles, free = factors(problem, state), free_coefficients(problem, state)
     return max(
         float(np.linalg.norm(factor[:, :-1] @ (other.coefficients - one.coefficients)[own]))
-        for factor, own, one, other in zip(triangles, free, before, state.estimates, strict=True)
+        for factor, own, one, other in zip(factors(fit), free_coefficients(fit), before, fit.estimates, strict=True)
     )
 
 
-def _fitted(problem: SearchProblem, state: SearchState) -> SearchState:
-    """Return the state fitted until it does not move.
-
-    Raises
-    ------
-    NotPositiveError
-        If the likelihood cannot be computed.
-    """
-    for _ in range(_ROUNDS):
-        estimates = fit_each(problem.models, state.estimates, state.supports, FINAL[-1:])
+def _fitted(fit: Fit) -> Fit:
+    """Return the fit once it does not move in one more."""
+    for _ in range(settings.MAX_ITERATIONS):
+        estimates = fit_each(fit.problem.models, fit.estimates, fit.supports, settings.FINAL_MODEL_ERRORS[-1:])
         if not all(np.isfinite(each.objective) for each in estimates):
-            raise NotPositiveError
-        state, before = replace(state, estimates=estimates, linearized=None), state.estimates
-        if _moved(problem, state, before) < _CONVERGED:
+            return fit.but(Status.NOT_COMPUTABLE)
+        fit, before = replace(fit, estimates=estimates), fit.estimates
+        try:
+            moved = _moved(fit, before)
+        except NotPositiveError:
+            return fit.but(Status.NOT_COMPUTABLE)
+        if moved < settings.CONVERGED_NOISE:
             break
-    return state
+    return fit
 
 
-def _under_residual_noise(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem, SearchState]:
-    """Return the problem under the noise that residuals show, and the state fitted under it.
+def _under_residual_noise(fit: Fit) -> Fit:
+    """Return the fit under the noise that its residuals show.
 
     Noise that was given, or that more samples tell, stays, and levels of other errors were found at their size.
     """
-    state = _fitted(problem, state)
+    fit, problem = _fitted(fit), fit.problem
     if problem.noise_given or problem.samples or problem.errors:
-        return problem, state
-    for _ in range(_ROUNDS):
-        scale = residual_scale(problem, state)
-        if np.abs(np.log(scale)).max() < _CONVERGED:
+        return fit
+    for _ in range(settings.MAX_ITERATIONS):
+        if not fit.is_usable:
             break
-        problem = problem.noisier(scale, LEFT_BY_LAW)
-        state = _fitted(problem, replace(state, linearized=None))
-    return problem, state
+        scale = residual_scale(fit)
+        if np.abs(np.log(scale)).max() < settings.CONVERGED_NOISE:
+            break
+        fit = _fitted(replace(fit, problem=fit.problem.noisier(scale, LEFT_BY_LAW)))
+    return fit
 
 
-def residual_scale(problem: SearchProblem, state: SearchState) -> Floats:
+def residual_scale(fit: Fit) -> Floats:
     """Return the standard deviation of each state's noise by its residuals, over that in the problem, shape (states,).
 
     The variance is the sum of squared residuals over their degrees of freedom,
@@ -159,10 +140,11 @@ def residual_scale(problem: SearchProblem, state: SearchState) -> Floats:
     see `residual_freedom` (restricted maximum likelihood, Patterson and Thompson 1971). Outliers count as neither. A
     state with less than one degree of freedom has the scale of all.
     """
-    sizes, huber = _relative_residuals(problem, state), problem.models[0].observation.huber_threshold
+    problem, sizes = fit.problem, _relative_residuals(fit)
+    huber = problem.models[0].observation.huber_threshold
     far, measured = sizes > huber, ~problem.trials.schema.unmeasured
     squares = np.nansum(np.where(far, 0.0, sizes) ** 2, axis=0) + problem.measurements.pure_error[0] / problem.noise**2
-    freedom = residual_freedom(problem, state) - far.sum(axis=0)
+    freedom = residual_freedom(fit) - far.sum(axis=0)
     total = total_freedom(freedom[measured])
     if total < 1:
         return np.ones(len(measured))

@@ -1,6 +1,5 @@
 """Whether coefficients change from trial to trial of an object by more than errors of measurement."""
 
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -8,47 +7,38 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
-from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState
-from commonlaw.likelihood import Estimate, fit, linearize
+from commonlaw.inference import settings
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.likelihood import Estimate, fit as fitted_states, linearize
 from commonlaw.outcomes import Outcome, note
 from commonlaw.spacing import evenly_spaced
 from commonlaw.wording import shown
 
-_OBJECTS = 30
-"""Objects whose trials are compared at most, evenly spread."""
 
-_RARE = 0.01
-"""Probability of differences as large among all objects, if there are none, below which they are told."""
-
-_MODEL_ERRORS = (0.3, 0.03, 0.003, 0.0003)
-"""At which the states of a trial are fitted with coefficients that stay, relative to the noise."""
-
-
-def differing_trials(problem: SearchProblem, state: SearchState) -> tuple[Outcome, ...]:
+def differing_trials(fit: Fit) -> tuple[Outcome, ...]:
     """Return a word on the objects whose trials ask for different coefficients, by an F test of each object.
 
     What the likelihood, linearised about the law, leaves with coefficients common to an object's trials is compared
     with what it leaves with those of each trial alone.
     """
-    names = [name for name in problem.trials.objects if len(problem.trials.of_object(name)) > 1]
-    names = [names[i] for i in evenly_spaced(len(names), _OBJECTS)] if names else []
-    found = []
-    for name in names:
-        with suppress(CommonlawError):
-            if _probability(problem, state, name) < _RARE / len(names):
-                found.append(name)
-    if not found:
-        return ()
-    return (note("trials-differ", objects=shown(found)),)
+    trials = fit.problem.trials
+    names = [name for name in trials.objects if len(trials.of_object(name)) > 1]
+    names = [names[i] for i in evenly_spaced(len(names), settings.MAX_CHECKED_OBJECTS)] if names else []
+    found = [name for name in names if _probability(fit, name) < settings.MIN_PROBABILITY / len(names)]
+    return (note("trials-differ", objects=shown(found)),) if found else ()
 
 
-def _probability(problem: SearchProblem, state: SearchState, name: str) -> float:
-    """Return how probable differences as large are between trials of an object that do not differ."""
+def _probability(fit: Fit, name: str) -> float:
+    """Return how probable differences as large are between trials of an object that do not differ.
+
+    One, where trials alone cannot be fitted.
+    """
     from scipy.special import fdtrc
 
-    index = problem.trials.objects.index(name)
-    factors, left = _factors(problem, state, index)
+    try:
+        factors, left = _factors(fit, fit.problem.trials.objects.index(name))
+    except CommonlawError:
+        return 1.0
     size = factors[0].shape[1] - 1
     alone = sum(_rest(each) for each in factors)
     together = _rest(np.concatenate(factors))
@@ -57,23 +47,24 @@ def _probability(problem: SearchProblem, state: SearchState, name: str) -> float
     within = left - free
     if more <= 0 or within <= 0 or not size:
         return 1.0
-    variance = max(alone / within, problem.least_variance)
+    variance = max(alone / within, fit.problem.least_variance)
     return float(fdtrc(more, within, max(together - alone, 0.0) / more / variance))
 
 
-def _factors(problem: SearchProblem, state: SearchState, index: int) -> tuple[list[Floats], int]:
+def _factors(fit: Fit, index: int) -> tuple[list[Floats], int]:
     """Return the triangular factor of each trial's problem, and the measurements beside initial states of all."""
+    problem = fit.problem
     group = problem.trials.of_object(problem.trials.objects[index])
     alone = [replace(trial, object=f"{i}", name="1") for i, trial in enumerate(group)]
     known = np.repeat(problem.known[index : index + 1], len(group), axis=0)
-    estimate = state.estimates[index]
+    estimate = fit.estimates[index]
     part = problem.of_trials(alone, known, np.array([estimate.coefficients] * len(group)))
     own: Bools = (estimate.coefficients != 0) & np.isnan(problem.known[index])
-    none, last = np.zeros_like(own), state.fitted_model_error
-    errors = [each for each in _MODEL_ERRORS if each > last] + [last]
+    none, last = np.zeros_like(own), fit.fitted_model_error
+    errors = [each for each in settings.SHORT_SCHEDULE[1:] if each > last] + [last]
     found = []
     for model, start in zip(part.models, part.starts, strict=True):
-        fitted = fit(model, Estimate(start.states, estimate.coefficients), none, errors)
+        fitted = fitted_states(model, Estimate(start.states, estimate.coefficients), none, errors)
         found.append(linearize(model, fitted, last, own).problem.factor)
     return found, sum(part.measured) - part.models[0].width * len(group)
 

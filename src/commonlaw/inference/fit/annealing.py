@@ -7,125 +7,102 @@ negligible, a random walk that pushes the states off their course (weak constrai
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
 from commonlaw.array_types import Bools
-from commonlaw.errors import CommonlawError
-from commonlaw.inference.fit.initial_condition_prior import AlikeStarts
-from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import (
-    MODEL_ERRORS,
-    MOST,
+from commonlaw.inference import settings
+from commonlaw.inference.fit.fit import (
     NO_ERROR,
     PLAUSIBLE,
-    SearchState,
+    Fit,
+    Status,
+    by_score,
     errors_to_fit,
-    evidence_about,
     fitted,
-    is_settled,
     linearized_evidence,
-    list_by_evidence,
-    promised_near,
     restricted,
 )
+from commonlaw.inference.fit.initial_condition_prior import AlikeStarts
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.likelihood import Estimate, NotPositiveError, threads_pay
 from commonlaw.parallel import in_parallel
 from commonlaw.progress import ProgressCallback, Stage
-from commonlaw.solvers import AbstractSolver
 from commonlaw.wording import counted
-
-SCHEDULES = ((3.0, 1.0, 0.3, 0.1, NO_ERROR), (0.3, NO_ERROR), (0.1, NO_ERROR))
-"""Model errors, relative to the noise, at which supports are chosen. Different ways find different supports; the best
-is kept."""
-
-_ROUNDS = 6
-"""How often supports are chosen and fitted at one model error at the end, and how often noise is enlarged."""
-
-STRONG = 6.0
-"""2 log B from which evidence is strong (Kass and Raftery 1995)."""
 
 LEFT_BY_LAW = "by what the law leaves of the measurements"
 """Why the noise is what it is."""
 
-_CLOSE = 1.001
-"""By how much noise changes at least."""
 
+def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequence[Bools] = ()) -> list[Fit]:
+    """Return what all schedules find, proposals, and what may be as plausible, that of largest evidence first.
 
-def search(
-    problem: SearchProblem, solver: AbstractSolver, progress: ProgressCallback, proposals: Sequence[Bools] = ()
-) -> list[SearchState]:
-    """Return what all schedules find, proposals, and what may be as plausible, that of largest evidence first."""
-    found = annealed(problem, solver, progress)
-    found += _fit_all(problem, proposals)
-    found += _without_model_error(problem, list_by_evidence(found)[0])
-    return with_close_neighbours(problem, found)
+    Raises
+    ------
+    CommonlawError
+        If no fit succeeds.
+    """
+    fits = annealed(problem, progress)
+    distinct = {each.tobytes(): each for each in proposals}.values()
+    fits += [fit_supports(problem, each, settings.SCHEDULES[-1]) for each in distinct]
+    best = by_score(fits)[0]
+    if best.has_model_error:  # No schedule may have come by its supports without one
+        fits.append(fitted(problem, best.estimates, best.supports, NO_ERROR))
+    return with_close_neighbours(fits)
 
 
 def annealed(
-    problem: SearchProblem,
-    solver: AbstractSolver,
-    progress: ProgressCallback,
-    schedules: Sequence[Sequence[float]] = SCHEDULES,
-) -> list[SearchState]:
-    """Return what was found at all model errors of all schedules."""
+    problem: SearchProblem, progress: ProgressCallback, schedules: Sequence[Sequence[float]] = settings.SCHEDULES
+) -> list[Fit]:
+    """Return the fits at all model errors of all schedules."""
 
-    def tell(done: int) -> None:
+    def show(done: int) -> None:
         of = counted(len(schedules), "search", "es")
         progress(Stage(f"choosing terms, {done} of {of} done", done / (len(schedules) + 1)))
 
-    tell(0)
-    ways = in_parallel(
-        lambda each: _anneal(problem, solver, each), schedules, pays=threads_pay(problem.models), done=tell
-    )
-    return [state for each in ways for state in each]
+    show(0)
+    pays = threads_pay(problem.models)
+    ways = in_parallel(lambda each: _anneal(problem, None, each), schedules, pays=pays, done=show)
+    return [fit for way in ways for fit in way]
 
 
-def polish(
-    problem: SearchProblem, supports: Bools, estimates: Sequence[Estimate], model_error: float, solver: AbstractSolver
-) -> SearchState:
-    """Choose and fit at one model error until nothing gets better."""
-    best: SearchState | None = None
-    for _ in range(_ROUNDS):
-        state, evidence = fitted(problem, estimates, supports, model_error)
-        if best is not None and not state.score < best.score:
+def polish(problem: SearchProblem, supports: Bools, estimates: Sequence[Estimate] | None, model_error: float) -> Fit:
+    """Choose supports and fit them in turn at one model error until nothing gets better."""
+    best = fit = fitted(problem, estimates, supports, model_error)
+    for _ in range(1, settings.MAX_SWEEPS):
+        if not fit.is_usable:
             break
-        best = state
-        chosen = evidence.choose(supports, solver)
-        if np.array_equal(chosen, supports):
+        chosen = _chosen(problem, fit.evidence, fit.supports)
+        if np.array_equal(chosen, fit.supports):
             break
-        supports, estimates = chosen, restricted(problem, evidence, state.estimates, chosen)
-    assert best is not None
+        fit = fit.refitted(chosen)
+        if not fit.score < best.score:
+            break
+        best = fit
     return best
 
 
-def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence[float] = MODEL_ERRORS) -> SearchState:
-    """Return the estimates with these supports, shape (equations, terms), and with the model error of largest evidence.
+def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence[float] = settings.MODEL_ERRORS) -> Fit:
+    """Return the fit of supports, shape (equations, terms), at the model error of largest evidence.
 
     Model errors that are compared are relative to the noise, from large to small. Where terms are much alike, large
     ones leave coefficients undetermined, and lead away; so the smallest is also begun with, from the smoothed
     measurements. Where states were not measured, large ones lead from one set of coefficients to another that fits as
     well, and the smallest is begun with only from where the search begins.
-
-    Raises
-    ------
-    CommonlawError
-        If the likelihood cannot be computed.
     """
     *larger, smallest = model_errors
     ways = dict.fromkeys(((tuple(larger) if problem.trials.schema.starts else (*larger, smallest)), (smallest,)))
-    found = [state for way in ways for state in _anneal(problem, supports, way)]
-    last = [state for state in found if state.model_error == smallest]
-    others = [state for state in found if state.model_error != smallest]
-    return list_by_evidence([*others, *sorted(last, key=_objective)[:1]])[0]
+    fits = [fit for way in ways for fit in _anneal(problem, supports, way)]
+    last = [fit for fit in fits if fit.model_error == smallest]
+    compared = [*(fit for fit in fits if fit.model_error != smallest), *sorted(last, key=_objective)[:1]]
+    return by_score(compared)[0] if compared else Fit.failed(problem, supports, Status.NOT_COMPUTABLE, smallest)
 
 
 def fit_with(
     problem: SearchProblem, supports: Bools, model_error: float, start: Sequence[Estimate] | None = None
-) -> SearchState:
-    """Return the estimates with these supports at one model error.
+) -> Fit:
+    """Return the fit of supports at one model error.
 
     Parameters
     ----------
@@ -134,97 +111,69 @@ def fit_with(
     start
         Estimates that are near; without them larger model errors lead there from the smoothed measurements, or these
         are near enough, whichever fits better; see `fit_supports` for states that were not measured.
-
-    Raises
-    ------
-    NotPositiveError
-        If the likelihood cannot be computed there.
     """
     if start is None and problem.trials.schema.starts:
         start = problem.starts
     if start is not None:
-        return fitted(problem, start, supports, model_error)[0]
-    larger = [each for each in MODEL_ERRORS if each > model_error]
+        return fitted(problem, start, supports, model_error)
+    larger = [each for each in settings.MODEL_ERRORS if each > model_error]
     ways = dict.fromkeys(((*larger, model_error), (model_error,)))
-    found = [state for way in ways for state in _anneal(problem, supports, way) if state.model_error == model_error]
-    if not found:
-        raise NotPositiveError
-    return min(found, key=_objective)
+    fits = [fit for way in ways for fit in _anneal(problem, supports, way) if fit.model_error == model_error]
+    return min(fits, key=_objective, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error))
 
 
-def _objective(state: SearchState) -> float:
+def _objective(fit: Fit) -> float:
     """Return minus twice the log-likelihood at estimates, which compares those with the same supports and errors."""
-    return sum(each.objective for each in state.estimates)
+    return sum(each.objective for each in fit.estimates)
 
 
-def fit_solutions(problem: SearchProblem, supports: Bools) -> tuple[SearchProblem, SearchState]:
-    """Return the estimates with these supports and no model error, see `fit_with`, and the noise that this takes."""
-    return to_scale(problem, fit_with(problem, supports, NO_ERROR))
+def fit_solutions(problem: SearchProblem, supports: Bools) -> Fit:
+    """Return the fit of supports without a model error, see `fit_with`, under the noise that this takes."""
+    return to_scale(fit_with(problem, supports, NO_ERROR))
 
 
-def to_scale(problem: SearchProblem, state: SearchState) -> tuple[SearchProblem, SearchState]:
-    """Return a problem with white noise of the size that a state leaves, and the state fitted to it.
+def to_scale(fit: Fit) -> Fit:
+    """Return a fit under white noise of the size that it leaves.
 
     Step by step, as less of what is left goes with outliers then. Noise that was given stays, and none is below that
     which laws are fitted under at least. Levels of other errors were found at their size.
-
-    Raises
-    ------
-    NotPositiveError
-        If the likelihood cannot be computed.
     """
-    if problem.noise_is_fixed or problem.errors or state.has_model_error:
-        return problem, state
-    evidence = evidence_about(problem, state)
-    for _ in range(_ROUNDS):
-        factor = float(np.sqrt(max(evidence.noise_variance(state.supports), problem.least_variance)))
-        if 1 / _CLOSE <= factor <= _CLOSE or not 0 < factor < np.inf:
+    problem = fit.problem
+    if not fit.is_usable or problem.noise_is_fixed or problem.errors or fit.has_model_error:
+        return fit
+    for _ in range(settings.MAX_ITERATIONS):
+        variance = max(fit.evidence.noise_variance(fit.supports), problem.least_variance)
+        factor = float(np.sqrt(variance))
+        if 1 / (1 + settings.CONVERGED_NOISE) <= factor <= (1 + settings.CONVERGED_NOISE) or not 0 < factor < np.inf:
             break
-        problem, before = problem.noisier(factor, LEFT_BY_LAW), state
-        state, evidence = fitted(problem, state.estimates, state.supports, state.model_error)
-        state = state.keeping(before)
-    return problem, state
+        problem, before = problem.noisier(factor, LEFT_BY_LAW), fit
+        fit = fitted(problem, fit.estimates, fit.supports, fit.model_error)
+        if not fit.is_usable:
+            break
+        fit = fit.keeping(before)
+    return fit
 
 
-def _fit_all(problem: SearchProblem, listed: Sequence[Bools]) -> list[SearchState]:
-    """Return supports fitted to all objects, each once; those that cannot be fitted are left out."""
-    found = []
-    for supports in {each.tobytes(): each for each in listed}.values():
-        with suppress(CommonlawError):
-            found.append(fit_supports(problem, supports, SCHEDULES[-1]))
-    return found
+def with_close_neighbours(fits: Sequence[Fit], starts: AlikeStarts | None = None) -> list[Fit]:
+    """Return fits of one problem, and what may be as plausible as the best; this comes first, with the others.
 
-
-def _without_model_error(problem: SearchProblem, best: SearchState) -> list[SearchState]:
-    """Return the supports that are best with a model error as they are without: no schedule may have come by there."""
-    if best.has_model_error:
-        with suppress(NotPositiveError):
-            return [fitted(problem, best.estimates, best.supports, NO_ERROR)[0]]
-    return []
-
-
-def with_close_neighbours(
-    problem: SearchProblem, states: Sequence[SearchState], starts: AlikeStarts | None = None
-) -> list[SearchState]:
-    """Return states, and what may be as plausible as the best, fitted; the best comes first, with the others.
-
-    Starts that are alike count where they are given; the values of the states have their prices.
+    Starts that are alike count where they are given; the values of the fits have their prices.
     Evidence linearised about one law errs for others. So supports are fitted one after the other whose evidence, about
     any law that was fitted and is plausible, comes near to the best, the most promising first: until none is left, or
     so many as are carried along at most were fitted in vain.
     """
-    found = list_by_evidence(states)
-    done = {each.supports.tobytes() for each in found if each.model_error == found[0].model_error}
-    seen, promising, vain = set[bytes](), dict[bytes, tuple[float, SearchState, Bools]](), 0
-    while vain < MOST:
-        best = found[0]
+    ranked = by_score(fits)
+    done = {each.supports.tobytes() for each in ranked if each.model_error == ranked[0].model_error}
+    seen, promising, vain = set[bytes](), dict[bytes, tuple[float, Fit, Bools]](), 0
+    while vain < settings.MAX_MODELS:
+        best = ranked[0]
         most = best.score.total + PLAUSIBLE
-        for near in (each for each in found if each.model_error == best.model_error and each.score.total < most):
+        for near in (each for each in ranked if each.model_error == best.model_error and each.score.total < most):
             if (key := near.supports.tobytes()) not in seen:
                 seen.add(key)
                 more = starts.near(near) if starts else lambda _: 0.0
-                for promise, supports in promised_near(problem, near):
-                    value = promise + more(supports)
+                for predicted, supports in near.predicted_neighbours():
+                    value = predicted + more(supports)
                     known = promising.get(own := supports.tobytes())
                     promising[own] = (value, near, supports) if known is None or value < known[0] else known
         left = [each for key, each in promising.items() if key not in done and each[0] < most]
@@ -232,84 +181,90 @@ def with_close_neighbours(
             break
         _, near, supports = min(left, key=lambda each: each[0])
         done.add(supports.tobytes())
-        found = list_by_evidence([*found, *_comparable(problem, near, supports, best.model_error, starts)])
-        vain = vain + 1 if found[0] is best else 0
-    best = found[0]
-    return [best.with_alternatives([each for each in found if each.model_error == best.model_error]), *found[1:]]
+        ranked = by_score([*ranked, _comparable(near.problem, near, supports, best.model_error, starts)])
+        vain = vain + 1 if ranked[0] is best else 0
+    best = ranked[0]
+    return [best.with_alternatives([each for each in ranked if each.model_error == best.model_error]), *ranked[1:]]
 
 
 def _comparable(
-    problem: SearchProblem, near: SearchState, supports: Bools, model_error: float, starts: AlikeStarts | None
-) -> list[SearchState]:
-    """Return supports fitted from a state that is near, to be compared with others; nothing if that means nothing.
+    problem: SearchProblem, near: Fit, supports: Bools, model_error: float, starts: AlikeStarts | None
+) -> Fit:
+    """Return supports fitted from a fit that is near, to be compared with others.
 
     Of supports that leave far more than the noise all would count as outliers, which cost too little; so no evidence is
     larger than under noise of the size that they leave.
     """
-    try:
-        start = near.estimates
-        if not np.array_equal(supports, near.supports):
-            start = restricted(problem, evidence_about(problem, near), start, supports)
-        state = fitted(problem, start, supports, model_error)[0]
-        own = to_scale(problem, state)[1]
-    except NotPositiveError:
-        return []
-    if not is_settled(problem, state):
-        return []
-    score = own.score if state.score < own.score else state.score
-    return [replace(state, score=score.plus("initial conditions", starts.price(state)) if starts else score)]
+    if np.array_equal(supports, near.supports):
+        fit = fitted(problem, near.estimates, supports, model_error)
+    else:
+        fit = near.refitted(supports, model_error)
+    scaled = to_scale(fit)
+    if not scaled.is_usable:
+        return scaled
+    if not fit.has_converged:
+        return fit.but(Status.NOT_CONVERGED)
+    score = scaled.score if fit.score < scaled.score else fit.score
+    return fit.with_score(score.plus("initial conditions", starts.price(fit)) if starts else score)
 
 
-def beside_alternatives(problem: SearchProblem, state: SearchState) -> SearchState:
-    """Return the best of a state and its alternatives, fitted to a problem, and of what else may be as plausible."""
-    here = evidence_about(problem, state).score(state.supports)
-    states, starts = [replace(state, score=here)], AlikeStarts(problem, state)
-    for each in state.alternatives:
-        if each.score - state.score < PLAUSIBLE:
-            states += _comparable(problem, each, each.supports, state.model_error, starts)
-    best = with_close_neighbours(problem, states, starts)[0]
-    return state.keeping(best) if np.array_equal(best.supports, state.supports) else best
+def beside_alternatives(fit: Fit) -> Fit:
+    """Return the best of a fit and its alternatives, fitted to its problem, and of what else may be as plausible."""
+    here, starts = fit.with_score(fit.evidence.score(fit.supports)), AlikeStarts(fit)
+    plausible = [each for each in fit.alternatives if each.score - fit.score < PLAUSIBLE]
+    fits = [_comparable(fit.problem, each, each.supports, fit.model_error, starts) for each in plausible]
+    best = with_close_neighbours([here, *fits], starts)[0]
+    return fit.keeping(best) if np.array_equal(best.supports, fit.supports) else best
 
 
-def beside_those_ahead(problem: SearchProblem, state: SearchState) -> SearchState:
-    """Return the best of a state and the supports next to it that have more evidence as linearised about it, fitted.
+def beside_those_ahead(fit: Fit) -> Fit:
+    """Return the best of a fit and the supports next to it that have more evidence as linearised about it, fitted.
 
     At most as many are fitted as laws are carried along.
     """
-    starts, done = AlikeStarts(problem, state), {each.supports.tobytes() for each in (state, *state.alternatives)}
-    for _ in range(MOST):
+    starts, done = AlikeStarts(fit), {each.supports.tobytes() for each in (fit, *fit.alternatives)}
+    for _ in range(settings.MAX_MODELS):
         ahead = [
-            (promise, supports)
-            for promise, supports in promised_near(problem, state)
-            if promise < state.score.total and supports.tobytes() not in done
+            (predicted, supports)
+            for predicted, supports in fit.predicted_neighbours()
+            if predicted < fit.score.total and supports.tobytes() not in done
         ]
         if not ahead:
             break
         _, supports = min(ahead, key=lambda each: each[0])
         done.add(supports.tobytes())
-        for other in _comparable(problem, state, supports, state.model_error, starts):
-            best, rest = (other, state) if other.score < state.score else (state, other)
-            state = best.with_alternatives([*state.alternatives, rest])
-    return state
+        other = _comparable(fit.problem, fit, supports, fit.model_error, starts)
+        if other.is_usable:
+            best, rest = (other, fit) if other.score < fit.score else (fit, other)
+            fit = best.with_alternatives([*fit.alternatives, rest])
+    return fit
 
 
-def _anneal(problem: SearchProblem, how: AbstractSolver | Bools, model_errors: Sequence[float]) -> list[SearchState]:
-    """Choose, or take given supports, and fit at one model error after the other; return what could be computed."""
+def _anneal(problem: SearchProblem, given: Bools | None, model_errors: Sequence[float]) -> list[Fit]:
+    """Choose supports, or take those given, and fit at one model error after the other, as long as that succeeds."""
     supports: Bools = problem.allowed
-    estimates: tuple[Estimate, ...] = problem.starts
-    found: list[SearchState] = []
+    estimates: Sequence[Estimate] = problem.starts
+    fits: list[Fit] = []
     for model_error in model_errors:
         try:
             evidence = linearized_evidence(problem, estimates, errors_to_fit(model_error)[0])
-            chosen = evidence.choose(supports, how) if isinstance(how, AbstractSolver) else how
-            if chosen is how or not np.array_equal(chosen, supports):
-                supports, estimates = chosen, restricted(problem, evidence, estimates, chosen)
-            if isinstance(how, AbstractSolver) and not model_error:
-                state = polish(problem, supports, estimates, model_error, how)
-            else:
-                state, _ = fitted(problem, estimates, supports, model_error)
         except NotPositiveError:
             break
-        found.append(state)
-        estimates = state.estimates
-    return found
+        chosen = _chosen(problem, evidence, supports) if given is None else given
+        begin: Sequence[Estimate] | None = estimates
+        if given is not None or not np.array_equal(chosen, supports):
+            supports, begin = chosen, restricted(problem, evidence, estimates, chosen)
+        if given is None and not model_error:
+            fit = polish(problem, supports, begin, model_error)
+        else:
+            fit = fitted(problem, begin, supports, model_error)
+        if not fit.is_usable:
+            break
+        fits.append(fit)
+        estimates = fit.estimates
+    return fits
+
+
+def _chosen(problem: SearchProblem, evidence: SupportEvidence, supports: Bools) -> Bools:
+    assert problem.solver is not None
+    return evidence.choose(supports, problem.solver)

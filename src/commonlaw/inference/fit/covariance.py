@@ -8,44 +8,34 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.formulation import LeastSquaresProblem, column_scales
+from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.latent_scale import held_like_others, like_others, scatter_of_others
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState, evidence_about
 from commonlaw.law import Law
 from commonlaw.likelihood import ErrorModel, Regression, whitened
 
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
-_BLOCKS = 30
-"""Blocks of an object's trials that are drawn: long enough to hold what errors have to do with each other."""
 
-_RESAMPLES = 500
-"""So many give standard errors to 3 %."""
-
-_UNTOLD = 1e-12
-"""Directions of columns of unit norm that are smaller say nothing."""
-
-
-def fitted_law(
-    law: Law, problem: SearchProblem, state: SearchState, covariance: CovarianceKind = "likelihood", seed: int = 0
-) -> Law:
-    """Return the law with the coefficients of a state, their covariance, and the errors of measurements and law."""
-    errors = errors_of(problem, state.model_error if state.has_model_error else 0.0)
-    state = like_others(problem, state)
+def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
+    """Return the law with the coefficients of a fit, their covariance, and the errors of measurements and law."""
+    problem, errors = fit.problem, errors_of(fit.problem, fit.model_error)
+    fit = like_others(fit)
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
-        coefficients=np.array([each.coefficients for each in state.estimates]),
+        coefficients=np.array([each.coefficients for each in fit.estimates]),
         uncertainty=replace(
             law.uncertainty,
-            covariance=covariances(problem, state, covariance, seed),
+            covariance=covariances(fit, covariance, seed),
             shared_factor=None,
             unpooled=None,
             pooled=None,
             noise=np.where(_known_starts(problem), noise_floor(problem.trials), problem.noise),
             error_model=errors,
-            degrees_of_freedom=degrees_of_freedom(problem, state),
+            degrees_of_freedom=degrees_of_freedom(fit),
             widening=None,
             explanation=None,
             other_laws=(),
@@ -58,27 +48,28 @@ def _known_starts(problem: SearchProblem) -> Bools:
     return np.asarray(schema.unmeasured & ~schema.with_free_start)
 
 
-def degrees_of_freedom(problem: SearchProblem, state: SearchState) -> Floats | None:
+def degrees_of_freedom(fit: Fit) -> Floats | None:
     """Return those of the estimate of each state's noise, shape (states,); None if the noise was given.
 
     Of states that were not measured, or with less than one, they are those of all.
     """
-    if problem.noise_given:
+    if fit.problem.noise_given:
         return None
-    found = residual_freedom(problem, state)
+    found = residual_freedom(fit)
     return np.where(found < 1, max(total_freedom(found), 1.0), found)
 
 
-def residual_freedom(problem: SearchProblem, state: SearchState) -> Floats:
+def residual_freedom(fit: Fit) -> Floats:
     """Return the degrees of freedom of the residuals of each state, shape (states,).
 
     These are nu_j = n_j - tr H_j, the measurements, repeated ones too, less the trace of the hat matrix (Seber and Wild
     1989, Nonlinear Regression, section 5.10); without a regression the coefficients count in their own equations.
     States that were not measured have none.
     """
+    problem = fit.problem
     meshes = [mesh for model in problem.models for mesh in model.meshes]
     counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.measurements.pure_error[1]
-    listed = zip(problem.models, free_coefficients(problem, state), regressions(problem, state), strict=True)
+    listed = zip(problem.models, free_coefficients(fit), regressions(fit), strict=True)
     used = [
         np.array(model.order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in model.meshes], axis=0)
         + free.sum(axis=1)
@@ -94,33 +85,33 @@ def total_freedom(freedom: Floats) -> float:
     return round(float(np.sum(freedom)), 6)
 
 
-def free_coefficients(problem: SearchProblem, state: SearchState) -> list[Bools]:
+def free_coefficients(fit: Fit) -> list[Bools]:
     """Return which coefficients of each object were found, each of shape (equations, terms)."""
-    pairs = zip(state.estimates, problem.known, strict=True)
+    pairs = zip(fit.estimates, fit.problem.known, strict=True)
     return [(each.coefficients != 0) & np.isnan(known) for each, known in pairs]
 
 
-def regressions(problem: SearchProblem, state: SearchState) -> list[Regression | None]:
-    """Return the least squares of each object about a state; None where states follow more than their starts.
+def regressions(fit: Fit) -> list[Regression | None]:
+    """Return the least squares of each object about a fit; None where states follow more than their starts.
 
     That is under a random walk or latent processes, and of laws that forget their starts.
     """
-    if state.has_model_error or problem.models[0].latent.width:
-        return [None] * len(problem.models)
-    listed = zip(problem.models, state.estimates, free_coefficients(problem, state), strict=True)
+    models = fit.problem.models
+    if fit.has_model_error or models[0].latent.width:
+        return [None] * len(models)
+    listed = zip(models, fit.estimates, free_coefficients(fit), strict=True)
     return [Regression.of(*each) for each in listed]
 
 
-def factors(problem: SearchProblem, state: SearchState) -> list[Floats]:
+def factors(fit: Fit) -> list[Floats]:
     """Return the triangular factor of each object's information on its free coefficients, and of the residuals."""
-    found = regressions(problem, state)
+    found = regressions(fit)
     complete = [each.factor for each in found if each is not None]
     if len(complete) == len(found):
         return complete
-    linearized = evidence_about(problem, state).problems
     return [
         rows.restrict(np.flatnonzero(free).tolist()).factor if regression is None else regression.factor
-        for regression, rows, free in zip(found, linearized, free_coefficients(problem, state), strict=True)
+        for regression, rows, free in zip(found, fit.evidence.problems, free_coefficients(fit), strict=True)
     ]
 
 
@@ -132,7 +123,7 @@ def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:
     return replace(problem.errors, walk=model_error * problem.models[0].unit / np.sqrt(step))
 
 
-def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind, seed: int) -> Floats:
+def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
     """Return each object's covariance of its coefficients, shape (objects, parameters, parameters).
 
     Parameters are the coefficients that are not zero for some object, in the order of `numpy.argwhere`. Those that are
@@ -142,21 +133,22 @@ def covariances(problem: SearchProblem, state: SearchState, kind: CovarianceKind
     when blocks of the trials are drawn anew, which holds for noise of other kinds too (the bootstrap of innovations,
     Stoffer and Wall 1991, in blocks, and linearised about the law).
     """
-    coefficients = np.array([each.coefficients for each in state.estimates])
+    problem = fit.problem
+    coefficients = np.array([each.coefficients for each in fit.estimates])
     support = np.any(coefficients != 0, axis=0)
-    found = np.zeros((len(state.estimates), support.sum(), support.sum()))
-    triangles = factors(problem, state) if kind == "likelihood" else ()
-    for o, (model, estimate) in enumerate(zip(problem.models, state.estimates, strict=True)):
+    found = np.zeros((len(fit.estimates), support.sum(), support.sum()))
+    triangles = factors(fit) if kind == "likelihood" else ()
+    for o, (model, estimate) in enumerate(zip(problem.models, fit.estimates, strict=True)):
         free = (estimate.coefficients != 0) & np.isnan(problem.known[o])
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
         if kind == "bootstrap":
-            trials = [rows for rows, _ in whitened(model, estimate, state.fitted_model_error)]
+            trials = [rows for rows, _ in whitened(model, estimate, fit.fitted_model_error)]
             covariance = bootstrapped(trials, inner, seed)
         else:
             factor = triangles[o][:, :-1]
             covariance = _inverse(factor)
             if (held := held_like_others(problem, o) & free).any():
-                covariance = _with_held(factor, held[free], scatter_of_others(problem, state)[held])
+                covariance = _with_held(factor, held[free], scatter_of_others(fit)[held])
         found[o][np.ix_(indices, indices)] = covariance
     return found
 
@@ -167,16 +159,18 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
     `trials` has the rows ``[library | target]`` of each, whitened, and `indices` the columns of the library that are
     used.
     """
-    each = -(-_BLOCKS // len(trials))
+    each = -(-settings.BOOTSTRAP[0] // len(trials))
     columns = [*indices, -1]
     blocks = [part for rows in trials for part in np.array_split(rows[:, columns], each) if len(part)]
     factors = np.array([LeastSquaresProblem.of(part[:, :-1], part[:, -1:]).factor for part in blocks])
-    drawn = np.random.default_rng(seed).integers(len(blocks), size=(_RESAMPLES, len(blocks)))
-    stacked = factors[drawn].reshape(_RESAMPLES, -1, len(columns))
+    drawn = np.random.default_rng(seed).integers(len(blocks), size=(settings.BOOTSTRAP[1], len(blocks)))
+    stacked = factors[drawn].reshape(settings.BOOTSTRAP[1], -1, len(columns))
     norms = column_scales(np.concatenate(factors))
     reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(indices))
     # What no drawn block tells is zero
-    estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=_UNTOLD), reduced[:, inner, -1:])[..., 0]
+    estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=settings.COLLINEAR), reduced[:, inner, -1:])[
+        ..., 0
+    ]
     return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))
 
 

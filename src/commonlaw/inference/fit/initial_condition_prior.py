@@ -7,33 +7,17 @@ starts were measured well, that says of all laws the same.
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState, evidence_about
+from commonlaw.inference import settings
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.score.evidence import minus_twice_log_evidence
-from commonlaw.inference.score.supports import SupportEvidence, scattering
+from commonlaw.inference.score.supports import scattering
 from commonlaw.likelihood import Estimate, NotPositiveError, whitened_from_starts
-
-_FEWEST = 3
-"""Trials from which on starts tell how they scatter."""
-
-_MOST = 10_000
-"""Numbers from which on trials tell laws apart whatever they say of starts, which would take long."""
-
-_EXACT = 1e-4
-"""Variance of starts by their errors, relative to that between trials, below which laws cannot differ by them."""
-
-_VARIANCES = 10.0 ** np.arange(-4, 2)
-"""Those of starts that are tried, relative to the mean square by the law: what is between matters little."""
-
-_SWEEPS = 2
-"""How often the variance of each state is chosen again, given the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,22 +28,21 @@ class AlikeStarts:
     where starts are known much better than they scatter.
     """
 
-    problem: SearchProblem
-    reference: SearchState
+    reference: Fit
     _known: "dict[tuple[Estimate, ...], _StartsOfLaw | None]" = field(default_factory=dict)
 
-    def price(self, state: SearchState) -> float:
+    def price(self, fit: Fit) -> float:
         """Return how much less plausible a law is by its starts."""
         reference = self._of_reference
-        found = None if reference is None else self._of(state)
+        found = None if reference is None else self._of(fit)
         return 0.0 if reference is None or found is None else found.own_price - reference.own_price
 
-    def near(self, state: SearchState) -> Callable[[Bools], float]:
-        """Return what says how much less plausible other supports are than those of a state, linearised about it.
+    def near(self, fit: Fit) -> Callable[[Bools], float]:
+        """Return what says how much less plausible other supports are than those of a fit, linearised about it.
 
-        Their starts scatter as those of the state.
+        Their starts scatter as those of the fit.
         """
-        found = None if self._of_reference is None else self._of(state)
+        found = None if self._of_reference is None else self._of(fit)
         if found is None:
             return lambda _: 0.0
         return lambda supports: found.price(supports) - found.own_price
@@ -72,20 +55,22 @@ class AlikeStarts:
     @property
     def _tell(self) -> bool:
         """Whether there are enough trials, each of one segment, without other processes beside their states."""
-        trials, models = self.problem.trials, self.problem.models
+        problem = self.reference.problem
+        trials, models = problem.trials, problem.models
         segments = sum(int(mesh.first.sum()) for model in models for mesh in model.meshes)
         latent = any(model.latent.width for model in models)
-        few = sum(self.problem.measured) <= _MOST
-        return _FEWEST <= len(trials) == segments and few and not latent and not trials.schema.starts
+        few = sum(problem.measured) <= settings.MAX_SCREENED_SAMPLES
+        return settings.MIN_OBJECTS <= len(trials) == segments and few and not latent and not trials.schema.starts
 
-    def _of(self, state: SearchState) -> "_StartsOfLaw | None":
+    def _of(self, fit: Fit) -> "_StartsOfLaw | None":
         """Return what is said of a law; nothing if that cannot be computed."""
-        if state.estimates not in self._known:
-            self._known[state.estimates] = None
-            with suppress(NotPositiveError, np.linalg.LinAlgError):
-                found = _StartsOfLaw.of(self.problem, state)
-                self._known[state.estimates] = found if np.isfinite(found.own_price) else None
-        return self._known[state.estimates]
+        if fit.estimates not in self._known:
+            try:
+                found = _StartsOfLaw.of(fit)
+                self._known[fit.estimates] = found if np.isfinite(found.own_price) else None
+            except (NotPositiveError, np.linalg.LinAlgError):
+                self._known[fit.estimates] = None
+        return self._known[fit.estimates]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,19 +82,19 @@ class _StartsOfLaw:
     of each object follow each other.
     """
 
-    problem: SearchProblem
-    state: SearchState
+    fit: Fit
     starts: Floats
     triangles: Floats
     counts: tuple[int, ...]
     log_determinant: float
 
     @classmethod
-    def of(cls, problem: SearchProblem, state: SearchState) -> "_StartsOfLaw":
-        """Return what is said about the estimates of a state."""
+    def of(cls, fit: Fit) -> "_StartsOfLaw":
+        """Return what is said about the estimates of a fit."""
+        problem = fit.problem
         triangles, starts, counts, total = list[Floats](), list[Floats](), list[int](), 0.0
-        for model, estimate in zip(problem.models, state.estimates, strict=True):
-            rows, log_determinant = whitened_from_starts(model, estimate, state.fitted_model_error, problem.allowed)
+        for model, estimate in zip(problem.models, fit.estimates, strict=True):
+            rows, log_determinant = whitened_from_starts(model, estimate, fit.fitted_model_error, problem.allowed)
             triangles += [_triangle(each) for each in rows]
             starts += [states[mesh.first] for mesh, states, _ in model.parts(estimate)]
             counts.append(len(rows))
@@ -117,7 +102,7 @@ class _StartsOfLaw:
         found, own = np.concatenate(starts), np.array(triangles)
         found = found - found.mean(axis=0)
         own[:, :, -1] += np.matmul(own[:, :, : found.shape[1]], found[:, :, np.newaxis])[:, :, 0]
-        return cls(problem, state, found, own, tuple(counts), total)
+        return cls(fit, found, own, tuple(counts), total)
 
     @property
     def are_exact(self) -> bool:
@@ -125,7 +110,7 @@ class _StartsOfLaw:
         states = self.starts.shape[1]
         inverse = np.linalg.inv(self.triangles[:, :states, :states])
         errors = np.mean(np.sum(inverse**2, axis=2), axis=0)
-        return bool(np.all(errors < _EXACT * self._typical))
+        return bool(np.all(errors < settings.MIN_NOISE * self._typical))
 
     @property
     def _typical(self) -> Floats:
@@ -140,19 +125,19 @@ class _StartsOfLaw:
     @cached_property
     def own_price(self) -> float:
         """The same of the law itself."""
-        return self.price(self.state.supports)
+        return self.price(self.fit.supports)
 
     @cached_property
     def _likeliest(self) -> tuple[Floats, Floats]:
         """What `_of_objects` returns for the variances that are the likeliest with the law itself."""
-        supports, states = self.state.supports, self.starts.shape[1]
-        kept = np.concatenate([np.arange(states), states + np.flatnonzero(supports[self.problem.allowed]), [-1]])
+        supports, states = self.fit.supports, self.starts.shape[1]
+        kept = np.concatenate([np.arange(states), states + np.flatnonzero(supports[self.fit.problem.allowed]), [-1]])
         own = replace(self, triangles=np.asarray(np.linalg.qr(self.triangles[:, :, kept], mode="r")))
-        variances = self._typical
-        for _ in range(_SWEEPS):
+        variances, grid = self._typical, 10.0 ** np.arange(-4, 2)  # What is between matters little
+        for _ in range(settings.ALTERNATIONS):
             for j in range(states):
-                tried = np.tile(variances, (len(_VARIANCES), 1))
-                tried[:, j] = _VARIANCES * self._typical[j]
+                tried = np.tile(variances, (len(grid), 1))
+                tried[:, j] = grid * self._typical[j]
                 factors, log_determinants = own._of_objects(tried)
                 values = log_determinants + [self._evidence(each, supports, supports) for each in factors]
                 variances = tried[np.argmin(values)]
@@ -160,23 +145,18 @@ class _StartsOfLaw:
 
     def _evidence(self, factors: Floats, supports: Bools, columns: Bools | None = None) -> float:
         """Return minus twice the log-evidence of supports on factors that have columns of these terms, or of all."""
-        columns = self.problem.allowed if columns is None else columns
+        columns = self.fit.problem.allowed if columns is None else columns
         states, ratios = self.starts.shape[1], None
-        if self._about.in_ratios is not None:
-            own = self._about.in_ratios[:, columns.ravel()]
+        if self.fit.evidence.in_ratios is not None:
+            own = self.fit.evidence.in_ratios[:, columns.ravel()]
             ratios = np.column_stack([own, np.zeros((len(own), states))])
         indices = np.append(np.flatnonzero(supports[columns]), columns.sum() + np.arange(states))
-        measured = self._about.measured.without(-self.starts.size)
+        measured = self.fit.evidence.measured.without(-self.starts.size)
         return minus_twice_log_evidence(scattering(factors, ratios), indices, measured, common=states)
 
     def _free(self, supports: Bools) -> float:
         """Return minus twice the log-evidence of supports, without their prices, where any starts are as likely."""
-        return self._about.value(supports) - sum(self._about.prices.of(each) for each in supports)
-
-    @cached_property
-    def _about(self) -> SupportEvidence:
-        """The evidence about the law, with starts that are free."""
-        return evidence_about(self.problem, self.state)
+        return self.fit.evidence.value(supports) - sum(self.fit.evidence.prices.of(each) for each in supports)
 
     def _of_objects(self, variances: Floats) -> tuple[Floats, Floats]:
         """Return triangles of objects, shape (models, objects, size, size), and log-determinants, shape (models,).

@@ -1,6 +1,6 @@
 """Whether white noise of the estimated level explains the residuals of a law."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,8 +8,8 @@ import numpy as np
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.heteroscedasticity import growth
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState
 from commonlaw.inference.settings import MAX_STANDARDIZED_RESIDUAL
+from commonlaw.likelihood import Estimate
 
 
 @dataclass(frozen=True)
@@ -23,21 +23,23 @@ class Departure:
     is_of_noise: bool = False
 
 
-def departures(problem: SearchProblem, state: SearchState) -> tuple[Departure, ...]:
+NO_LAW = Departure("lack of fit: no law of this library fits the measurements within their noise")
+"""Of a law with a model error."""
+
+
+def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[Departure, ...]:
     """Return in what the residuals of a law depart from white noise.
 
-    A model error does; and residuals that are heteroscedastic or autocorrelated, if an error that allows for it gains
-    more in likelihood than its numbers cost.
+    They are heteroscedastic or autocorrelated, if an error that allows for it gains more in likelihood than its numbers
+    cost.
     """
-    if state.has_model_error:
-        return (Departure("lack of fit: no law of this library fits the measurements within their noise"),)
     # At the floor, what is left is not of the measurements
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
     return tuple(
         Departure(f"residuals of {name} are {each.words}", each.is_of_noise)
         for j, name in enumerate(problem.trials.schema.states)
         if name not in problem.trials.schema.starts
-        for each in _of_state(problem, state, j, bool(measured[j]))
+        for each in _of_state(problem, estimates, j, bool(measured[j]))
     )
 
 
@@ -46,10 +48,10 @@ def in_words(listed: Iterable[Departure]) -> str:
     return "; ".join(each.words for each in listed)
 
 
-def _of_state(problem: SearchProblem, state: SearchState, j: int, is_measured: bool) -> list[Departure]:
+def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_measured: bool) -> list[Departure]:
     """Return what is odd about the residuals of one state, and about their pattern if they are of measurements."""
     squares, sizes, lags, count, whole = [], [], [], 0, 0
-    for model, estimate in zip(problem.models, state.estimates, strict=True):
+    for model, estimate in zip(problem.models, estimates, strict=True):
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
             seen = (mesh.observed & ~mesh.still)[:, j]

@@ -9,13 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.inference import settings
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.latent_initialization import begun
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import MODEL_ERRORS, SearchState
-from commonlaw.likelihood import fit
-
-_MUCH = 1.2
-"""By which factor the deviance may be larger where coefficients are held; beyond it they stay free."""
+from commonlaw.likelihood import fit as fitted_states
 
 
 def held_like_others(problem: SearchProblem, index: int) -> Bools:
@@ -27,31 +25,31 @@ def held_like_others(problem: SearchProblem, index: int) -> Bools:
     return np.asarray(measured[:, np.newaxis] & of_unmeasured & is_known)
 
 
-def scatter_of_others(problem: SearchProblem, state: SearchState) -> Floats:
+def scatter_of_others(fit: Fit) -> Floats:
     """Return the variances of the coefficients of objects with all states, shape (equations, terms).
 
     Of a single object nothing tells how objects differ: then it is as if by as much as the coefficient.
     """
-    whole = _of_whole(problem, state)
+    whole = _of_whole(fit)
     return np.asarray(np.var(whole, axis=0, ddof=1) * (1 + 1 / len(whole)) if len(whole) > 1 else whole[0] ** 2)
 
 
-def like_others(problem: SearchProblem, state: SearchState) -> SearchState:
-    """Return the state with objects fitted again of which some coefficients are held."""
-    whole = _of_whole(problem, state)
+def like_others(fit: Fit) -> Fit:
+    """Return the fit with objects fitted again of which some coefficients are held."""
+    whole, problem = _of_whole(fit), fit.problem
     if len(whole) in (0, len(problem.models)):
-        return state
-    errors = (*(each for each in MODEL_ERRORS if each > state.fitted_model_error), state.fitted_model_error)
-    estimates = list(state.estimates)
+        return fit
+    errors = (*(each for each in settings.MODEL_ERRORS if each > fit.fitted_model_error), fit.fitted_model_error)
+    estimates = list(fit.estimates)
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
         if not problem.measured_states[o].all():
-            free = state.supports & ~held_like_others(problem, o)
-            found = fit(model, begun(model, start, whole), free, errors)
-            if found.deviance < _MUCH * estimates[o].deviance:
+            free = fit.supports & ~held_like_others(problem, o)
+            found = fitted_states(model, begun(model, start, whole), free, errors)
+            if found.deviance < settings.MAX_DEVIANCE_RATIO * estimates[o].deviance:
                 estimates[o] = found
-    return replace(state, estimates=tuple(estimates))
+    return replace(fit, estimates=tuple(estimates))
 
 
-def _of_whole(problem: SearchProblem, state: SearchState) -> list[Floats]:
-    pairs = zip(state.estimates, problem.measured_states, strict=True)
+def _of_whole(fit: Fit) -> list[Floats]:
+    pairs = zip(fit.estimates, fit.problem.measured_states, strict=True)
     return [each.coefficients for each, own in pairs if own.all()]

@@ -5,53 +5,39 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.formulation import LeastSquaresProblem
+from commonlaw.inference import settings
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import FINAL, SearchState, evidence_about
-from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
-
-FINEST = 8
-"""Points for each sampling step; laws that need more are not resolved by their samples."""
-
-_RESOLVED = 1.0
-"""What a finer mesh may change in twice the log-likelihood; a term is worth many times that.
-
-Of exact measurements, of which a law leaves less than the noise that it is fitted under, squares count for more."""
+from commonlaw.likelihood import Estimate, fit_each
 
 
-def on_finer_mesh(
-    problem: SearchProblem, state: SearchState, model_errors: Sequence[float]
-) -> tuple[SearchProblem, SearchState] | None:
-    """Return the problem and the fitted state on a finer mesh; None if it changes nothing, or if there is none."""
-    if problem.points >= FINEST:
+def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:
+    """Return the fit on a finer mesh; None if that changes nothing, or if there is none."""
+    problem = fit.problem
+    if problem.points >= settings.MAX_MESH_POINTS[1]:
         return None
     finer = problem.finer()
-    estimates = fit_each(finer.models, finer.starts_with(state.estimates), state.supports, model_errors)
-    evidence = evidence_about(problem, state)
-    least = min(1.0, evidence.noise_variance(state.supports))
-    moved = _moved(problem, evidence.problems, state, estimates)
-    if _change(problem, state.estimates, finer, estimates) + moved < _RESOLVED * least:
+    estimates = fit_each(finer.models, finer.starts_with(fit.estimates), fit.supports, model_errors)
+    least = min(1.0, fit.evidence.noise_variance(fit.supports))
+    if _change(problem, fit.estimates, finer, estimates) + _moved(fit, estimates) < settings.MAX_MESH_CHANGE * least:
         return None
-    others = tuple(replace(each, estimates=finer.starts_with(each.estimates)) for each in state.alternatives)
-    return finer, replace(state, estimates=estimates, alternatives=others)
+    others = tuple(
+        replace(each, problem=finer, estimates=finer.starts_with(each.estimates)) for each in fit.alternatives
+    )
+    return replace(fit, problem=finer, estimates=estimates, alternatives=others)
 
 
-def until_resolved(
-    problem: SearchProblem, state: SearchState, refit: Callable[[SearchProblem, SearchState], SearchState]
-) -> tuple[SearchProblem, SearchState]:
+def until_resolved(fit: Fit, refit: Callable[[Fit], Fit]) -> Fit:
     """Refit on finer meshes until these do not matter, for laws that move fast between samples.
 
     A law with a model error needs none.
     """
-    while not state.has_model_error:
-        finer = on_finer_mesh(problem, state, FINAL)
-        if finer is None:
+    while fit.is_usable and not fit.has_model_error:
+        finer = on_finer_mesh(fit, settings.FINAL_MODEL_ERRORS)
+        if finer is None or not (finer := refit(finer)).is_usable:
             break
-        try:
-            problem, state = finer[0], refit(*finer)
-        except NotPositiveError:
-            break
-    return problem, state
+        fit = finer
+    return fit
 
 
 def _change(
@@ -66,13 +52,11 @@ def _change(
     return total
 
 
-def _moved(
-    problem: SearchProblem, problems: Sequence[LeastSquaresProblem], state: SearchState, fine: Sequence[Estimate]
-) -> float:
+def _moved(fit: Fit, fine: Sequence[Estimate]) -> float:
     """Return the sum of squared changes of coefficients on a finer mesh, relative to how surely they are known."""
     total = 0.0
-    for own, known, one, other in zip(problems, problem.known, state.estimates, fine, strict=True):
-        free = state.supports & np.isnan(known)
+    for own, known, one, other in zip(fit.evidence.problems, fit.problem.known, fit.estimates, fine, strict=True):
+        free = fit.supports & np.isnan(known)
         change = own.factor[:, np.flatnonzero(free)] @ (other.coefficients - one.coefficients)[free]
         total += float(np.sum(change**2))
     return total

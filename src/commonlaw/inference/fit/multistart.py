@@ -5,43 +5,26 @@ constants of the others scatter says where it may be.
 """
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_with
+from commonlaw.inference.fit.fit import NO_ERROR
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import FINAL, NO_ERROR
-from commonlaw.likelihood import Estimate, NotPositiveError, Prior, fit_each
-
-_FEWEST = 3
-"""Objects from which on scatter between them holds what one of them does not tell."""
-
-_WIDER, _NORMAL, _LEAST_SCATTER = 3.0, 1.4826, 0.1
-"""By how much it is taken wider than it is, standard deviations in a median absolute deviation, and the least scatter,
-as a share of what is typical."""
-
-_INDIFFERENT = 2.0
-"""Twice the log-likelihood that an object's trials may lose by what is typical of others: so little says nothing."""
-
-_SAME = 0.01
-"""Twice the log-likelihood by which fits that are the same may differ by rounding."""
-
-_SHORT = (3.0, 0.3, *FINAL)
-"""Model errors that lead from measurements to a law in a short way, for most objects as good as the long one."""
+from commonlaw.likelihood import Estimate, Prior, fit_each
 
 
 def every_way(problem: SearchProblem) -> Sequence[Estimate]:
-    """Return solutions of a law by all ways that lead to them."""
+    """Return solutions of a law by all ways that lead to them; none if it has none."""
     return fit_with(problem, problem.allowed, NO_ERROR).estimates
 
 
 def short_way(problem: SearchProblem) -> Sequence[Estimate]:
     """Return solutions of a law by a way that may get stuck in single objects."""
-    return fit_each(problem.models, problem.starts, problem.allowed, _SHORT)
+    return fit_each(problem.models, problem.starts, problem.allowed, settings.SHORT_SCHEDULE)
 
 
 def best_fits(
@@ -50,7 +33,7 @@ def best_fits(
     begun: Sequence[Floats],
     way: Callable[[SearchProblem], Sequence[Estimate]],
 ) -> list[Estimate]:
-    """Return the fit of largest likelihood of each object, from any of some coefficients.
+    """Return the fit of largest likelihood of each object, from any of some coefficients; none if no fit succeeds.
 
     Parameters
     ----------
@@ -62,20 +45,12 @@ def best_fits(
         Coefficients, each of shape (objects, equations, terms).
     way
         `every_way` or `short_way`.
-
-    Raises
-    ------
-    NotPositiveError
-        If the likelihood cannot be computed from any of them.
     """
-    found = []
+    fits = list[Sequence[Estimate]]()
     for coefficients in begun:
         starts = problem.padded([Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True)])
-        with suppress(CommonlawError):
-            found.append(way(replace(problem, starts=starts)))
-    if not found:
-        raise NotPositiveError
-    return [usual_of_best(own) for own in zip(*found, strict=True)]
+        fits.append(way(replace(problem, starts=starts)))
+    return [usual_of_best(own) for own in zip(*filter(None, fits), strict=True)]
 
 
 def usual_of_best(fits: Sequence[Estimate]) -> Estimate:
@@ -85,7 +60,7 @@ def usual_of_best(fits: Sequence[Estimate]) -> Estimate:
     is not to decide.
     """
     least = min(each.objective for each in fits)
-    alike = [each for each in fits if each.objective <= least + _SAME]
+    alike = [each for each in fits if each.objective <= least + settings.SAME_DEVIANCE]
     return min(alike, key=lambda each: (int(np.sum(each.coefficients < 0)), float(np.abs(each.coefficients).sum())))
 
 
@@ -110,21 +85,21 @@ def drawn_together(
         The problem, in which objects that are drawn have a prior, and the estimates of all.
     """
     best = list(free)
-    if len(free) < _FEWEST or not problem.models[0].terms.constants:
+    if len(free) < settings.MIN_OBJECTS or not problem.models[0].terms.constants:
         return problem, best
     own, ranked = np.array([each.coefficients for each in free]), list[tuple[float, Prior, list[Estimate]]]()
     for coefficients in (own, *begun):
         prior = _prior(problem, coefficients)
-        with suppress(NotPositiveError):
-            both = [own, np.broadcast_to(prior.typical, own.shape)]
-            held = best_fits(problem.with_priors([prior] * len(free)), free, both, short_way)
+        both = [own, np.broadcast_to(prior.typical, own.shape)]
+        held = best_fits(problem.with_priors([prior] * len(free)), free, both, short_way)
+        if held:
             ranked.append((_value(prior, held), prior, held))
     if not ranked:
         return problem, best
     _, prior, held = min(ranked, key=lambda each: each[0])
     priors = list[Prior | None]([None] * len(free))
     for o, (one, other) in enumerate(zip(held, free, strict=True)):
-        if one.deviance < other.deviance + _INDIFFERENT:
+        if one.deviance < other.deviance + settings.INDIFFERENT:
             priors[o], best[o] = prior, one
     return problem.with_priors(priors), best
 
@@ -136,13 +111,10 @@ def priors_from(problem: SearchProblem, begun: Floats) -> tuple[Prior | None, ..
     (objects, equations, terms).
     """
     nothing = (None,) * len(begun)
-    if len(begun) < _FEWEST or not problem.models[0].terms.constants:
+    if len(begun) < settings.MIN_OBJECTS or not problem.models[0].terms.constants:
         return nothing
-    try:
-        free = best_fits(problem, problem.starts, [begun], every_way)
-    except NotPositiveError:
-        return nothing
-    return tuple(each.prior for each in drawn_together(problem, free, [begun])[0].models)
+    free = best_fits(problem, problem.starts, [begun], every_way)
+    return tuple(each.prior for each in drawn_together(problem, free, [begun])[0].models) if free else nothing
 
 
 def _value(prior: Prior, held: Sequence[Estimate]) -> float:
@@ -154,7 +126,7 @@ def _value(prior: Prior, held: Sequence[Estimate]) -> float:
 def _prior(problem: SearchProblem, found: Floats) -> Prior:
     """Return how coefficients, shape (objects, equations, terms), scatter over objects, much wider."""
     typical = np.median(found, axis=0)
-    scatter = np.maximum(_NORMAL * np.median(np.abs(found - typical), axis=0), _LEAST_SCATTER * np.abs(typical))
+    scatter = np.maximum(1.4826 * np.median(np.abs(found - typical), axis=0), settings.PRIOR_WIDTH[1] * np.abs(typical))
     free = problem.allowed & (scatter > 0)
-    precision = np.divide(1.0, _WIDER * scatter, out=np.zeros_like(scatter), where=free) ** 2
+    precision = np.divide(1.0, settings.PRIOR_WIDTH[0] * scatter, out=np.zeros_like(scatter), where=free) ** 2
     return Prior(typical, precision)

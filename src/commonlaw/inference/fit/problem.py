@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import (
@@ -27,7 +28,8 @@ from commonlaw.inference.fit.latent_initialization import (
 from commonlaw.inference.score.evidence import Measured
 from commonlaw.inference.score.noise_prior import Measurements
 from commonlaw.inference.score.structure_prior import Prices, complexity_prices, shifted
-from commonlaw.library import Terms, with_rates
+from commonlaw.law import Law, Provenance
+from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
     NO_ERRORS,
@@ -40,11 +42,9 @@ from commonlaw.likelihood import (
     interpolate,
     meshes,
 )
+from commonlaw.solvers import AbstractSolver
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
-
-_PRIOR = 2.0
-"""Measurements of each state that the first estimate of its noise is worth when the noise is estimated with a law."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,8 @@ class SearchProblem:
     `samples` say which of all are fitted, nothing if all are. Of states that nobody measured, coefficients that would
     fit the first object about `as_good` as those that it begins with may be known, each of shape (equations, terms).
     So many terms were to choose from `besides`, which the price of supports counts. Where terms are given, their
-    residuals may tell the noise that differences of few samples do not.
+    residuals may tell the noise that differences of few samples do not. The path of the solver lists the candidates
+    of each equation; it is None where the terms are given. Forecasts of laws estimate rates by the differentiation.
     """
 
     trials: Trials
@@ -79,6 +80,30 @@ class SearchProblem:
     as_good: tuple[Floats, ...] = ()
     besides: int = 0
     residuals_tell_noise: bool = False
+    solver: AbstractSolver | None = None
+    differentiation: AbstractDifferentiator | None = None
+
+    @property
+    def terms(self) -> Terms:
+        """The candidate terms."""
+        return self.models[0].terms
+
+    @property
+    def order(self) -> Order:
+        """Of laws, or of each equation."""
+        return self.models[0].order
+
+    @property
+    def law(self) -> Law:
+        """The law of these trials that has the coefficients that are known alone."""
+        return Law(
+            self.terms,
+            self.trials.schema,
+            self.order,
+            self.trials.objects,
+            np.nan_to_num(self.known),
+            provenance=Provenance(self.differentiation),
+        )
 
     @property
     def allowed(self) -> Bools:
@@ -216,7 +241,7 @@ class SearchProblem:
             self.models[0].order,
             sum(self.measured),
             self.noise_is_fixed,
-            _PRIOR if self.tells_noise else 0.0,
+            settings.PRIOR_OBSERVATIONS if self.tells_noise else 0.0,
         )
 
     @cached_property

@@ -1,6 +1,6 @@
 """Whether a fit is a solution of its law: discretization error, divergence, and poles where trials have been."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -8,65 +8,47 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.effort import unannounced
+from commonlaw.inference import settings
 from commonlaw.inference.fit.parameter_grid import divisors
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState
 from commonlaw.integration import InitialValueProblem, Inputs, OutputOptions, VectorField, simulate_each
 from commonlaw.library.grammar import NUMPY, compiled
 from commonlaw.likelihood import Estimate, Mesh, jacobians
 from commonlaw.spacing import evenly_spaced
 
-_OBJECTS = 20
-"""Objects whose trajectories are followed at most, evenly spread."""
-
-_BETWEEN = 400
-"""Points between states of an object where a divisor must not have another sign."""
-
-_DIVISIONS = (4, 8, 16, 32, 64)
-"""Of a step, until more change little: so many are stable where rates are up to 180 in a step."""
-
-_LITTLE = 0.1
-"""Standard deviations of the noise in which more divisions of all steps agree."""
-
-
-def is_solved(problem: SearchProblem, state: SearchState) -> bool:
-    """Return whether solutions of a law follow the trials, from their starts and step by step."""
-    return follows_solutions(problem, state) and not runs_away(problem, state)
-
 
 @unannounced()
-def runs_away(problem: SearchProblem, state: SearchState) -> bool:
+def diverges(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
     """Whether a trajectory of a trial that the law was learned from diverges there, from its fitted start."""
-    found, between = [], problem.trials.schema.input_between
-    for i in evenly_spaced(len(problem.models), _OBJECTS):
-        model, estimate = problem.models[i], state.estimates[i]
+    found = []
+    for i in evenly_spaced(len(problem.models), settings.MAX_CHECKED_OBJECTS):
+        model, estimate = problem.models[i], estimates[i]
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
             cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
             for first, last in pairwise(cuts):
                 times = mesh.times[first:last]
-                field = replace(
-                    model.field(estimate.coefficients), inputs=Inputs.of(times, mesh.inputs[first:last], between)
-                )
+                inputs = Inputs.of(times, mesh.inputs[first:last], problem.trials.schema.input_between)
+                field = replace(model.field(estimate.coefficients), inputs=inputs)
                 found.append(InitialValueProblem(field, states[first, : model.width], times, ""))
     return any(each.outcome for each in simulate_each(found, OutputOptions(tolerance=1e-6)))
 
 
-def follows_solutions(problem: SearchProblem, state: SearchState) -> bool:
+def follows_solutions(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
     """Return whether steps of the likelihood end where solutions do but for less than the noise, in the mean square.
 
     Both begin at the estimated states, and without forces.
     """
-    indices = evenly_spaced(len(problem.models), _OBJECTS)
-    squares = [own for i in indices for own in _squared_errors(problem, state, i)]
+    indices = evenly_spaced(len(estimates), settings.MAX_CHECKED_OBJECTS)
+    squares = [own for i in indices for own in _squared_errors(problem, i, estimates[i])]
     return bool(np.mean(np.concatenate(squares)) < 1)
 
 
-def _squared_errors(problem: SearchProblem, state: SearchState, index: int) -> Iterator[Floats]:
+def _squared_errors(problem: SearchProblem, index: int, estimate: Estimate) -> Iterator[Floats]:
     """Yield squared errors of the steps of an object, mesh by mesh, in units of the variance of the noise.
 
     They are infinite where steps are too fast to be followed.
     """
-    model, estimate = problem.models[index], state.estimates[index]
+    model = problem.models[index]
     field, d = model.field(estimate.coefficients), model.equations
     for mesh, states in zip(model.meshes, estimate.states, strict=True):
         own, on = states[:, : model.width], mesh.contiguous
@@ -78,9 +60,9 @@ def _squared_errors(problem: SearchProblem, state: SearchState, index: int) -> I
             except np.linalg.LinAlgError:
                 missed = np.full_like(linear.defects[on], np.inf)
             found = np.full_like(missed, np.inf)
-            for count in _DIVISIONS:
+            for count in (4, 8, 16, 32, 64):  # Stable where rates are up to 180 in a step
                 found, before = _followed(field, mesh, own, count)[on], found
-                if (np.abs(found - before)[:, :d] < _LITTLE * std).all():
+                if (np.abs(found - before)[:, :d] < settings.MAX_STEP_ERROR * std).all():
                     break
             squares = ((found - own[1:][on] + missed)[:, :d] / std) ** 2
         yield np.where(np.isfinite(squares), squares, np.inf).ravel()
@@ -103,9 +85,9 @@ def _followed(field: VectorField, mesh: Mesh, states: Floats, count: int) -> Flo
     return z
 
 
-def has_poles(problem: SearchProblem, state: SearchState) -> bool:
+def has_poles(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
     """Return whether something that terms are divided by, with constants in it, vanishes at states or between them."""
-    return any(has_pole(problem, i, each) for i, each in enumerate(state.estimates))
+    return any(has_pole(problem, i, each) for i, each in enumerate(estimates))
 
 
 def has_pole(problem: SearchProblem, index: int, estimate: Estimate) -> bool:
@@ -129,6 +111,6 @@ def values_along(problem: SearchProblem, index: int, estimate: Estimate) -> Floa
 def with_points_between(values: Floats) -> Floats:
     """Return points, shape (n, variables), with others on the straight lines between some of them."""
     generator = np.random.default_rng(0)
-    first, last = generator.integers(len(values), size=(2, _BETWEEN))
-    share = generator.uniform(size=(_BETWEEN, 1))
+    first, last = generator.integers(len(values), size=(2, settings.MAX_PAIRS))
+    share = generator.uniform(size=(settings.MAX_PAIRS, 1))
     return np.concatenate([values, share * values[first] + (1 - share) * values[last]])

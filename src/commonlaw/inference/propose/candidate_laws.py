@@ -1,7 +1,6 @@
 """Laws whose equations have given sets of terms: fitted to the trajectories once, the likeliest first."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -9,42 +8,35 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_supports, fit_with, to_scale
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, by_score
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, short_way
-from commonlaw.inference.fit.practical_identifiability import are_constants_told
+from commonlaw.inference.fit.practical_identifiability import are_parameters_identifiable
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import ANY_ERROR, NO_ERROR, PLAUSIBLE, evidence_about, is_settled
 from commonlaw.inference.fit.validity import has_poles
 from commonlaw.inference.propose.integral_ranking import Start, TermSet
-from commonlaw.inference.search.law_search import LawSearch
-from commonlaw.law import Law
 from commonlaw.library import Constant, Offer, Terms, parse_term
 from commonlaw.library.parametric import free_name
-from commonlaw.likelihood import Estimate, NotPositiveError
+from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
-
-FAR, _MARGIN = 2.0, 100.0
-"""Twice the log-likelihood that a typical object may lose, relative to the law that fits best so far and besides it: a
-law that loses more is not fitted in all ways, whatever the noise is. Along curves of a law that noise explains, a set
-of terms that leaves as many times the least sum of squares is not fitted at all."""
-
-_TOGETHER, _LAWS = 3, 27
-"""Sets of each equation that are tried with those of the others, and laws of these, at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class LawsOfSets:
-    """What was fitted so far, by the terms of all equations.
+    """What was fitted so far, by the terms of all equations, beside the law among `plain` terms.
 
     And of the short way: what is `near`, along the same curves, and what a `typical` object loses. Equations of a law
-    that noise explains have more than the `fewest` numbers if they may be simpler by what is offered.
+    that noise explains have more than the `fewest` numbers if they may be simpler by what is offered. All that the
+    search among plain terms came by was `explored`.
     """
 
-    found: LawSearch
+    plain: Fit
+    explored: Sequence[Fit]
     base: SearchProblem
     offer: Offer
     fewest: int = -1
-    fitted: dict[tuple[TermSet, ...], LawSearch | None] = field(default_factory=dict)
+    fitted: dict[tuple[TermSet, ...], Fit] = field(default_factory=dict)
     near: dict[tuple[TermSet, ...], list[Estimate]] = field(default_factory=dict)
     typical: dict[tuple[TermSet, ...], float] = field(default_factory=dict)
 
@@ -53,9 +45,9 @@ class LawsOfSets:
         base = replace(self.base, besides=self.base.besides + offer.count)
         return replace(self, base=base, offer=offer, fewest=fewest)
 
-    def rows_of_found(self) -> tuple[TermSet, ...]:
-        """Return the terms of the law without others."""
-        supports, estimates = self.found.state.supports, self.found.state.estimates
+    def rows_of_plain(self) -> tuple[TermSet, ...]:
+        """Return the terms of the law among plain ones."""
+        supports, estimates = self.plain.supports, self.plain.estimates
         return tuple(
             TermSet(
                 tuple(np.flatnonzero(own).tolist()),
@@ -64,9 +56,9 @@ class LawsOfSets:
             for j, own in enumerate(supports)
         )
 
-    def with_coefficients(self, rows: Sequence[TermSet], fitted: LawSearch) -> tuple[TermSet, ...]:
+    def with_coefficients(self, rows: Sequence[TermSet], fit: Fit) -> tuple[TermSet, ...]:
         """Return the terms of a law that was fitted with its coefficients and constants."""
-        whole = np.array([each.coefficients for each in fitted.state.estimates])
+        whole = np.array([each.coefficients for each in fit.estimates])
         built, found = terms_of_sets(self.base, rows), []
         for j, row in enumerate(rows):
             places, inside = built.places[j], built.constants[j]
@@ -74,40 +66,38 @@ class LawsOfSets:
             found.append(replace(row, starts=(Start(whole[:, j, list(places)], constants),)))
         return tuple(found)
 
-    def fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> LawSearch | None:
-        """Return the fit of a law of these terms, from states that are near; none if it cannot be fitted."""
+    def fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> Fit:
+        """Return the fit of a law of these terms, from states that are near."""
         if rows not in self.fitted:
-            self.fitted[rows] = None
-            with suppress(CommonlawError, np.linalg.LinAlgError):
-                self.fitted[rows] = self._fit(rows, estimates)
+            self.fitted[rows] = self._fit(rows, estimates)
         return self.fitted[rows]
 
     def better(
         self,
-        best: LawSearch,
+        best: Fit,
         rows: tuple[TermSet, ...],
         listed: Sequence[tuple[TermSet, ...]],
         most: int,
         estimates: Sequence[Estimate],
         done: Callable[[float], None],
-    ) -> tuple[LawSearch, tuple[TermSet, ...]]:
+    ) -> tuple[Fit, tuple[TermSet, ...]]:
         """Return the law of largest evidence, and its terms: one that is known, or of those listed the likeliest."""
         likely = self.likeliest(listed, estimates, done)[:most]
         fits = in_parallel(lambda each: self.fit(each, estimates), likely, done=_shown(done, 0.5, len(likely)))
-        for terms, fitted in zip(likely, fits, strict=True):
-            if fitted is not None and fitted.state.score < best.state.score:
-                best, rows = fitted, terms
+        for terms, fit in zip(likely, fits, strict=True):
+            if fit.score < best.score:
+                best, rows = fit, terms
         return best, rows
 
-    def with_one_less(self, best: LawSearch, rows: tuple[TermSet, ...]) -> Iterator[tuple[TermSet, ...]]:
+    def with_one_less(self, best: Fit, rows: tuple[TermSet, ...]) -> Iterator[tuple[TermSet, ...]]:
         """Yield the terms of a law but for one that it may do without, by the likelihood linearised about its fit."""
-        evidence, built = evidence_about(best.problem, best.state), terms_of_sets(self.base, rows)
+        built = terms_of_sets(self.base, rows)
         for j, row in enumerate(self.with_coefficients(rows, best)):
             terms = len(row.plain) + len(row.others)
             for k in range(terms) if terms > 1 else ():
-                supports = best.state.supports.copy()
+                supports = best.supports.copy()
                 supports[j, built.indices_of(j, row, k)] = False
-                if evidence.value(supports) < best.state.score.total + PLAUSIBLE:
+                if best.evidence.value(supports) < best.score.total + PLAUSIBLE:
                     yield (*rows[:j], row.without(k), *rows[j + 1 :])
 
     def together(self, rows: tuple[TermSet, ...]) -> list[tuple[TermSet, ...]]:
@@ -118,9 +108,9 @@ class LawsOfSets:
         best = []
         for j in range(len(rows)):
             own = {
-                terms[j]: found.state.score
-                for terms, found in self.fitted.items()
-                if found is not None and terms[:j] == rows[:j] and terms[j + 1 :] == rows[j + 1 :]
+                terms[j]: fit.score
+                for terms, fit in self.fitted.items()
+                if fit.is_usable and terms[:j] == rows[:j] and terms[j + 1 :] == rows[j + 1 :]
             }
             best.append(sorted(own, key=lambda each: own[each])[: tried_together(len(rows))])
         return list(product(*best))
@@ -142,63 +132,82 @@ class LawsOfSets:
             if fits and np.isfinite(fits).all():  # A root of less than zero is not
                 self.typical[rows] = float(np.median(fits))
                 ranked.append((self.typical[rows] + price * sum(row.numbers for row in rows), k))
-        fitted = [self.typical[rows] for rows, found in self.fitted.items() if found and rows in self.typical]
-        most = FAR * min(fitted, default=np.inf) + _MARGIN
+        fitted = [self.typical[rows] for rows, fit in self.fitted.items() if fit.is_usable and rows in self.typical]
+        relative, margin = settings.MAX_DEVIANCE
+        most = relative * min(fitted, default=np.inf) + margin
         return [new[k] for _, k in sorted(ranked) if self.typical[new[k]] < most]
 
     def _shortly(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> list[Estimate]:
         """Return the fit of a law of these terms by a short way, along curves that are near; none if there is none."""
-        with suppress(CommonlawError, np.linalg.LinAlgError):
-            _, problem, begun = self._posed(rows)
-            return best_fits(problem, estimates, begun, short_way)
-        return []
+        try:
+            return best_fits(*self._posed(rows, estimates), short_way)
+        except (CommonlawError, np.linalg.LinAlgError):  # Terms that cannot be written, or are nowhere finite
+            return []
 
-    def _posed(self, rows: tuple[TermSet, ...]) -> "tuple[TermsOfSets, SearchProblem, list[Floats]]":
-        """Return the terms of a law, the problem of fitting it, and the coefficients that fits begin with."""
+    def _posed(
+        self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]
+    ) -> tuple[SearchProblem, Sequence[Estimate], list[Floats]]:
+        """Return the problem of fitting a law, states that are near, and the coefficients that fits begin with."""
         built = terms_of_sets(self.base, rows)
         models = tuple(replace(each, terms=built.terms) for each in self.base.models)
         besides = self.base.besides - int(built.terms.is_factor.sum())
-        problem = replace(self.base, models=models, known=built.known, besides=besides)
+        problem = replace(self.base, models=models, known=built.known, besides=besides, solver=None)
         several = max(len(row.starts) for row in rows)
         begun = [[row.starts[min(k, len(row.starts) - 1)] for row in rows] for k in range(several)]
-        return built, problem, [built.coefficients(each) for each in begun]
+        return problem, estimates, [built.coefficients(each) for each in begun]
 
-    def _fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> LawSearch:
-        (built, problem, begun), template = self._posed(rows), self.found.template
-        alone = problem
-        for way in (short_way, every_way):
-            known = self.near.get(rows) if way is short_way else None
-            problem, best = drawn_together(alone, known or best_fits(alone, estimates, begun, way))
-            state = fit_with(problem, problem.allowed, NO_ERROR, best)
-            if is_settled(problem, state):
-                break
-        problem, state = to_scale(replace(problem, starts=state.estimates), state)
-        if not (is_settled(problem, state) and are_constants_told(problem, state)) or has_poles(problem, state):
-            raise NotPositiveError
-        law = Law(built.terms, template.schema, template.order, template.objects, np.nan_to_num(built.known))
-        law = replace(law, provenance=template.provenance)
-        return LawSearch(law, problem, state, None, (state,))
+    def _fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> Fit:
+        try:
+            alone, near, begun = self._posed(rows, estimates)
+            if not len(alone.terms):
+                return Fit.failed(self.base, self.plain.supports, Status.WITHOUT_EFFECT)
+            fit = Fit.failed(alone, alone.allowed, Status.NOT_COMPUTABLE)
+            for way in (short_way, every_way):
+                known = self.near.get(rows) if way is short_way else None
+                free = known or best_fits(alone, near, begun, way)
+                if not free:
+                    break
+                problem, best = drawn_together(alone, free)
+                fit = fit_with(problem, problem.allowed, NO_ERROR, best)
+                if not fit.is_usable or fit.has_converged:
+                    break
+            return _acceptable(fit)
+        except (CommonlawError, np.linalg.LinAlgError):
+            return Fit.failed(self.base, self.plain.supports, Status.REFUSED)
 
-    def on_finer_mesh(self, best: LawSearch, points: int) -> "tuple[LawsOfSets, tuple[Estimate, ...]]":
+    def on_finer_mesh(self, best: Fit, points: int) -> "tuple[LawsOfSets, tuple[Estimate, ...]]":
         """Return the search on a finer mesh, and the estimates of its best law there."""
-        plain, estimates = self.found, without_processes(best, best.state.estimates)
-        base, problem = replace(self.base, starts=estimates), plain.problem.about(plain.state.estimates)
+        plain, estimates = self.plain, without_processes(best, best.estimates)
+        base, problem = replace(self.base, starts=estimates), plain.problem.about(plain.estimates)
         while base.points < points:
             base = base.finer()
         while problem.points < points:
             problem = problem.finer()
-        problem, state = to_scale(problem, fit_supports(problem, plain.state.supports, ANY_ERROR))
-        plain = replace(plain, problem=problem, state=state, found=(state,))
-        return replace(self, found=plain, base=base, fitted={}, near={}, typical={}), base.starts
+        (plain,) = by_score([to_scale(fit_supports(problem, plain.supports, ANY_ERROR))])
+        finer = replace(self, plain=plain, explored=(plain,), base=base, fitted={}, near={}, typical={})
+        return finer, base.starts
 
-    def listed(self) -> list[LawSearch]:
-        """Return all that was fitted, and the law without others."""
-        return [self.found, *(each for each in self.fitted.values() if each is not None)]
+    def listed(self) -> list[Fit]:
+        """Return all that was fitted, and the law among plain terms."""
+        return [self.plain, *(fit for fit in self.fitted.values() if fit.is_usable)]
+
+
+def _acceptable(fit: Fit) -> Fit:
+    """Return a fit under noise of the size that it leaves, as one that failed where its evidence means nothing."""
+    fit = to_scale(replace(fit, problem=replace(fit.problem, starts=fit.estimates))) if fit.is_usable else fit
+    if not fit.is_usable:
+        return fit
+    if not fit.has_converged:
+        return fit.but(Status.NOT_CONVERGED)
+    if not are_parameters_identifiable(fit):
+        return fit.but(Status.NOT_IDENTIFIABLE)
+    return fit.but(Status.HAS_POLE) if has_poles(fit.problem, fit.estimates) else fit
 
 
 def tried_together(equations: int) -> int:
     """Return how many sets of each equation are tried with those of the others."""
-    return next(count for count in range(_TOGETHER, 0, -1) if count == 1 or count**equations <= _LAWS)
+    sets, laws = settings.MAX_JOINT_LAWS
+    return next(count for count in range(sets, 0, -1) if count == 1 or count**equations <= laws)
 
 
 def _shown(done: Callable[[float], None], begun: float, count: int) -> Callable[[int], None]:
@@ -206,9 +215,9 @@ def _shown(done: Callable[[float], None], begun: float, count: int) -> Callable[
     return lambda many: done(begun + 0.5 * many / count)
 
 
-def without_processes(found: LawSearch, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+def without_processes(fit: Fit, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
     """Return estimates whose states are without what other processes there are."""
-    width = found.problem.models[0].width
+    width = fit.problem.models[0].width
     return tuple(replace(each, states=tuple(own[:, :width] for own in each.states)) for each in estimates)
 
 

@@ -9,12 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools
-from commonlaw.inference.fit.state import fit_neighbours, is_settled
-from commonlaw.inference.search.law_search import LawSearch
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Step
 from commonlaw.library import ParametricTerm, Terms, TiedTerms, Variables, parse_term
 from commonlaw.library.parametric import parametric_term, terms_of_family
-from commonlaw.outcomes import Outcome
 
 UNMEASURED_STATE = "unmeasured state"
 """Of the history of a law: what was chosen of a state that nobody measured."""
@@ -29,27 +28,27 @@ def drives(variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
     return (parametric_term(f"exp(-r*{t})", variables), *terms_of_family("periodic", variables, (t,)))
 
 
-def with_drive_said(found: LawSearch, offered: Sequence[ParametricTerm | TiedTerms]) -> LawSearch:
-    """Return a law of second order, without terms that it is better without, and with a word on what drives it.
+def with_drive_said(pool: Pool, offered: Sequence[ParametricTerm | TiedTerms]) -> Pool:
+    """Return laws of second order, the best without terms that it is better without, and with a word on what drives it.
 
     Parameters
     ----------
-    found
+    pool
         The law of largest evidence among those with drives, and without.
     offered
         Those drives, see `drives`.
     """
-    found = _without_needless_terms(found)
-    terms = found.template.terms
-    chosen = found.state.supports.any(axis=0) & terms.is_factor
+    fit = _without_needless_terms(pool.best)
+    terms = fit.problem.terms
+    chosen = fit.supports.any(axis=0) & terms.is_factor
     named = [terms.names[k] for k in np.flatnonzero(chosen) if _is_one_of(terms, int(k), offered)]
-    without = min((each.state.score for each in found.rivals if each.solver is not None), default=None)
-    more = np.inf if without is None else without - found.state.score
+    without = min((each.score for each in pool.rivals if each.problem.solver is not None), default=None)
+    more = np.inf if without is None else without - fit.score
     why = f"latent forcing; without it -2 log evidence is {more:.3g} more"
     step = Step(UNMEASURED_STATE, ", ".join(named) or "none", why)
     if not named:
         step = Step(UNMEASURED_STATE, "none", "no drive that nobody measured has a larger evidence")
-    return with_provenance(found, (step,), ())
+    return pool.with_best(replace(fit, steps=(step,)))
 
 
 def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm | TiedTerms]) -> bool:
@@ -66,24 +65,19 @@ def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm | Tied
     )
 
 
-def _without_needless_terms(found: LawSearch) -> LawSearch:
+def _without_needless_terms(fit: Fit) -> Fit:
     """Return a law with constants inside of terms without plain terms that its evidence is larger without."""
-    problem, terms = found.problem, found.template.terms
+    terms = fit.problem.terms
     plain = terms.is_factor & ~np.array(terms.have_constants, dtype=bool)
-    while found.solver is None:
-        state, fewer = found.state, list[Bools]()
-        for j, k in np.argwhere(state.supports & plain).tolist():
-            fewer.append(state.supports.copy())
+    while fit.problem.solver is None:
+        fewer = list[Bools]()
+        for j, k in np.argwhere(fit.supports & plain).tolist():
+            fewer.append(fit.supports.copy())
             fewer[-1][j, k] = False
-        listed = [each for each in fit_neighbours(problem, state, fewer) if is_settled(problem, each)]
-        best = min(listed, key=lambda each: each.score, default=state)
-        if not best.score < state.score:
+        refitted = (fit.refitted(each) for each in fewer)
+        converged = [each for each in refitted if each.is_usable and each.has_converged]
+        best = min(converged, key=lambda each: each.score, default=fit)
+        if not best.score < fit.score:
             break
-        found = replace(found, state=best, found=(best,))
-    return found
-
-
-def with_provenance(found: LawSearch, history: tuple[Step, ...], outcomes: tuple[Outcome, ...]) -> LawSearch:
-    """Return a search with what is to be said of its law."""
-    made = replace(found.template.provenance, history=history, outcomes=outcomes)
-    return replace(found, template=replace(found.template, provenance=made))
+        fit = best
+    return fit

@@ -7,7 +7,6 @@ hypotheses like others: the largest evidence decides, also against the law witho
 """
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,13 +14,14 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import polish, to_scale, with_close_neighbours
+from commonlaw.inference.fit.fit import NO_ERROR, Fit, Status
 from commonlaw.inference.fit.problem import SearchProblem, prepare
-from commonlaw.inference.fit.state import NO_ERROR, SearchState, promised
-from commonlaw.inference.propose.forcing import UNMEASURED_STATE, with_provenance
-from commonlaw.inference.score.score import Score
-from commonlaw.inference.search.law_search import PATH, LawSearch, best_of
-from commonlaw.law import Law, Step
+from commonlaw.inference.propose.forcing import UNMEASURED_STATE
+from commonlaw.inference.search.law_search import PATH
+from commonlaw.inference.search.pool import Pool
+from commonlaw.law import Step
 from commonlaw.law.text import structure
 from commonlaw.library import Terms, parse_term
 from commonlaw.library.naming import quoted
@@ -34,16 +34,6 @@ from commonlaw.trials.trial import property_names
 
 _NAME = "u"
 """Of the state, unless something else has it."""
-
-_AGAIN, _ROUNDS, _GAIN = 2, 2, 0.1
-"""How many hypotheses are searched again from the terms that they came to, how often, and for what gain."""
-
-_PROMISED = 0.1
-"""Twice the log-likelihood for each object that a fit may be promised elsewhere: more, where many terms are nearly
-alike, says that the evidence means nothing."""
-
-_ALIKE = 1.0
-"""Twice the log-likelihood in which two laws of as many coefficients fit alike."""
 
 
 @dataclass(frozen=True)
@@ -82,15 +72,13 @@ FAMILIES = (
 """Of laws that fit alike, the first is taken."""
 
 
-def with_unmeasured_state(
-    found: LawSearch, trials: Trials, *, most_samples: int, progress: ProgressCallback
-) -> LawSearch:
-    """Return the law of largest evidence with a state that nobody measured or without, with the others as its rivals.
+def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress: ProgressCallback) -> Pool:
+    """Return a pool with laws that have a state that nobody measured.
 
     Parameters
     ----------
-    found
-        The law of first order without, and its rivals.
+    pool
+        Laws of first order without.
     trials
         What was measured, as the law follows it.
     most_samples
@@ -98,62 +86,64 @@ def with_unmeasured_state(
     progress
         Takes what is being done.
     """
-    plain = found.among_plain
-    taken = (*plain.template.terms.variables.names, *property_names(trials.properties))
+    plain = pool.plain
+    assert plain is not None
+    taken = (*plain.problem.terms.variables.names, *property_names(trials.properties))
     name, done = free_name(_NAME, taken), list[str]()
-    hypotheses = [_Hypothesis(plain, each, state, name) for each, state in _listed(trials.schema.states)]
+    models = [_LatentStateModel(plain, each, state, name) for each, state in _listed(trials.schema.states)]
 
-    def fitted(hypothesis: _Hypothesis) -> LawSearch | None:
-        done.append(hypothesis.words)
-        share = len(done) / (len(hypotheses) + 1)
-        progress(Stage(f"trying a state that nobody measured: it {hypothesis.words}", share))
-        return hypothesis.fitted(trials, most_samples)
+    def fitted(model: _LatentStateModel) -> Fit:
+        done.append(model.words)
+        share = len(done) / (len(models) + 1)
+        progress(Stage(f"trying a state that nobody measured: it {model.words}", share))
+        return model.fitted(trials, most_samples)
 
-    tried = [(each, law) for each in hypotheses if (law := fitted(each)) is not None]
-    tried.sort(key=lambda pair: pair[1].state.score)
-    tried[:_AGAIN] = [(each, each.again(trials, most_samples, law)) for each, law in tried[:_AGAIN]]
-    tried.sort(key=lambda pair: hypotheses.index(pair[0]))
-    price = 2 * float(np.log(len(hypotheses)))
-    return _chosen(found, [(each, _scored(law, law.state.score.plus("multiplicity", price))) for each, law in tried])
+    tried = [(each, fit) for each in models if (fit := fitted(each)).is_usable]
+    tried.sort(key=lambda pair: pair[1].score)
+    tried[: settings.MAX_RIVALS] = [
+        (each, each.again(trials, most_samples, fit)) for each, fit in tried[: settings.MAX_RIVALS]
+    ]
+    tried.sort(key=lambda pair: models.index(pair[0]))
+    multiplicity = 2 * float(np.log(len(models)))
+    fits = [(each, fit.with_score(fit.score.plus("multiplicity", multiplicity))) for each, fit in tried]
+    return _compared(pool, fits)
 
 
-def _scored(found: LawSearch, score: Score) -> LawSearch:
-    return replace(found, state=replace(found.state, score=score))
-
-
-def _chosen(found: LawSearch, laws: "Sequence[tuple[_Hypothesis, LawSearch]]") -> LawSearch:
-    """Return the law of largest evidence, said to be so; of those that fit alike the first, which stands for all.
+def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Pool:
+    """Return a pool with fits of a latent state; of those that fit alike the first, which stands for all.
 
     They are one law in different words, which has the evidence of the best of them.
     """
-    # Fits to what no law explains may get stuck
-    found = _scored(found, found.state.score.plus("Laplace correction", promised(found.problem, found.state)))
-    best = min([found, *(law for _, law in laws)], key=lambda each: each.state.score)
-    alike = [pair for pair in laws if _fit_alike(pair[1], best)]
-    others = [law for _, law in laws if not _fit_alike(law, best)]
+    # Fits to what no law explains may get stuck, and their evidence is then too large
+    without = pool.best.with_score(pool.best.score.plus("Laplace correction", pool.best.predicted_decrease))
+    best = min([without, *(fit for _, fit in fits)], key=lambda each: each.score)
+    alike = [pair for pair in fits if _fit_alike(pair[1], best)]
+    others = [fit for _, fit in fits if not _fit_alike(fit, best)]
     if not alike:
-        more = [each.state.score - best.state.score for each in others]
+        more = [each.score - best.score for each in others]
         why = f"laws with one have at least {min(more):.3g} more of -2 log evidence" if more else "no law with one fits"
         step = Step(UNMEASURED_STATE, "none", why)
-        return best_of([with_provenance(found, (step,), ()), *found.rivals, *others])
-    (hypothesis, chosen), *same = alike
-    why = f"{hypothesis.words}; without it -2 log evidence is {found.state.score - best.state.score:.3g} more"
-    step = Step(UNMEASURED_STATE, _structure(chosen)[-1], why)
-    chosen = _scored(chosen, best.state.score)
-    outcomes = (_ambiguous(hypothesis.name, same),) if same else ()
-    return best_of([with_provenance(chosen, (step,), outcomes), found, *found.rivals, *others])
+        return pool.with_best(replace(without, steps=(step,))).joined(others)
+    (model, chosen), *same = alike
+    why = f"{model.words}; without it -2 log evidence is {without.score - best.score:.3g} more"
+    chosen = replace(
+        chosen.with_score(best.score),
+        steps=(Step(UNMEASURED_STATE, _structure(chosen)[-1], why),),
+        outcomes=(_ambiguous(model.name, same),) if same else (),
+    )
+    return pool.with_best(without).joined([chosen, *others])
 
 
-def _ambiguous(name: str, same: "Sequence[tuple[_Hypothesis, LawSearch]]") -> Outcome:
+def _ambiguous(name: str, same: "Sequence[tuple[_LatentStateModel, Fit]]") -> Outcome:
     """Return what is said of laws that fit alike."""
-    listed = "; or ".join(f"{'; '.join(_structure(law))}, where it {hypothesis.words}" for hypothesis, law in same)
+    listed = "; or ".join(f"{'; '.join(_structure(fit))}, where it {model.words}" for model, fit in same)
     return note("latent-state-not-identifiable", name=name, others=listed)
 
 
-def _structure(found: LawSearch) -> tuple[str, ...]:
+def _structure(fit: Fit) -> tuple[str, ...]:
     """Return the form of each equation, with numbers for coefficients that are known."""
-    coefficients = np.array([each.coefficients for each in found.state.estimates])
-    law, known = replace(found.template, coefficients=coefficients), found.problem.known[0]
+    coefficients = np.array([each.coefficients for each in fit.estimates])
+    law, known = replace(fit.problem.law, coefficients=coefficients), fit.problem.known[0]
     letters = [
         each.name if np.isnan(known[each.equation, each.term]) else f"{known[each.equation, each.term]:g}"
         for each in law.named_coefficients
@@ -162,20 +152,23 @@ def _structure(found: LawSearch) -> tuple[str, ...]:
     return structure(law.left_hand_sides, law.terms.factors, law.support & law.terms.is_factor, letters)
 
 
-def _fit_alike(one: LawSearch, other: LawSearch) -> bool:
+def _fit_alike(one: Fit, other: Fit) -> bool:
     """Return whether laws with a state that nobody measured leave the same, with as many coefficients."""
     states = (one.problem.trials.schema.states, other.problem.trials.schema.states)
-    counts = [int(each.state.supports.sum()) for each in (one, other)]
-    return states[0] == states[1] and counts[0] == counts[1] and abs(_left(one) - _left(other)) < _ALIKE
+    return (
+        states[0] == states[1]
+        and one.size == other.size
+        and abs(_deviance(one) - _deviance(other)) < settings.MAX_MESH_CHANGE
+    )
 
 
-def _left(found: LawSearch) -> float:
+def _deviance(fit: Fit) -> float:
     """Return twice the negative log-likelihood of what was measured, but for a constant."""
-    problem = found.problem
+    problem = fit.problem
     measured = ~problem.trials.schema.unmeasured
     states = np.concatenate([trial.states for trial in problem.trials])[:, measured]
     scale = 2 * np.isfinite(states).sum(axis=0) @ np.log(problem.noise[measured])
-    return float(scale) + sum(each.deviance for each in found.state.estimates)
+    return float(scale) + sum(each.deviance for each in fit.estimates)
 
 
 def _listed(states: Sequence[str]) -> Iterator[tuple[Family, str]]:
@@ -186,13 +179,13 @@ def _listed(states: Sequence[str]) -> Iterator[tuple[Family, str]]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Hypothesis:
+class _LatentStateModel:
     """A law with a state of this name that nobody measured, which does what a family says, perhaps to a state.
 
     The law without it, as it was found, has the terms that are to choose from.
     """
 
-    without: LawSearch
+    without: Fit
     family: Family
     followed: str
     name: str
@@ -202,34 +195,35 @@ class _Hypothesis:
         """What it does."""
         return self.family.words.format(x=self.followed)
 
-    def fitted(self, trials: Trials, most_samples: int) -> LawSearch | None:
-        """Return the law of largest evidence, none if the state has no effect in any that can be fitted."""
-        laws = [each for few in self._begins if (each := self._searched(trials, few, most_samples)) is not None]
-        return min(laws, key=lambda each: each.state.score, default=None)
+    def fitted(self, trials: Trials, most_samples: int) -> Fit:
+        """Return the law of largest evidence."""
+        return min((self._searched(trials, few, most_samples) for few in self._begins), key=lambda each: each.score)
 
-    def again(self, trials: Trials, most_samples: int, found: LawSearch) -> LawSearch:
+    def again(self, trials: Trials, most_samples: int, fit: Fit) -> Fit:
         """Return the law that is found from the terms of another one: what a search begins with depends on them."""
-        for _ in range(_ROUNDS):
-            other = self._searched(trials, found.state.supports, most_samples)
-            if other is None or not found.state.score - other.state.score > _GAIN:
+        for _ in range(settings.ALTERNATIONS):
+            other = self._searched(trials, fit.supports, most_samples)
+            if not fit.score - other.score > settings.MIN_GAIN:
                 break
-            found = other
-        return found
+            fit = other
+        return fit
 
-    def _searched(self, trials: Trials, few: Bools, most_samples: int) -> LawSearch | None:
+    def _searched(self, trials: Trials, few: Bools, most_samples: int) -> Fit:
         """Return the law that is found from one of few terms, shape (equations, terms)."""
-        trials = with_starts(trials, {self.name: self.family.start})
-        with suppress(CommonlawError, np.linalg.LinAlgError):
-            for _ in range(_ROUNDS):
+        trials, fit = with_starts(trials, {self.name: self.family.start}), self.without
+        try:
+            for _ in range(settings.ALTERNATIONS):
                 problem = self._prepared(trials, few, most_samples)
-                problem, state = to_scale(problem, polish(problem, few, problem.starts, NO_ERROR, PATH))
-                problem, state = to_scale(problem, with_close_neighbours(problem, [state])[0])
-                if not self._has_effect(state):
-                    break
-                if np.isfinite(state.score.total) and promised(problem, state) < _PROMISED * len(state.estimates):
-                    return LawSearch(self._template(trials), problem, state, None, (state,))
-                few = state.supports  # Fits that got stuck on the way may not from there
-        return None
+                fit = to_scale(polish(problem, few, problem.starts, NO_ERROR))
+                fit = to_scale(with_close_neighbours([fit])[0])
+                if not (fit.is_usable and self._has_effect(fit)):
+                    return fit.but(Status.WITHOUT_EFFECT)
+                if np.isfinite(fit.score.total) and fit.predicted_decrease < settings.MIN_GAIN * len(fit.estimates):
+                    return replace(fit, problem=replace(fit.problem, solver=None), alternatives=())
+                few = fit.supports  # Fits that got stuck on the way may not from there
+        except (CommonlawError, np.linalg.LinAlgError):  # Trials that are too short, or start where nothing is finite
+            return fit.but(Status.REFUSED)
+        return fit.but(Status.NOT_CONVERGED)
 
     def _prepared(self, trials: Trials, few: Bools, most_samples: int) -> SearchProblem:
         """Return the problem among all terms, which begins with a fit of few, shape (equations, terms)."""
@@ -243,23 +237,17 @@ class _Hypothesis:
             most_samples=most_samples,
             guess=np.where(few, self._guess, 0.0),
         )
-        return replace(problem, known=known)
+        return replace(problem, known=known, solver=PATH, differentiation=before.differentiation)
 
-    def _template(self, trials: Trials) -> Law:
-        before = self.without.template
-        return Law(
-            self.terms, trials.schema, 1, before.objects, np.nan_to_num(self._known), provenance=before.provenance
-        )
-
-    def _has_effect(self, state: SearchState) -> bool:
+    def _has_effect(self, fit: Fit) -> bool:
         column = self.terms.variables.index(self.name)
         ours = np.array([column in term.columns() for term in self.terms.terms])
-        return bool(state.supports[:-1, ours].any())
+        return bool(fit.supports[:-1, ours].any())
 
     @cached_property
     def terms(self) -> Terms:
         """Those of the law without, and products of the state with one or none of the others."""
-        before = self.without.template.terms
+        before = self.without.problem.terms
         variables = replace(before.variables, states=(*before.variables.states, self.name))
         texts = [term.expression(before.variables.names) for term in before.terms]
         texts += [self._own, *(f"{self._own}*{quoted(x)}" for x in before.variables.states)]
@@ -308,7 +296,7 @@ class _Hypothesis:
         linear = [self.terms.terms.index(parse_term(quoted(x), self.terms.variables)) for x in self._states]
         found = [np.zeros_like(free), np.zeros_like(free)]
         found[0][:-1, linear] = True
-        found[1][:-1, : self.without.state.supports.shape[1]] = self.without.state.supports
+        found[1][:-1, : self.without.supports.shape[1]] = self.without.supports
         for each in found:
             each[:-1, effects] = True
             each[-1] = True
@@ -316,4 +304,4 @@ class _Hypothesis:
 
     @property
     def _states(self) -> tuple[str, ...]:
-        return self.without.template.terms.variables.states
+        return self.without.problem.terms.variables.states

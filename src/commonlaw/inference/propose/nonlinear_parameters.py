@@ -6,7 +6,6 @@ them, that of all objects together and that of each, trajectories are fitted.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -22,7 +21,6 @@ from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
 from commonlaw.inference.fit.integral_form import Integrals, solved
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, usual_of_best
 from commonlaw.inference.fit.parameter_grid import combined, divisors, values_of_each
-from commonlaw.inference.fit.practical_identifiability import SURE
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.validity import has_pole, values_along
 from commonlaw.inference.search.setup import FitSetup
@@ -166,9 +164,8 @@ def with_constants_found(
         _check_identifiable(setup.law, rates, [each[rates[0].inside] for each in starts[-1]])
         fits: list[list[Estimate]] = [[] for _ in problem.models]
         for start in starts:
-            with suppress(CommonlawError):
-                for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
-                    fits[o] += [] if has_pole(problem, o, each) else [each]
+            for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
+                fits[o] += [] if has_pole(problem, o, each) else [each]
         if not all(fits):
             names = ", ".join(law.terms.variables.constants)
             raise CommonlawError("parameters-not-found", structure=law.structure(), names=names)
@@ -190,12 +187,12 @@ def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
         lost = [
             letter
             for letter, there, value, error in zip(law.letters, bent, own, known, strict=True)
-            if there and SURE * error > abs(value)
+            if there and settings.SIGNIFICANT * error > abs(value)
         ]
         if len(lost) > 1 and {*lost} & {*law.terms.variables.constants}:
             found.setdefault(" and ".join(lost), []).append(name)
     return tuple(
-        note("parameters-not-separable", ", ".join(objects), parameters=letters, limit=SURE)
+        note("parameters-not-separable", ", ".join(objects), parameters=letters, limit=settings.SIGNIFICANT)
         for letters, objects in found.items()
     )
 

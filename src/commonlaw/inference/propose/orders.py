@@ -3,24 +3,16 @@
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.inference import settings
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState, promised
 from commonlaw.inference.score.score import Score
-from commonlaw.inference.search.law_search import LawSearch
+from commonlaw.inference.search.pool import Pool
 from commonlaw.library import with_rates
 from commonlaw.likelihood import variance_of_rates
 
-_SAME_STATE, _OTHER_TIME, _OTHER_RATE = 0.03, 0.1, 0.5
-"""Distances, as shares of the range, up to which states are the same, and from which times and rates are not."""
 
-_OFTEN = 0.25
-"""Share of samples at the same state whose rates differ, from which that is no noise."""
-
-_MOST_COMPARED = 500
-"""Samples of an object that are compared."""
-
-
-def score_of_order(problem: SearchProblem, state: SearchState) -> Score:
+def score_of_order(fit: Fit) -> Score:
     """Return minus twice the log-evidence of a law, which compares with that of a law of another order.
 
     The evidence of a search is the density of all that was measured after the start of each segment, with any start
@@ -30,29 +22,30 @@ def score_of_order(problem: SearchProblem, state: SearchState) -> Score:
     rates). What the linearised likelihood promises away from the estimates counts as not there: of an order that does
     not suit, fits may get stuck in stiff laws.
     """
-    score, states = state.score.plus("Laplace correction", promised(problem, state)), len(problem.noise)
-    if not len(with_rates(problem.models[0].order, states)):
+    problem, states = fit.problem, len(fit.problem.noise)
+    score = fit.score.plus("Laplace correction", fit.predicted_decrease)
+    if not len(with_rates(problem.order, states)):
         return score
     rates = np.concatenate([each[:, states:] for own in problem.smoothed for each in own])
     variances, price = np.nanmean(rates**2, axis=0), 0.0
-    for model, estimate in zip(problem.models, state.estimates, strict=True):
+    for model, estimate in zip(problem.models, fit.estimates, strict=True):
         for mesh, found, _ in model.parts(estimate):
             starts = found[mesh.first, states : model.width]
             price += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
     return score.plus("initial conditions", price)
 
 
-def may_be_of_lower_order(found: LawSearch) -> bool:
+def may_be_of_lower_order(pool: Pool) -> bool:
     """Return whether a law of second order is what one of first order implies: x' = f(x) has x'' = f'(x) x'.
 
     Then each term has a rate as a factor, and nothing moves that is at rest. Or x'' = K (f(x) - x') with any K: then
     coefficients are within their errors.
     """
-    if not found.is_determined:
+    if not pool.is_determined:
         return True
-    terms, order, supports = found.template.terms, found.template.order, found.state.supports
+    terms, supports = pool.best.problem.terms, pool.best.supports
     states = len(supports)
-    second = with_rates(order, states)
+    second = with_rates(pool.best.problem.order, states)
     rates = {*range(states, states + len(second))}
     chosen = np.flatnonzero((supports[second] & terms.is_factor).any(axis=0))
     return len(chosen) > 0 and all(terms.terms[k].columns() & rates for k in chosen)
@@ -80,9 +73,10 @@ def _has_two_rates(rows: Floats, states: int) -> bool:
     """Whether rows of times (as shares of trials), states, inputs and rates have a state and input with two rates."""
     from scipy.spatial import cKDTree
 
-    few = rows[np.isfinite(rows).all(axis=1)][:: -(-len(rows) // _MOST_COMPARED)]
+    same_state, other_time, other_rate = settings.SAME_STATE
+    few = rows[np.isfinite(rows).all(axis=1)][:: -(-len(rows) // settings.MAX_PAIRS)]
     scaled = few[:, 1:] / np.maximum(np.ptp(few[:, 1:], axis=0), np.finfo(float).tiny)
-    first, second = cKDTree(scaled[:, :-states]).query_pairs(_SAME_STATE, output_type="ndarray").T
-    others = np.abs(few[first, 0] - few[second, 0]) > _OTHER_TIME
+    first, second = cKDTree(scaled[:, :-states]).query_pairs(same_state, output_type="ndarray").T
+    others = np.abs(few[first, 0] - few[second, 0]) > other_time
     apart = np.abs(scaled[first[others], -states:] - scaled[second[others], -states:]).max(axis=1)
-    return len(apart) > 0 and bool((apart > _OTHER_RATE).mean() > _OFTEN)
+    return len(apart) > 0 and bool((apart > other_rate).mean() > settings.MAX_OTHER_RATES)

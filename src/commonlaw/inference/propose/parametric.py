@@ -13,43 +13,26 @@ from itertools import product
 
 import numpy as np
 
+from commonlaw.inference import settings
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.propose.candidate_laws import FAR, LawsOfSets, tried_together, without_processes
+from commonlaw.inference.propose.candidate_laws import LawsOfSets, tried_together, without_processes
 from commonlaw.inference.propose.integral_ranking import TermSet, matching_sets
 from commonlaw.inference.propose.rational import matching_ratios
-from commonlaw.inference.search.error_levels import kind_of
-from commonlaw.inference.search.law_search import LawSearch, best_of, resolved, with_error_models
-from commonlaw.inference.settings import MAX_NUMBERS, MAX_SQUARES_RATIO
+from commonlaw.inference.search.error_models import with_error_models
+from commonlaw.inference.search.law_search import resolved
+from commonlaw.inference.search.pool import Pool
 from commonlaw.library import Monomial, Offer
 from commonlaw.likelihood import ErrorModel, Estimate
 from commonlaw.progress import ProgressCallback, Stage
 
-_ROUNDS = 4
-"""How often sets are proposed along curves, of the best law or smoothed, and fitted."""
 
-_LOOSE = 0.3
-"""Model error from which states are near the measurements, whatever the law."""
-
-_MOST_TRIED, _MOST_FITTED = 30, 8
-"""Sets of an equation that are fitted in a round at most, from where they were proposed, and those of them that are
-fitted in all ways."""
-
-_MOST_TOGETHER = 4
-"""Laws of sets of all equations, tried together, that are fitted in all ways."""
-
-_RESOLVED = 1.0
-"""What a finer mesh may take from twice the log-evidence of a law whose curves it leaves as they are."""
-
-_FEWEST = 2
-"""Coefficients and constants that a ratio has at least."""
-
-
-def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: ProgressCallback) -> LawSearch:
-    """Return the law of largest evidence with some of what is offered or without, with the others as its rivals.
+def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: ProgressCallback) -> Pool:
+    """Return a pool with laws that have some of what is offered.
 
     Parameters
     ----------
-    found
+    pool
         The law among plain terms.
     offers
         What an equation may have besides. Those after the first are tried where `may_be_simpler`, and pay for what was
@@ -57,45 +40,48 @@ def with_parametric_terms(found: LawSearch, offers: Sequence[Offer], progress: P
     progress
         Takes what is being done.
     """
-    search, best = LawsOfSets(found, _base(found), Offer(())), found
-    rows = search.rows_of_found()
+    best = pool.best
+    search = LawsOfSets(best, pool.explored, _base(best), Offer(()))
+    rows = search.rows_of_plain()
     for i, offer in enumerate(offers):
-        fewest = _FEWEST if i else -1  # The first is tried in any equation
+        fewest = settings.MIN_RATIO_NUMBERS if i else -1  # The first is tried in any equation
         if not offer.count:
             continue
         if i and not may_be_simpler(best, fewest):
             break
         search, best, rows = _with_offer(search.offering(offer, fewest), best, rows, progress)
-    return best_of(search.listed())
+    return Pool.of(search.listed(), search.explored)
 
 
 def with_parametric_terms_under_errors(
-    found: LawSearch, before: ErrorModel, offers: Sequence[Offer], progress: ProgressCallback
-) -> LawSearch:
-    """Return the law of largest evidence when what is offered is sought under errors of the measurements, too.
+    pool: Pool, before: ErrorModel, offers: Sequence[Offer], progress: ProgressCallback
+) -> Pool:
+    """Return a pool with laws that have some of what is offered, sought under errors of the measurements, too.
 
     Beside white noise, if there are any: under noise in proportion small values say more, where such terms may bend.
     Parameters are those of `with_parametric_terms`; the law is found with its errors, and such terms were sought under
     those `before`.
     """
-    plain = found.among_plain
+    plain = pool.plain
+    if plain is None or not any(each.count for each in offers):
+        return pool
     errors = plain.problem.errors
-    if not any(each.count for each in offers) or errors.of_law or kind_of(errors) in ("white", kind_of(before)):
-        return found
-    again = with_parametric_terms(plain, offers, progress)
-    again = with_error_models(again, None, (kind_of(errors),), progress)
-    return best_of([found, *found.rivals, again, *again.rivals])
+    if errors.of_law or errors.kind in ("white", before.kind):
+        return pool
+    again = with_parametric_terms(Pool((plain,), pool.explored), offers, progress)
+    again = with_error_models(again, None, (errors.kind,), progress)
+    return pool.joined(again.fits, again.approximations)
 
 
-def may_be_series(found: LawSearch) -> bool:
+def may_be_series(fit: Fit) -> bool:
     """Return whether a law has what may be the beginning of a series, cut off where the library ends.
 
     That are three powers of one variable with the same factor, in equal steps (as of an exponential function, or of a
     sine) up to the highest degree that is offered: a function with a constant inside says as much in two numbers.
     """
-    terms = found.template.terms
+    terms = fit.problem.terms
     highest = max((each.degree for each in terms.terms if isinstance(each, Monomial)), default=0)
-    for support in found.state.supports & terms.is_factor:
+    for support in fit.supports & terms.is_factor:
         exponents = {each.exponents for k in np.flatnonzero(support) if isinstance(each := terms.terms[k], Monomial)}
         for last in (each for each in exponents if sum(each) == highest):
             for column, power in enumerate(last):
@@ -106,24 +92,23 @@ def may_be_series(found: LawSearch) -> bool:
     return False
 
 
-def may_be_simpler(found: LawSearch, numbers: int) -> bool:
-    """Return whether a law of richer terms may say more than one that was found, or as much in so few numbers."""
-    most = int(found.state.supports.sum(axis=1).max())
-    return most > numbers or bool(found.lack_of_fit)
+def may_be_simpler(fit: Fit, numbers: int) -> bool:
+    """Return whether a law of richer terms may say more than one that was fitted, or as much in so few numbers."""
+    return fit.supports.sum(axis=1).max() > numbers or bool(fit.lack_of_fit)
 
 
 def _with_offer(
-    search: LawsOfSets, best: LawSearch, rows: "tuple[TermSet, ...]", progress: ProgressCallback
-) -> "tuple[LawsOfSets, LawSearch, tuple[TermSet, ...]]":
+    search: LawsOfSets, best: Fit, rows: "tuple[TermSet, ...]", progress: ProgressCallback
+) -> "tuple[LawsOfSets, Fit, tuple[TermSet, ...]]":
     """Return a search with the law of largest evidence, and its terms, on a mesh that is fine enough."""
-    curves = _near(search.found)
+    curves = _near(search.plain, search.explored)
     if not best.lack_of_fit:  # Its solutions are as near as can be
-        curves = (without_processes(best, best.state.estimates),)
+        curves = (without_processes(best, best.estimates),)
     known = _Known()
     while True:
         best, rows, known = _searched(search, rows, curves, known, progress)
-        worse = not best.state.score < search.found.state.score
-        finer = search.base.points if worse else resolved(best, progress).problem.points
+        worse = not best.score < search.plain.score
+        finer = search.base.points if worse else resolved(Pool((best,)), progress).best.problem.points
         if finer <= search.base.points:
             return search, best, rows
         progress("fitting laws again on a finer mesh")
@@ -141,12 +126,12 @@ class _Known:
     sets: tuple[list[list[TermSet]], ...] = ()
     value: float = -np.inf
 
-    def suffice(self, best: LawSearch) -> bool:
+    def suffice(self, best: Fit) -> bool:
         """Return whether others would propose the same, as a law that is as likely was along its own curves.
 
         A finer mesh may show that it is not.
         """
-        return best.state.score.total < self.value + _RESOLVED
+        return best.score.total < self.value + settings.MAX_MESH_CHANGE
 
 
 def _searched(
@@ -155,33 +140,38 @@ def _searched(
     curves: Sequence[Sequence[Estimate]],
     known: _Known,
     progress: ProgressCallback,
-) -> "tuple[LawSearch, tuple[TermSet, ...], _Known]":
+) -> "tuple[Fit, tuple[TermSet, ...], _Known]":
     """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known.
 
     And the sets of terms that were proposed, beside those that are known.
     """
-    departs = search.found.state.has_model_error  # Which makes up for what one equation lacks while another has it
-    best = search.fit(rows, curves[0]) if departs or any(row.others for row in rows) else None
-    best, left = best or search.found, list(curves)
-    for number in range(_ROUNDS):
+    departs = search.plain.has_model_error  # Which makes up for what one equation lacks while another has it
+    best, left = search.plain, list(curves)
+    if departs or any(row.others for row in rows):
+        begun_with = search.fit(rows, curves[0])
+        best = begun_with if begun_with.is_usable else best
+    for number in range(settings.MAX_SWEEPS):
         before, begun, most = best, rows, _most(best, rows)
         near, *left = left
         if not known.suffice(best):
-            progress(Stage("proposing terms with constants inside", number / _ROUNDS))
+            progress(Stage("proposing terms with constants inside", number / settings.MAX_SWEEPS))
             sets = (*_proposed(search, best, rows, near), *known.sets)
-            known = _Known(sets, best.state.score.total if number > 0 and not best.lack_of_fit else -np.inf)
+            known = _Known(sets, best.score.total if number > 0 and not best.lack_of_fit else -np.inf)
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
-        done = [partial(_stage, progress, (number + k / steps) / _ROUNDS, 1 / steps / _ROUNDS) for k in range(steps)]
+        done = [
+            partial(_stage, progress, (number + k / steps) / settings.MAX_SWEEPS, 1 / steps / settings.MAX_SWEEPS)
+            for k in range(steps)
+        ]
         if len(rows) > 1:
-            best, rows = search.better(best, rows, _joint(known.sets, most), _MOST_TOGETHER, near, done[0])
+            best, rows = search.better(best, rows, _joint(known.sets, most), settings.MAX_PROPOSED, near, done[0])
         for j, own in enumerate(zip(*known.sets, strict=True)):
             few = [each for each in _in_turn(own) if each.numbers <= _most(best, rows)[j]]
-            listed = [(*rows[:j], each, *rows[j + 1 :]) for each in few[:_MOST_TRIED]]
-            best, rows = search.better(best, rows, listed, _MOST_FITTED, near, done[j + 1])
+            listed = [(*rows[:j], each, *rows[j + 1 :]) for each in few[: settings.MAX_TRIED_SETS]]
+            best, rows = search.better(best, rows, listed, settings.MAX_REFINED, near, done[j + 1])
         if len(rows) > 1 and best.lack_of_fit:
-            best, rows = search.better(best, rows, search.together(begun), _MOST_TOGETHER, near, done[-1])
+            best, rows = search.better(best, rows, search.together(begun), settings.MAX_PROPOSED, near, done[-1])
         if best is not before:
-            left = [without_processes(best, best.state.estimates), *(left if best.lack_of_fit else ())]
+            left = [without_processes(best, best.estimates), *(left if best.lack_of_fit else ())]
             rows = search.with_coefficients(rows, best)
             search.near.clear()
         if not left:
@@ -190,34 +180,36 @@ def _searched(
 
 
 def _with_fewer(
-    search: LawsOfSets, best: LawSearch, rows: "tuple[TermSet, ...]", progress: ProgressCallback
-) -> "tuple[LawSearch, tuple[TermSet, ...]]":
+    search: LawsOfSets, best: Fit, rows: "tuple[TermSet, ...]", progress: ProgressCallback
+) -> "tuple[Fit, tuple[TermSet, ...]]":
     """Return the law of largest evidence when terms are left out, one after the other, that it may do without."""
     done, before = partial(_stage, progress, 1.0, 0.0), None
-    while best is not before and best is not search.found:
-        before, near = best, without_processes(best, best.state.estimates)
-        best, rows = search.better(best, rows, list(search.with_one_less(best, rows)), _MOST_TOGETHER, near, done)
+    while best is not before and best is not search.plain:
+        before, near = best, without_processes(best, best.estimates)
+        best, rows = search.better(
+            best, rows, list(search.with_one_less(best, rows)), settings.MAX_PROPOSED, near, done
+        )
     return best, rows
 
 
-def _base(found: LawSearch) -> SearchProblem:
+def _base(fit: Fit) -> SearchProblem:
     """Return the problem of a search without errors of the law, and how many terms are to choose from `besides`.
 
     These are all: the terms of a law are not yet among them.
     """
-    problem = replace(found.problem, besides=len(found.template.terms))
+    problem = replace(fit.problem, besides=len(fit.problem.terms))
     return problem.under_white_noise if problem.errors.of_law else problem
 
 
-def _near(found: LawSearch) -> tuple[tuple[Estimate, ...], ...]:
+def _near(fit: Fit, explored: Sequence[Fit]) -> tuple[tuple[Estimate, ...], ...]:
     """Return states near the true ones, in two ways.
 
     Those that follow the measurements with the help of the law, but may leave it, and those that were smoothed.
     """
-    loose = next((each for each in found.found if each.model_error >= _LOOSE), None)
-    smoothed = found.problem.starts
+    loose = next((each for each in explored if each.model_error >= settings.MODEL_ERRORS[-2]), None)
+    smoothed = fit.problem.starts
     curves = ([loose.estimates] if loose else []) + [smoothed]
-    return tuple(without_processes(found, each) for each in curves)
+    return tuple(without_processes(fit, each) for each in curves)
 
 
 def _in_turn(proposed: Sequence[Sequence[TermSet]]) -> list[TermSet]:
@@ -246,20 +238,20 @@ def _joint(known: Sequence[Sequence[Sequence[TermSet]]], most: Sequence[int]) ->
     return [rows for rows in found if all(row.numbers <= own for row, own in zip(rows, most, strict=True))]
 
 
-def _most(best: LawSearch, rows: Sequence[TermSet]) -> list[int]:
+def _most(best: Fit, rows: Sequence[TermSet]) -> list[int]:
     """Return how many numbers are looked at in each equation: where noise explains the law, as many or fewer.
 
     Of exact measurements one more, where the law leaves as much as tells others apart.
     """
     if best.lack_of_fit:
-        return [MAX_NUMBERS] * len(rows)
-    left = sum(each.deviance for each in best.state.estimates) / sum(best.problem.measured)
+        return [settings.MAX_NUMBERS] * len(rows)
+    left = sum(each.deviance for each in best.estimates) / sum(best.problem.measured)
     is_exact = best.problem.least_variance >= 1
     return [row.numbers + int(is_exact and left > best.problem.counted.least) for row in rows]
 
 
 def _proposed(
-    search: LawsOfSets, best: LawSearch, rows: Sequence[TermSet], estimates: Sequence[Estimate]
+    search: LawsOfSets, best: Fit, rows: Sequence[TermSet], estimates: Sequence[Estimate]
 ) -> Iterator[list[list[TermSet]]]:
     """Yield sets of terms of each equation beside the best law so far and its terms, the most promising first.
 
@@ -268,7 +260,7 @@ def _proposed(
     """
     sought = [bool(best.lack_of_fit) or row.numbers > search.fewest for row in rows]
     most = {j: own for j, (own, is_sought) in enumerate(zip(_most(best, rows), sought, strict=True)) if is_sought}
-    hopeless = MAX_SQUARES_RATIO if best.lack_of_fit else FAR
+    hopeless = settings.MAX_SQUARES_RATIO if best.lack_of_fit else settings.MAX_DEVIANCE[0]
     listed = [matching_sets(search.base, estimates, search.offer.terms, most, hopeless)]
     if search.offer.ratios:
         listed.append(matching_ratios(search.base, estimates, search.offer.ratios, most, hopeless))

@@ -18,8 +18,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.data.noise import estimated_noise
 from commonlaw.inference.data.smoothing import smooth_curves, terms_and_rates
 from commonlaw.inference.data.subsampling import as_many_as_are_carried
-from commonlaw.inference.fit.state import neighbours
-from commonlaw.inference.search.law_search import LawSearch
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.library import Terms
 from commonlaw.trials import Trial, Trials
 from commonlaw.wording import counted
@@ -65,20 +64,20 @@ def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) 
     return kept
 
 
-def missed_terms(found: LawSearch, terms: Terms) -> Bools:
+def missed_terms(fit: Fit, terms: Terms) -> Bools:
     """Return which terms that were left out would improve the evidence of a law that was found, shape (terms,).
 
     Parameters
     ----------
-    found
-        The search among the terms that were kept, in their order.
+    fit
+        A law among the terms that were kept, in their order.
     terms
         All terms.
     """
-    problem, state, kept = found.problem, found.state, np.isin(terms.names, found.template.terms.names)
+    problem, kept = fit.problem, np.isin(terms.names, fit.problem.terms.names)
     if kept.all():
         return np.zeros_like(kept)
-    inside = np.flatnonzero(kept)[state.supports.any(axis=0)]
+    inside = np.flatnonzero(kept)[fit.supports.any(axis=0)]
     mine, missed = np.isin(np.flatnonzero(kept), inside), np.zeros_like(kept)
     left_out = np.flatnonzero(~kept)
     for tried in np.array_split(left_out, -(-len(left_out) // settings.MAX_SCREENED_TERMS)):
@@ -88,14 +87,15 @@ def missed_terms(found: LawSearch, terms: Terms) -> Bools:
             own = values[..., mine]
             return np.concatenate([own, np.full((*own.shape[:-1], count), new)], axis=-1)
 
-        estimates = tuple(replace(each, coefficients=wider(each.coefficients, 0.0)) for each in state.estimates)
-        supports = wider(state.supports.astype(np.float64), 0.0) > 0
+        estimates = tuple(replace(each, coefficients=wider(each.coefficients, 0.0)) for each in fit.estimates)
+        supports = wider(fit.supports.astype(np.float64), 0.0) > 0
         extended = replace(
             problem,
             models=tuple(replace(model, terms=several) for model in problem.models),
             known=wider(problem.known, np.nan),
         )
-        for listed in neighbours(extended, replace(state, supports=supports, estimates=estimates, alternatives=())):
+        wide = replace(fit, problem=extended, supports=supports, estimates=estimates, alternatives=())
+        for listed in wide.neighbours():
             for each in listed:
                 if each.chosen:
                     break

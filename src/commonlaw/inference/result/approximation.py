@@ -13,7 +13,6 @@ rival, n measurements, and n_eff independent ones that autocorrelated residuals 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -21,12 +20,14 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.fit.annealing import STRONG
+from commonlaw.inference import settings
+from commonlaw.inference.fit.annealing import fit_solutions
+from commonlaw.inference.fit.covariance import fitted_law
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.result.history import LACKS_OF_FIT
 from commonlaw.inference.result.predictive_choice import of_each_size, score_of_forecasts, weighed_by_forecasts
-from commonlaw.inference.search.error_levels import kind_of
-from commonlaw.inference.search.error_models import OF_LAWS, Hypothesis
-from commonlaw.inference.search.law_search import LawSearch, resolved
+from commonlaw.inference.search.law_search import resolved
+from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, Uncertainty
 from commonlaw.outcomes import Outcome, note
 from commonlaw.progress import ProgressCallback
@@ -36,10 +37,8 @@ Series = list[Floats]
 """Residuals of one state, trial by trial, each of shape (n,)."""
 
 
-def approximated(
-    found: LawSearch, progress: ProgressCallback, pool: Callable[[Law], Law] | None = None
-) -> LawSearch | None:
-    """Return the law without process noise that explains whole trials better than the law that was found, if any does.
+def approximated(pool: Pool, progress: ProgressCallback, pooled: Callable[[Law], Law] | None = None) -> Pool:
+    """Return a pool whose best is the law without process noise that explains whole trials better, if any does.
 
     The evidence for it must be strong, at the price of its coefficients (BIC), which were fitted to whole trials, and
     it must explain more than a constant for each trial does. Of several the one of largest evidence is taken, but if
@@ -47,115 +46,103 @@ def approximated(
 
     Parameters
     ----------
-    found
+    pool
         By `choose_errors`. Nothing is compared if its law has no process noise, or laws without were not fitted.
     progress
         Takes what is being done.
-    pool
+    pooled
         How coefficients of objects learn from each other in forecasts; none where the terms are given.
     """
-    if not has_process_noise(found):
-        return None
-    rivals = [each for each in _without_process_noise(found) if each.size]
-    if not rivals:
-        return None
+    rivals = [each for each in _without_process_noise(pool) if each.size]
+    if not pool.best.has_process_noise or not rivals:
+        return pool
     progress("comparing residuals of whole trials")
-    least = _left_by(found), _constants(found.problem.trials)
+    least = _left_by(pool.best), _constants(pool.best.problem.trials)
 
-    def explaining(listed: Iterable[LawSearch]) -> list[LawSearch]:
+    def explaining(listed: Iterable[Fit]) -> list[Fit]:
         pairs = [(_evidence_over(each, least), each) for each in listed]
-        return [each for value, each in sorted(pairs, key=lambda pair: -pair[0]) if value > STRONG]
+        return [each for value, each in sorted(pairs, key=lambda pair: -pair[0]) if value > settings.STRONG]
 
     listed = explaining(rivals)
     if not listed:
-        return None
+        return pool
     best = listed[0]
-    if pool is not None and np.isneginf(score_of_forecasts(best, pool)):
+    if pooled is not None and np.isneginf(score_of_forecasts(best, pooled)):
         smaller = explaining(each for rival in rivals for each in _of_fewer_terms(rival))
-        scores = [(score_of_forecasts(each, pool), each) for each in (*listed[1:], *smaller)]
+        scores = [(score_of_forecasts(each, pooled), each) for each in (*listed[1:], *smaller)]
         most, first = max(scores, key=lambda pair: pair[0], default=(-np.inf, best))
         best = best if np.isneginf(most) else weighed_by_forecasts(first, 0.0)
-    return replace(resolved(best, progress), is_approximation=True)
+    return replace(resolved(Pool((best,), pool.explored), progress), is_approximation=True)
 
 
-def explains_whole_trials(found: LawSearch) -> bool:
+def explains_whole_trials(fit: Fit) -> bool:
     """Return whether solutions of a law leave at most twice its errors of measurement of whole trials."""
-    if has_process_noise(found):
+    if fit.has_process_noise:
         return False
-    problem, correlated = found.problem, found.problem.errors.correlated
+    problem, correlated = fit.problem, fit.problem.errors.correlated
     variances = np.mean(problem.white_std**2, axis=0) + (0.0 if correlated is None else correlated**2)
-    pairs = zip(_left_by(found), variances[_measured(problem.trials)], strict=True)
+    pairs = zip(_left_by(fit), variances[_measured(problem.trials)], strict=True)
     return all(_mean_square(series) <= 4 * variance for series, variance in pairs)
 
 
-def most_explaining(ranked: Sequence[LawSearch]) -> int:
+def most_explaining(ranked: Sequence[Pool]) -> int:
     """Return the index of the law that explains whole trials best, of those of several orders.
 
     It is the first, of the largest evidence, unless the evidence of another without process noise is strong, as in
     `approximated`.
     """
-    first = ranked[0]
+    first = ranked[0].best
     least = _left_by(first), _constants(first.problem.trials)
     evidences = [
         max((_evidence_over(rival, least) for rival in _without_process_noise(each) if rival.size), default=-np.inf)
         for each in ranked
     ]
     best = int(np.argmax(evidences))
-    return best if evidences[best] > max(evidences[0], 0.0) + STRONG else 0
+    return best if evidences[best] > max(evidences[0], 0.0) + settings.STRONG else 0
 
 
-def _evidence_over(rival: LawSearch, others: Iterable[Sequence[Series]]) -> float:
+def _evidence_over(rival: Fit, others: Iterable[Sequence[Series]]) -> float:
     """Return 2 log B of a law over all that leaves others, at the price of its coefficients."""
     left, count = _left_by(rival), sum(rival.problem.measured)
     price = rival.size * len(rival.problem.models) * float(np.log(count))
     return min(gain(left, other) for other in others) - price
 
 
-def _of_fewer_terms(found: LawSearch) -> Iterator[LawSearch]:
-    """Yield the likeliest law of each size below that of one among plain terms, under white noise."""
-    if found.solver is None:
-        return
-    hypothesis = Hypothesis("white", found.problem, found.state, found.state.alternatives)
-    for supports in of_each_size(hypothesis, found.solver, found.size - 1):
-        with suppress(CommonlawError):
-            problem, state = hypothesis.fit(supports)
-            yield replace(found, problem=problem, state=state)
+def _of_fewer_terms(fit: Fit) -> Iterator[Fit]:
+    """Yield the likeliest law of each size below that of one among plain terms, under the same errors."""
+    if fit.problem.solver is not None:
+        supports = of_each_size(Pool((fit,), fit.alternatives), fit.size - 1)
+        fits = (fit_solutions(fit.problem, each) for each in supports)
+        yield from (each for each in fits if each.is_usable)
 
 
-def has_process_noise(found: LawSearch) -> bool:
-    """Return whether the errors of a law are its own, not those of measurements."""
-    return found.state.has_model_error or kind_of(found.problem.errors) in OF_LAWS
+def _without_process_noise(pool: Pool) -> list[Fit]:
+    return [*pool.approximations, *(fit for fit in pool.fits if not fit.has_process_noise)]
 
 
-def _without_process_noise(found: LawSearch) -> Iterator[LawSearch]:
-    for each in (found, *found.rivals):
-        if each.approximation is not None:
-            yield each.approximation
-        if not has_process_noise(each):
-            yield each
-
-
-def with_approximation(found: LawSearch, outcomes: Sequence[Outcome]) -> tuple[Outcome, ...]:
+def with_approximation(pool: Pool, outcomes: Sequence[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes of a law that was found; those of one by `approximated` say how large its lack of fit is."""
-    if not found.is_approximation:
+    if not pool.is_approximation:
         return tuple(outcomes)
-    schema, noise = found.problem.trials.schema, found.problem.first_noise
-    left = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in _left_by(found)]
+    problem = pool.best.problem
+    schema, noise = problem.trials.schema, problem.first_noise
+    left = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in _left_by(pool.best)]
     parts = [
         f"{value:.3g} {schema.units.get(name, '')}".rstrip() + f" in {name} (noise {level:.2g})"
         for name, value, level in zip(schema.measured, left, noise[~schema.unmeasured], strict=True)
     ]
-    of = "this law" if found.solver is None else "this law, the best of its library,"
+    of = "this law" if problem.solver is None else "this law, the best of its library,"
     lack = note("lack-of-fit", law=of, residuals=parts)
     return (lack, *(each for each in outcomes if each.kind not in LACKS_OF_FIT))
 
 
-def _left_by(found: LawSearch) -> list[Series]:
+def _left_by(fit: Fit) -> list[Series]:
     """Return what solutions of a law leave of whole trials, state by state; infinite if none can be fitted."""
-    law, trials = found.fitted(), found.problem.trials
-    with suppress(CommonlawError, ArithmeticError, np.linalg.LinAlgError):
-        return _residuals(law, trials)
-    return _constants(trials, np.inf)
+    trials = fit.problem.trials
+    try:
+        return _residuals(fitted_law(fit.problem.law, fit), trials)
+    except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
+        return _constants(trials, np.inf)
 
 
 @unannounced()

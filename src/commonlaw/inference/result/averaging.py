@@ -1,34 +1,35 @@
 """What else a law could be: the supports that the measurements leave plausible, fitted, with their probabilities."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from commonlaw.inference import settings
 from commonlaw.inference.fit.covariance import fitted_law
-from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import LEAST, MOST, SearchState
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.law import Law, PlausibleLaw, Provenance, with_constants_of
 
 
-def other_laws(problem: SearchProblem, chosen: SearchState, law: Law) -> tuple[PlausibleLaw[Law], ...]:
-    """Return what else a law could be that was found, with probabilities above `LEAST`, the most probable first.
+def other_laws(chosen: Fit, law: Law) -> tuple[PlausibleLaw[Law], ...]:
+    """Return what else a law could be that was found, the most probable first.
 
     Parameters
     ----------
-    problem, chosen
-        What was measured, and the state that the law is of.
+    chosen
+        The fit that the law is of.
     law
         Whose terms, schema and objects the others have.
     """
     (own, _), *others = weighted(chosen)
-    kept = [(share, state) for share, state in others if share > LEAST][: MOST - 1]
+    kept = [(share, fit) for share, fit in others if share > settings.MIN_PROBABILITY][: settings.MAX_MODELS - 1]
     total = own + sum(share for share, _ in kept)
-    return tuple(PlausibleLaw(share / total, _beside(law, fitted_law(law, problem, state))) for share, state in kept)
+    laws = [fitted_law(law, replace(fit, problem=chosen.problem)) for _, fit in kept]  # Under the noise of the law
+    return tuple(PlausibleLaw(share / total, _beside(law, each)) for (share, _), each in zip(kept, laws, strict=True))
 
 
 def with_rivals(
-    others: Sequence[PlausibleLaw[Law]], law: Law, rivals: Sequence[tuple[float, Callable[[], Law]]]
+    others: Sequence[PlausibleLaw[Law]], law: Law, rivals: Sequence[tuple[float, Fit]]
 ) -> tuple[PlausibleLaw[Law], ...]:
     """Return what else a law could be, with laws of other terms that were fitted beside it.
 
@@ -39,16 +40,16 @@ def with_rivals(
     law
         What the others are no more probable than.
     rivals
-        By how much -2 log evidence of each is above that of the law, and what returns it. Those that measure something
-        else are left out.
+        By how much -2 log evidence of each is above that of the law, and its fit. Those that measure something else are
+        left out.
     """
     own = 1.0 - sum(each.probability for each in others)
     found, said = [*others], {each.law.structure() for each in others} | {law.structure()}
-    for above, fitted in sorted(rivals, key=lambda pair: pair[0]):
+    for above, fit in sorted(rivals, key=lambda pair: pair[0]):
         share = own * float(np.exp(-max(0.0, above) / 2))
-        if share <= LEAST or len(found) == MOST - 1:
+        if share <= settings.MIN_PROBABILITY or len(found) == settings.MAX_MODELS - 1:
             break
-        rival = with_constants_of(_beside(law, fitted()), law)
+        rival = with_constants_of(_beside(law, fitted_law(fit.problem.law, fit)), law)
         if rival.schema == law.schema and rival.structure() not in said:
             said.add(rival.structure())
             found.append(PlausibleLaw(share, rival))
@@ -63,8 +64,8 @@ def _beside(law: Law, other: Law) -> Law:
     return replace(other, provenance=Provenance(), uncertainty=uncertainty)
 
 
-def weighted(chosen: SearchState) -> list[tuple[float, SearchState]]:
-    """Return a state and its alternatives with probabilities that add up to one, the state first.
+def weighted(chosen: Fit) -> list[tuple[float, Fit]]:
+    """Return a fit and its alternatives with probabilities that add up to one, the fit first.
 
     By their evidence under the same errors; the chosen counts as no less probable than any other.
     """

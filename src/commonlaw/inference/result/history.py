@@ -6,27 +6,18 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.inference import settings
 from commonlaw.inference.data.noise import by_columns
-from commonlaw.inference.diagnose.convergence import MAX_MOVE, MAX_POINTS
-from commonlaw.inference.fit.lack_of_fit import departures, in_words
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.fit.lack_of_fit import in_words
 from commonlaw.inference.fit.latent_initialization import unmeasured_in_words
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState
-from commonlaw.inference.fit.validity import follows_solutions
 from commonlaw.inference.score.score import Kind
-from commonlaw.inference.search.error_levels import kind_of
-from commonlaw.inference.settings import MAX_TERMS
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.trials import Schema
 from commonlaw.wording import counted
-
-_LISTED = 12
-"""Supports of each equation that are kept as alternatives, besides the chosen one."""
-
-_LIKELY = 0.01
-"""Supports that are more probable are kept, too."""
 
 
 class ComparedTerms(NamedTuple):
@@ -51,7 +42,7 @@ def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]], chosen_b
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         likely = probabilities(listed)
         for i, each in enumerate(listed):
-            if i < _LISTED or likely[i] > _LIKELY:
+            if i < settings.MAX_MODELS or likely[i] > settings.MIN_PROBABILITY:
                 measures = _measures(each, float(likely[i]), chosen_by)
                 found.append(Alternative(equation, each.names, measures, False, each.chosen))
     return tuple(found)
@@ -92,21 +83,19 @@ def probabilities(listed: Sequence[ComparedTerms]) -> Floats:
 _LEVELS = "levels of largest evidence for errors of this kind"
 
 
-def outcomes(
-    law: Law, problem: SearchProblem, state: SearchState, is_converged: bool, *, tried_errors: bool
-) -> tuple[Outcome, ...]:
+def outcomes(law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that was chosen by these trials."""
-    found = [*outcomes_of_fit(problem, state, is_converged, tried_errors=tried_errors, chosen=True)]
+    found = [*outcomes_of_fit(fit, is_converged, tried_errors=tried_errors, chosen=True)]
     found += [
         note("no-term", side)
         for j, side in enumerate(law.left_hand_sides)
-        if not any(each.coefficients[j].any() for each in state.estimates)
+        if not any(each.coefficients[j].any() for each in fit.estimates)
     ]
-    most = problem.most_terms
+    most = fit.problem.most_terms
     found += [
         note("as-many-terms-as-samples", side, terms=most)
-        for side, support in zip(law.left_hand_sides, state.supports, strict=True)
-        if support.sum() == most < min(MAX_TERMS, problem.allowed.sum(axis=1).max())
+        for side, support in zip(law.left_hand_sides, fit.supports, strict=True)
+        if support.sum() == most < min(settings.MAX_TERMS, fit.problem.allowed.sum(axis=1).max())
     ]
     return tuple(found)
 
@@ -115,22 +104,20 @@ LACKS_OF_FIT = OutcomeKind.APPROXIMATION, OutcomeKind.MODEL_ERROR, OutcomeKind.R
 """What may be known of the fit of a law."""
 
 
-def outcomes_of_fit(
-    problem: SearchProblem, state: SearchState, is_converged: bool, *, tried_errors: bool, chosen: bool = False
-) -> tuple[Outcome, ...]:
+def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen: bool = False) -> tuple[Outcome, ...]:
     """Return what to know of a law by its fit: errors that it has itself, or that are not explained, and samples.
 
     The remedies depend on whether errors of other kinds were tried, and whether the law was chosen from a library.
     """
     found = list[Outcome]()
-    if not (state.has_model_error or (is_converged and follows_solutions(problem, state))):
+    if not (fit.has_model_error or (is_converged and fit.follows_solutions)):
         found.append(note("fit-not-converged" if chosen else "fit-not-converged-from-guesses"))
-    if state.has_model_error or problem.errors.of_law:
+    if fit.has_process_noise:
         of = ", the best of its library," if chosen else ""
-        found.append(note("model-error", library=of, error=model_error_step(problem, state).choice))
-    elif left := _left(problem, state):
+        found.append(note("model-error", library=of, error=model_error_step(fit).choice))
+    elif left := _left(fit):
         found.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=left))
-    return (*found, *outcomes_of_samples(problem))
+    return (*found, *outcomes_of_samples(fit.problem))
 
 
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
@@ -166,9 +153,9 @@ def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
     return tuple(each for each in outcomes if each.kind not in kinds)
 
 
-def _left(problem: SearchProblem, state: SearchState) -> str:
+def _left(fit: Fit) -> str:
     """Return what white noise does not explain of what the law leaves, in words; nothing under other errors."""
-    return in_words(departures(problem, state)) if kind_of(problem.errors) == "white" else ""
+    return "" if fit.problem.errors else in_words(fit.departures)
 
 
 def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:
@@ -191,14 +178,14 @@ def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
 
 def history(
     law: Law,
-    problem: SearchProblem,
-    state: SearchState,
+    fit: Fit,
     compared: Sequence[Sequence[ComparedTerms]],
     chosen_by: str,
 ) -> tuple[Step, ...]:
     """Return every choice that was made, in order, and what terms were chosen by."""
-    resolved = f"a finer mesh moves the coefficients by less than {MAX_MOVE:g} standard errors"
-    mesh = resolved if problem.points < MAX_POINTS else "the finest there is"
+    problem = fit.problem
+    resolved = f"a finer mesh moves the coefficients by less than {settings.CONVERGED:g} standard errors"
+    mesh = resolved if problem.points < settings.MAX_MESH_POINTS[-1] else "the finest there is"
     steps = [
         *sample_steps(problem),
         noise_step(problem),
@@ -211,13 +198,13 @@ def history(
         Step(
             "mesh",
             f"{problem.points} step{'s' if problem.points > 1 else ''} from sample to sample",
-            "a law with a model error needs no finer one" if state.has_model_error else mesh,
+            "a law with a model error needs no finer one" if fit.has_model_error else mesh,
         ),
     ]
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         chosen = next(each.names for each in listed if each.chosen)
         steps.append(Step(f"terms of {equation}", ", ".join(chosen) or "none", _why(listed, chosen_by)))
-    return (*steps, *fit_steps(problem, state))
+    return (*steps, *fit_steps(fit))
 
 
 def noise_step(problem: SearchProblem) -> Step:
@@ -237,9 +224,9 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
     )
 
 
-def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
+def fit_steps(fit: Fit) -> tuple[Step, ...]:
     """Return what errors there are beside noise, how the coefficients were found, and what the trajectories leave."""
-    schema = problem.trials.schema
+    problem, schema = fit.problem, fit.problem.trials.schema
     names, errors = schema.states, problem.errors
     time = f" {schema.units.get(schema.time, '')}".rstrip()
     found = []
@@ -249,11 +236,11 @@ def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
     if errors.correlated is not None:
         levels = levels_in_words(errors.correlated, schema)
         found.append(Step("errors with a memory", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
-    deviance, count = sum(each.deviance for each in state.estimates), sum(problem.measured)
+    deviance, count = sum(each.deviance for each in fit.estimates), sum(problem.measured)
     deviance += float(np.sum(problem.measurements.pure_error[0] / problem.noise**2))
     return (
         *found,
-        model_error_step(problem, state),
+        model_error_step(fit),
         Step(
             "coefficients",
             f"maximum likelihood of {len(problem.trials)} trajectories",
@@ -262,16 +249,16 @@ def fit_steps(problem: SearchProblem, state: SearchState) -> tuple[Step, ...]:
     )
 
 
-def model_error_step(problem: SearchProblem, state: SearchState) -> Step:
+def model_error_step(fit: Fit) -> Step:
     """Return what error the law itself has."""
-    why, errors, schema = _LEVELS, problem.errors, problem.trials.schema
+    why, errors, schema = _LEVELS, fit.problem.errors, fit.problem.trials.schema
     if errors.force is not None:
         levels = (f"{name}: {each:.3g}" for name, each in zip(schema.states, errors.force, strict=True))
         time = f"{errors.force_time:.3g} {schema.units.get(schema.time, '')}".rstrip()
         return Step("model error", f"a smooth force on {', '.join(levels)}; over {time}", why)
-    if state.has_model_error:
-        return Step("model error", f"a random walk, in each step {state.model_error:.3g} times the noise", why)
-    left = _left(problem, state)
+    if fit.has_model_error:
+        return Step("model error", f"a random walk, in each step {fit.model_error:.3g} times the noise", why)
+    left = _left(fit)
     fine = "residuals of the law's solutions are within the measurement errors"
     return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
 

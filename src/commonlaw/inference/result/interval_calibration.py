@@ -6,7 +6,6 @@ units of the standard deviations that the forecast says. Those of one trial are 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -14,39 +13,15 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.covariance import degrees_of_freedom, fitted_law
-from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState
-from commonlaw.inference.search.law_search import LawSearch
-from commonlaw.law import Law, Provenance
+from commonlaw.inference.fit.fit import Fit, by_score
+from commonlaw.law import Law
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.widening import Widening
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
-
-_SHARES = (0.5, 0.75)
-"""Shares of each trial's samples that a law is fitted to before it forecasts the rest."""
-
-_OBJECTS = 30
-"""Objects whose trials are left out at most, evenly spread: more tell little more of how wide bands should be."""
-
-_FOLDS = 4
-"""Trials of each object that are left out in turn at most."""
-
-_PARTS = 6
-"""Parts of the longest forecast, in the middle of which errors are gathered, as far as to the middles beside it."""
-
-_UNTOLD = 10.0
-"""Standard errors of a coefficient, relative to its size by all trials, above which some trials do not tell it."""
-
-_LEVEL = 0.95
-
-_ENOUGH = 19
-"""Trials from which on a quantile of 95 % of one more trial is known without assumptions (conformal prediction)."""
-
-_TRUST = 2.0
-"""Trials that what the law says of its own errors is worth, where few others tell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +46,12 @@ class StandardizedErrors:
     @property
     def standardized(self) -> Floats:
         """Relative to the standard deviations of a normal distribution with these intervals."""
-        return self.sizes * float(two_sided(_LEVEL))
+        return self.sizes * float(two_sided(settings.LEVEL))
 
     @property
     def std(self) -> Floats:
         """These standard deviations; NaN where nothing was measured."""
-        return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(_LEVEL)))
+        return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(settings.LEVEL)))
 
 
 def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
@@ -93,8 +68,8 @@ def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
     longest = max((float(each.ahead.max()) for each in found if len(each.ahead)), default=0.0)
     if not longest > 0:
         return None
-    horizons, factors, width = [], [], longest / _PARTS
-    for middle in width * (np.arange(_PARTS) + 0.5):
+    horizons, factors, width = [], [], longest / settings.HORIZONS
+    for middle in width * (np.arange(settings.HORIZONS) + 0.5):
         near = [each.sizes[abs(each.ahead - middle) <= width] for each in found]
         trials = [known for each in near if len(known := each[np.isfinite(each)])]
         if trials:
@@ -106,7 +81,7 @@ def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
 def _factor(trials: Sequence[Floats]) -> float:
     """Return the factor from the errors of some trials, each of which counts once, however often it was measured."""
     count = len(trials)
-    if count >= _ENOUGH:
+    if count * (1 - settings.LEVEL) >= settings.LEVEL:  # Enough for the quantile of one more (conformal prediction)
         sizes = np.concatenate(trials)
         order, weights = np.argsort(sizes), np.concatenate([np.full(len(each), 1 / len(each)) for each in trials])
         share = np.cumsum(weights[order]) / count
@@ -115,38 +90,42 @@ def _factor(trials: Sequence[Floats]) -> float:
             return float(sizes[order][min(int(np.searchsorted(share, level)), len(sizes) - 1)])
 
         # Independent observations worth as much as these, which are correlated within a trial (Kish 1965)
-        scatter = np.var([np.mean(each <= quantile(_LEVEL)) for each in trials], ddof=1)
-        worth = np.clip(count * _LEVEL * (1 - _LEVEL) / max(scatter, np.finfo(float).tiny), count, len(sizes))
-        return max(1.0, quantile(_LEVEL * (1 + 1 / worth)))
-    squares = np.array([np.mean(each**2) for each in trials]) * float(two_sided(_LEVEL)) ** 2
-    return float(np.sqrt(max(1.0, (_TRUST + squares.sum()) / (_TRUST + count))))
+        scatter = np.var([np.mean(each <= quantile(settings.LEVEL)) for each in trials], ddof=1)
+        worth = np.clip(
+            count * settings.LEVEL * (1 - settings.LEVEL) / max(scatter, np.finfo(float).tiny), count, len(sizes)
+        )
+        return max(1.0, quantile(settings.LEVEL * (1 + 1 / worth)))
+    squares = np.array([np.mean(each**2) for each in trials]) * float(two_sided(settings.LEVEL)) ** 2
+    return float(
+        np.sqrt(max(1.0, (settings.PRIOR_OBSERVATIONS + squares.sum()) / (settings.PRIOR_OBSERVATIONS + count)))
+    )
 
 
 @unannounced()
-def standardized_errors(
-    search: LawSearch, pool: Callable[[Law], Law], *, both_ways: bool = False
-) -> list[StandardizedErrors]:
-    """Return how far forecasts by a law that was found are off, of trials or parts of trials that were left out.
+def standardized_errors(fit: Fit, pooled: Callable[[Law], Law], *, both_ways: bool = False) -> list[StandardizedErrors]:
+    """Return how far forecasts by a law are off, of trials or parts of trials that were left out.
 
     Parameters
     ----------
-    search
-        What was measured, and the law with its errors.
-    pool
+    fit
+        The law with its errors.
+    pooled
         How coefficients of objects learn from each other.
     both_ways
         Whether the earlier half of trials is forecast, too, by what is fitted to the later one.
     """
-    template, problem, state = search.fitted(), search.problem, search.state
+    whole, trials = fitted_law(fit.problem.law, fit), fit.problem.trials
     found: dict[tuple[str, str], list[StandardizedErrors]] = {}
-    for kept, left_out in _folds(problem.trials, both_ways):
-        with suppress(CommonlawError):
-            law = _fitted_to(template, problem, state, kept)
-            own, law = law, pool(law)
+    for kept, left_out in _folds(trials, both_ways):
+        try:
+            law = _fitted_to(fit, kept)
+            own, law = law, pooled(law)
             for listed, start in left_out:
-                if told := _told(listed, kept, own, template):
-                    for key, errors in _standardized_errors(law, problem.trials.with_trials(told), start):
+                if told := _told(listed, kept, own, whole):
+                    for key, errors in _standardized_errors(law, trials.with_trials(told), start):
                         found.setdefault(key, []).append(errors)
+        except CommonlawError:  # Trials that are too few or too short for the law forecast nothing
+            continue
     return [
         StandardizedErrors(
             *(np.concatenate([getattr(each, part.name) for each in own]) for part in fields(StandardizedErrors))
@@ -163,7 +142,7 @@ def _told(left_out: Sequence[Trial], kept: Sequence[Trial], law: Law, whole: Law
     """
     errors, own = np.nan_to_num(law.standard_errors), [whole.index(name) for name in law.objects]
     sizes = np.hypot(whole.coefficients, np.nan_to_num(whole.standard_errors))[own]
-    told = np.all(errors <= _UNTOLD * sizes, axis=(1, 2))
+    told = np.all(errors <= settings.MAX_RELATIVE_ERROR * sizes, axis=(1, 2))
     objects = {name for name, known in zip(law.objects, told, strict=True) if known}
     cut = {(trial.object, trial.name) for trial in kept}
     return [trial for trial in left_out if trial.object in objects or (trial.object, trial.name) in cut]
@@ -175,11 +154,11 @@ LeftOut = list[tuple[list[Trial], int | None]]
 
 def _folds(trials: Trials, both_ways: bool) -> Iterator[tuple[list[Trial], LeftOut]]:
     """Yield what laws are fitted to, and what they forecast then."""
-    names = [trials.objects[i] for i in evenly_spaced(len(trials.objects), _OBJECTS)]
+    names = [trials.objects[i] for i in evenly_spaced(len(trials.objects), settings.MAX_CHECKED_OBJECTS)]
     groups = [trials.of_object(name) for name in names]
     repeated = [group for group in groups if len(group) > 1]
     if not repeated:
-        for share in _SHARES:
+        for share in settings.FITTED_SHARES:
             cut = [(trial, int(np.ceil(share * len(trial)))) for group in groups for trial in group]
             counts = sorted({count for _, count in cut})
             alike = [([trial for trial, own in cut if own == count], count) for count in counts]
@@ -191,29 +170,27 @@ def _folds(trials: Trials, both_ways: bool) -> Iterator[tuple[list[Trial], LeftO
                 [([trial.cut(half) for trial, half in whole], None)],
             )
         return
-    for fold in range(min(_FOLDS, max(map(len, repeated)))):
+    for fold in range(min(settings.MAX_FOLDS, max(map(len, repeated)))):
         left_out = [group[fold] for group in repeated if fold < len(group)]
         rest = [trial for group in groups for trial in group if not any(trial is each for each in left_out)]
         yield rest, [(left_out, None)]
 
 
-def _fitted_to(template: Law, problem: SearchProblem, state: SearchState, kept: Sequence[Trial]) -> Law:
-    """Return the law with the terms and errors of a state, fitted to some of the trials."""
+def _fitted_to(fit: Fit, kept: Sequence[Trial]) -> Law:
+    """Return the law with the terms and errors of a fit, fitted to some of the trials."""
+    problem = fit.problem
     objects = problem.trials.with_trials(kept).objects
     indices = [problem.trials.objects.index(name) for name in objects]
-    guess = np.array([state.estimates[i].coefficients for i in indices])
+    guess = np.array([fit.estimates[i].coefficients for i in indices])
     part = problem.of_trials(kept, problem.known[indices], guess)
     starts = [
-        replace(start, coefficients=state.estimates[i].coefficients)
+        replace(start, coefficients=fit.estimates[i].coefficients)
         for start, i in zip(part.starts, indices, strict=True)
     ]
-    fitted = fit_with(part, state.supports, state.model_error, starts)
-    provenance = Provenance(template.differentiation, domain=template.provenance.domain)
-    own = Law(
-        template.terms, template.schema, template.order, objects, np.nan_to_num(part.known), provenance=provenance
-    )
-    law = fitted_law(own, part, fitted)
-    degrees = degrees_of_freedom(problem, state)
+    part = replace(part, solver=problem.solver, differentiation=problem.differentiation)
+    (fitted,) = by_score([fit_with(part, fit.supports, fit.model_error, starts)])
+    law = fitted_law(part.law, fitted)
+    degrees = degrees_of_freedom(fit)
     return replace(law, uncertainty=replace(law.uncertainty, degrees_of_freedom=degrees))
 
 
@@ -224,7 +201,11 @@ def _standardized_errors(
     forecast = law.predict(trials, start=start, return_std=True, tolerance=1e-6)
     forecast = forecast.followed or forecast
     for trial, trajectory, (low, high), ahead in zip(
-        forecast.trials, forecast.trajectories, forecast.bands(_LEVEL, measured=True), forecast.horizons, strict=True
+        forecast.trials,
+        forecast.trajectories,
+        forecast.bands(settings.LEVEL, measured=True),
+        forecast.horizons,
+        strict=True,
     ):
         middle, half = trajectory.states[:, : low.shape[1]], (high - low) / 2
         sizes = abs(trial.states - middle) / half

@@ -3,80 +3,50 @@
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
-from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor, spread_within
 from commonlaw.inference.fit.annealing import to_scale
+from commonlaw.inference.fit.fit import NO_ERROR, Fit, errors_to_fit, fitted, price_of_model_error
 from commonlaw.inference.fit.newton import minimum
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import FINAL, NO_ERROR, SearchState, errors_to_fit, fitted, price_of_model_error
 from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
-from commonlaw.likelihood import AboutEstimates, ErrorModel, NotPositiveError
+from commonlaw.likelihood import AboutEstimates, ErrorKind, ErrorModel, NotPositiveError
 from commonlaw.spacing import evenly_spaced
 
-ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
-"""White noise, white noise that also grows with the state, an error of the measurement with a memory; a law with a
-random walk, or with a smooth force."""
 
-_MEASURED = 300
-"""Levels are found on objects with so many measurements together, evenly spread: what they are is soon told."""
+def with_errors_of_kind(fit: Fit, kind: ErrorKind) -> Fit:
+    """Return the supports of a fit under errors of a kind.
 
-_FEWEST, _MOST = 3, 12
-"""How many objects these are."""
-
-_SMALLEST = 1e-4
-"""Shares, and forces relative to the rates of the states, that count as none."""
-
-_WORST = 1e12
-"""In place of a value that cannot be computed."""
-
-
-def kind_of(errors: ErrorModel) -> ErrorKind:
-    """Return of which kind the errors of a law are."""
-    if errors.force is not None:
-        return "force"
-    if errors.correlated is not None:
-        return "correlated"
-    if errors.proportional is not None:
-        return "proportional"
-    return "white" if errors.walk is None else "walk"
-
-
-def with_errors_of_kind(
-    problem: SearchProblem, state: SearchState, kind: ErrorKind
-) -> tuple[SearchProblem, SearchState]:
-    """Return the problem with errors of a kind, and the state fitted under them with the supports that it has.
-
-    Levels, and times, are those of largest evidence with the likelihood linearised about the state (empirical Bayes).
-
-    Raises
-    ------
-    NotPositiveError
-        If the likelihood cannot be computed.
+    Levels, and times, are those of largest evidence with the likelihood linearised about the fit (empirical Bayes).
     """
-    problem, state = _with_levels(problem.about(state.estimates) if kind == "proportional" else problem, state, kind)
-    for _ in range(1, problem.errors.rounds):
-        problem, state = _with_levels(problem.about(state.estimates), state, kind)
-    return to_scale(problem, state)
+    if not fit.is_usable:
+        return fit
+    fit = _with_levels(fit.problem.about(fit.estimates) if kind == "proportional" else fit.problem, fit, kind)
+    for _ in range(1, fit.problem.errors.rounds):
+        fit = _with_levels(fit.problem.about(fit.estimates), fit, kind) if fit.is_usable else fit
+    return to_scale(fit)
 
 
-def _with_levels(problem: SearchProblem, state: SearchState, kind: ErrorKind) -> tuple[SearchProblem, SearchState]:
+def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
     levels = _Levels(problem, kind)
-    count = int(np.clip(np.ceil(_MEASURED / np.mean(problem.measured)), _FEWEST, _MOST))
-    few = evenly_spaced(len(problem.models), count)
-    some, estimates = levels.problem(levels.starts[0], problem.of_objects(few)), [state.estimates[i] for i in few]
-    value = partial(
-        _value, levels, some, AboutEstimates(some.models, some.padded(estimates), state.supports & some.allowed)
+    count = int(
+        np.clip(
+            np.ceil(settings.LEVEL_MEASUREMENTS / np.mean(problem.measured)), settings.MIN_OBJECTS, settings.MAX_OBJECTS
+        )
     )
-
+    few = evenly_spaced(len(problem.models), count)
+    some, estimates = levels.problem(levels.starts[0], problem.of_objects(few)), [fit.estimates[i] for i in few]
+    about = AboutEstimates(some.models, some.padded(estimates), fit.supports & some.allowed)
+    value = partial(_value, levels, some, about)
     starts = [(value(each), i) for i, each in enumerate(levels.starts)]
     index = min(starts)[1]
     found = minimum(value, levels.starts[index], *levels.bounds)
     changed = levels.problem(found, problem)
-    return changed, fitted(changed, changed.padded(state.estimates), state.supports, levels.model_error(found))[0]
+    return fitted(changed, changed.padded(fit.estimates), fit.supports, levels.model_error(found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,13 +84,13 @@ class _Levels:
         fixed = self.before.noise_given | self.before.trials.schema.unmeasured
         found = [(np.where(fixed, noise, floor), np.where(fixed, noise, np.maximum(states, floor)))]
         if self.kind == "proportional":
-            found.append((np.full(len(states), _SMALLEST), np.ones(len(states))))
+            found.append((np.full(len(states), settings.MIN_NOISE), np.ones(len(states))))
         elif self.kind == "correlated":
-            found += [(_SMALLEST * states, states), (np.array([step]), np.array([3 * duration]))]
+            found += [(settings.MIN_NOISE * states, states), (np.array([step]), np.array([3 * duration]))]
         elif self.kind == "force":
-            found += [(_SMALLEST * rates, rates), (np.array([2 * step]), np.array([duration]))]
+            found += [(settings.MIN_NOISE * rates, rates), (np.array([2 * step]), np.array([duration]))]
         elif self.kind == "walk":
-            found.append((np.array([FINAL[0]]), np.array([30.0])))
+            found.append((np.array([settings.FINAL_MODEL_ERRORS[0]]), np.array([30.0])))
         low, high = (np.log(np.concatenate(each)) for each in zip(*found, strict=True))
         return low, high
 
@@ -160,9 +130,9 @@ def _value(levels: _Levels, problem: SearchProblem, about: AboutEstimates, logs:
     try:
         factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
     except NotPositiveError:
-        return _WORST
+        return 1e12
     prior = measurements.counted(noise, errors, std).prior
     evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), Measured(measurements.count))
     price = measurements.price(noise, errors, std) + price_of_model_error(model_error, measurements.count)
     found = evidence + prior + log_determinant + price
-    return found if np.isfinite(found) else _WORST
+    return found if np.isfinite(found) else 1e12

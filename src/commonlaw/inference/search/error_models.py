@@ -1,22 +1,21 @@
 """Kinds of errors, each with the supports and the levels of largest evidence under it, and which of them is chosen."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.effort import unannounced
-from commonlaw.errors import CommonlawError
-from commonlaw.inference.fit.annealing import SCHEDULES, annealed, fit_solutions, fit_supports, fit_with, polish
+from commonlaw.inference import settings
+from commonlaw.inference.fit.annealing import annealed, fit_solutions, fit_supports, fit_with, polish
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import SearchState, evidence_of, list_by_evidence, nearest, path
-from commonlaw.inference.fit.validity import is_solved
-from commonlaw.inference.search.error_levels import ErrorKind, kind_of, with_errors_of_kind
-from commonlaw.likelihood import NotPositiveError
-from commonlaw.progress import ProgressCallback, part
-from commonlaw.solvers import AbstractSolver
+from commonlaw.inference.search.error_levels import with_errors_of_kind
+from commonlaw.inference.search.log_scale import error_kinds
+from commonlaw.inference.search.pool import Pool
+from commonlaw.likelihood import ErrorKind
+from commonlaw.progress import ProgressCallback, Stage, part
 
 WORDS: dict[ErrorKind, str] = {
     "white": "white noise",
@@ -27,137 +26,160 @@ WORDS: dict[ErrorKind, str] = {
 }
 """What is said of each kind of errors."""
 
-OF_LAWS: tuple[ErrorKind, ...] = ("walk", "force")
-GROUPS: tuple[tuple[ErrorKind, ...], ...] = (("white",), ("proportional", "correlated"), OF_LAWS)
+GROUPS: tuple[tuple[ErrorKind, ...], ...] = (("white",), ("proportional", "correlated"), ("walk", "force"))
 """White noise, other errors of measurements, and those of laws: the best of each is sought with its own law."""
 
-_ROUNDS = 2
-"""How often supports and levels are found in turn."""
 
-_FITTED = 4
-"""Supports of largest linearised evidence that are fitted under each kind of errors, with levels of their own."""
-
-_POOLED = 4
-"""Supports that one kind of errors contributes to those that are compared under all."""
-
-
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A kind of errors with its levels, in a problem; the state of largest evidence under it, and others found."""
-
-    kind: ErrorKind
-    problem: SearchProblem
-    state: SearchState
-    found: Sequence[SearchState] = ()
-
-    def fit(self, supports: Bools) -> tuple[SearchProblem, SearchState]:
-        """Fit supports, shape (equations, terms), under errors of this kind, with levels of their own.
-
-        Raises
-        ------
-        CommonlawError
-            If the likelihood cannot be computed.
-        """
-        if self.kind == "white":
-            return fit_solutions(self.problem, supports)
-        state = fit_with(self.problem, supports, self.state.model_error)
-        return with_errors_of_kind(self.problem, state, self.kind)
-
-    def pool(self, solver: AbstractSolver) -> Iterator[Bools]:
-        """Yield the supports of large evidence under these errors, and those on the solver's path from few terms."""
-        yield self.state.supports
-        yield from (each.supports for each in self.found[:_POOLED])
-        yield from nearest(self.problem, self.state, _POOLED)
-        yield from path(self.problem, self.state, solver)
-
-
-def hypotheses(
-    problem: SearchProblem,
-    state: SearchState,
-    kinds: Sequence[ErrorKind],
-    solver: AbstractSolver,
+def choose_errors(
+    pool: Pool,
+    *,
+    errors: ErrorKind | Literal["auto"],
+    propose: Callable[[Fit], Bools | None],
     progress: ProgressCallback,
-) -> list[Hypothesis]:
+) -> Pool:
+    """Return a pool with the errors that are chosen.
+
+    Parameters
+    ----------
+    pool
+        By `begin_search`.
+    errors
+        Those beside white noise, ``"auto"`` for the kind of largest evidence where white noise does not explain the
+        measurements.
+    propose
+        Returns supports that are compared too then, shape (equations, terms), if there are any, by the best fit among
+        plain terms.
+    progress
+        Takes what is being done.
+    """
+    reason = pool.best.reason_for_errors if errors == "auto" else "as asked for"
+    if not reason:
+        return pool
+    progress(Stage(f"{reason}: estimating errors with the law", 0.2))
+    kinds = error_kinds(errors, pool.best.problem.trials.schema)
+    if errors == "auto" and not pool.best.lack_of_fit:
+        known = pool.best.problem.errors.kind if pool.best.problem.errors else "proportional"
+        kinds = tuple(each for each in kinds if each in ("white", known))
+    proposed = None if pool.plain is None else propose(pool.plain)
+    return with_error_models(pool, proposed, kinds, part(progress, 0.2, 0.9))
+
+
+def with_error_models(
+    pool: Pool, proposed: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
+) -> Pool:
+    """Return a pool with the law of largest evidence, and errors of these kinds; its terms stay if they are given."""
+    near = [*pool.fits[: 1 + settings.MAX_RIVALS]]
+    if pool.plain is not None and pool.plain not in near and not any(fit.problem.solver for fit in near):
+        near.append(pool.plain)
+    fits, approximations = list[Fit](), list[Fit]()
+    for fit in near:
+        chosen, white = _with_error_model(fit, pool.explored, proposed, kinds, progress)
+        fits.append(chosen)
+        approximations += white
+    return Pool.of(fits, pool.explored, approximations)
+
+
+def _with_error_model(
+    fit: Fit, explored: Sequence[Fit], proposed: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
+) -> tuple[Fit, list[Fit]]:
+    """Return a fit with the errors of largest evidence, and if the law has process noise, that under white noise."""
+    problem = fit.problem
+    if problem.solver is None:
+        compared = under_each_kind(problem, fit.supports, kinds)
+    else:
+        pools = of_each_group(fit, kinds, part(progress, 0.0, 0.5))
+        others = [each.supports for each in explored] + ([] if proposed is None else [proposed & problem.allowed])
+        progress(Stage("comparing laws under each kind of errors", 0.5))
+        compared = _under_all(pools, others)
+        if compared:
+            progress("comparing errors of the law that is chosen")
+            compared += under_each_kind(problem, most_probable(compared).supports, kinds)
+    if not compared:
+        return fit, []
+    # Given terms are fitted by least squares
+    best = most_probable(compared, settings.VERY_STRONG if problem.solver is None else 0.0)
+    kind, white = best.errors, [each for each in compared if each.errors == "white"]
+    # Levels about the law itself, to the last digits: units and origins do not show
+    exact = best if kind == "white" else with_errors_of_kind(best, kind)
+    chosen = exact if exact.is_usable else best
+    chosen = chosen.with_alternatives([each for each in compared if each.errors == kind])
+    return chosen, [most_probable(white).with_alternatives(white)] if white and best.has_process_noise else []
+
+
+def of_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> list[Pool]:
     """Return white noise, the best other errors of measurements, and the best of the law, each with its own law.
 
-    The best are those of largest evidence with the supports that were found. What cannot be fitted is left out; the
-    largest evidence comes first.
+    The best are those of largest evidence with the supports that were found. The largest evidence comes first.
     """
     progress("comparing kinds of errors")
-    starts = under_each_kind(problem, state.supports, kinds)
-    found = []
+    starts, pools = under_each_kind(fit.problem, fit.supports, kinds), list[Pool]()
     for number, group in enumerate(GROUPS, start=1):
         show = part(progress, number / (len(GROUPS) + 1), (number + 1) / (len(GROUPS) + 1))
-        for start in sorted((each for each in starts if each.kind in group), key=lambda each: each.state.score)[:1]:
-            show(f"seeking the law with {WORDS[start.kind]}")
-            with suppress(CommonlawError):
-                found.append(_in_turn(start, solver, show))
-    return sorted(found, key=lambda each: each.state.score)
+        of_group = [each for each in starts if each.errors in group]
+        if of_group:
+            start = min(of_group, key=lambda each: each.score)
+            show(f"seeking the law with {WORDS[start.errors]}")
+            pools.append(_in_turn(start, show))
+    return sorted((pool for pool in pools if pool.best.is_usable), key=lambda pool: pool.best.score)
 
 
 @unannounced()
-def under_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Hypothesis]:
+def under_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Fit]:
     """Return supports, shape (equations, terms), under each kind of errors that can be fitted, with its own levels."""
-    found, white = [], problem.under_white_noise
+    fits, white = list[Fit](), problem.under_white_noise
     for begin in (white, problem) if problem.errors else (white,):
-        with suppress(CommonlawError):
-            solved = fit_solutions(begin, supports)
-            for kind in [each for each in kinds if each != "walk"]:
-                if begin is white or kind == kind_of(problem.errors):
-                    with suppress(CommonlawError):
-                        found.append(Hypothesis(kind, *with_errors_of_kind(*solved, kind)))
+        solved = fit_solutions(begin, supports)
+        own = [each for each in kinds if each != "walk" and (begin is white or each == problem.errors.kind)]
+        fits += [with_errors_of_kind(solved, kind) for kind in own]
     if "walk" in kinds:
-        with suppress(CommonlawError):
-            found.append(Hypothesis("walk", *with_errors_of_kind(white, fit_supports(white, supports), "walk")))
-    return found
+        fits.append(with_errors_of_kind(fit_supports(white, supports), "walk"))
+    return [fit for fit in fits if fit.is_usable]
 
 
-def _in_turn(start: Hypothesis, solver: AbstractSolver, progress: ProgressCallback) -> Hypothesis:
-    """Return a kind of errors with the supports and the levels that are found in turn."""
-    kind, problem, state = start.kind, start.problem, start.state
-    for _ in range(_ROUNDS):
-        found = _searched(problem, state, kind, solver, progress)
-        others = [each for each in found if not np.array_equal(each.supports, state.supports)]
-        before = state.score
-        for other in others[:1]:
-            with suppress(NotPositiveError):
-                changed, fitted = with_errors_of_kind(problem, other, kind)
-                if fitted.score < state.score:
-                    problem, state = changed, fitted
-        if not state.score < before:
+def _in_turn(fit: Fit, progress: ProgressCallback) -> Pool:
+    """Return errors of a kind with the supports and the levels that are found in turn, and what was explored."""
+    kind, explored = fit.errors, list[Fit]()
+    for _ in range(settings.ALTERNATIONS):
+        explored = _searched(fit, progress)
+        others = [each for each in explored if not np.array_equal(each.supports, fit.supports)]
+        changed = with_errors_of_kind(others[0], kind) if others else fit
+        if not changed.score < fit.score:
             break
-    return Hypothesis(kind, problem, state, found)
+        fit = changed
+    return Pool((fit,), explored)
 
 
-def _searched(
-    problem: SearchProblem, state: SearchState, kind: ErrorKind, solver: AbstractSolver, progress: ProgressCallback
-) -> list[SearchState]:
-    if kind == "walk":
-        return [polish(problem, state.supports, state.estimates, state.model_error, solver)]
-    found = list_by_evidence(annealed(problem, solver, progress, SCHEDULES[:1]))
-    return [each for each in found if not each.has_model_error]
+def _searched(fit: Fit, progress: ProgressCallback) -> list[Fit]:
+    if fit.has_model_error:
+        return [polish(fit.problem, fit.supports, fit.estimates, fit.model_error)]
+    fits = sorted(annealed(fit.problem, progress, settings.SCHEDULES[:1]), key=lambda each: each.score)
+    return [each for each in fits if not each.has_model_error]
 
 
 @unannounced()
-def candidates(found: Sequence[Hypothesis], others: Sequence[Bools], solver: AbstractSolver) -> list[Hypothesis]:
+def _under_all(pools: Sequence[Pool], others: Sequence[Bools]) -> list[Fit]:
     """Return the supports that were found under any kind of errors under each: those of largest evidence there."""
-    most = found[0].problem.most_terms
-    listed = [*(each for own in found for each in own.pool(solver)), *others]
-    pool = list({each.tobytes(): each for each in listed if each.sum(axis=1).max() <= most}.values())
-    compared = []
-    for hypothesis in found:
-        values = evidence_of(hypothesis.problem, hypothesis.state, pool)
-        for i in np.argsort(values)[:_FITTED]:
-            with suppress(CommonlawError):
-                fitted = hypothesis.fit(pool[i])
-                compared.append(replace(hypothesis, problem=fitted[0], state=fitted[1]))
-    return compared
+    listed = [*(supports for pool in pools for supports in pool.proposals()), *others]
+    most = max((pool.best.problem.most_terms for pool in pools[:1]), default=0)
+    distinct = list({each.tobytes(): each for each in listed if each.sum(axis=1).max() <= most}.values())
+    fits = list[Fit]()
+    for pool in pools:
+        values = [pool.best.evidence.value(each) for each in distinct]
+        fits += [fitted_alike(pool.best, distinct[i]) for i in np.argsort(values)[: settings.MAX_PROPOSED]]
+    return [fit for fit in fits if fit.is_usable]
 
 
-def chosen(compared: Sequence[Hypothesis], needed: float = 0.0) -> Hypothesis:
-    """Return the hypothesis of largest evidence whose solutions exist along the trials that it was learned from.
+def fitted_alike(fit: Fit, supports: Bools) -> Fit:
+    """Return supports, shape (equations, terms), under errors of the kind of a fit, with levels of their own."""
+    if fit.errors == "white":
+        return fit_solutions(fit.problem, supports)
+    return with_errors_of_kind(fit_with(fit.problem, supports, fit.model_error), fit.errors)
+
+
+def most_probable(fits: Sequence[Fit], needed: float = 0.0) -> Fit:
+    """Return the fit of largest evidence whose solutions exist along the trials that it was learned from.
 
     Errors other than white noise, under which coefficients are those of least squares, need so much evidence (2 log B).
     """
-    listed = sorted(compared, key=lambda each: each.state.score.total + (0.0 if each.kind == "white" else needed))
-    return next((each for each in listed if is_solved(each.problem, each.state)), listed[0])
+    ranked = sorted(fits, key=lambda fit: fit.score.total + (0.0 if fit.errors == "white" else needed))
+    return next((fit for fit in ranked if fit.is_solved), ranked[0])

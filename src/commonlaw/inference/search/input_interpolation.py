@@ -1,24 +1,17 @@
 """The interpolation of inputs between samples: by what these leave out, then by the evidence of a law under each."""
 
-from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError
-from commonlaw.inference.fit.annealing import STRONG, fit_supports
-from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.state import ANY_ERROR, SearchState
+from commonlaw.inference import settings
+from commonlaw.inference.fit.annealing import fit_supports
+from commonlaw.inference.fit.fit import ANY_ERROR, Fit
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
 from commonlaw.likelihood import meshes
 from commonlaw.trials import Trial, Trials
-
-_SMOOTH = 2.0
-"""Mean square leave-one-out error of straight lines, in that of cubics, above which an input counts as smooth: of a
-kink at a sample it is 1.5, of a step 0.9, of white noise 0.8, and of a sine of four samples a cycle 2.25."""
 
 
 def with_interpolation(trials: Trials, input_between: str) -> Trials:
@@ -34,7 +27,7 @@ def supported_interpolation(trials: Trials) -> str:
     """
     squares = np.sum([_left_out(trial) for trial in trials], axis=0)
     bent = squares[0] > np.finfo(float).eps * np.sum([np.sum(each.inputs**2, axis=0) for each in trials], axis=0)
-    return "cubic" if bent.any() and (squares[0] > _SMOOTH * squares[1])[bent].all() else "linear"
+    return "cubic" if bent.any() and (squares[0] > settings.MIN_SMOOTHNESS * squares[1])[bent].all() else "linear"
 
 
 def _left_out(trial: Trial) -> Floats:
@@ -49,20 +42,17 @@ def _left_out(trial: Trial) -> Floats:
     return np.array(found)
 
 
-def best_interpolation(
-    problem: SearchProblem, state: SearchState, may_decide: Callable[[SearchProblem, SearchState], bool]
-) -> Step:
+def best_interpolation(fit: Fit, is_chosen: bool) -> Step:
     """Return the interpolation of inputs of largest evidence, for the supports that were found.
 
-    That of the problem stays unless the evidence for another is strong, by a law that may decide.
+    That of the fit stays unless the evidence for another is strong; where laws of plain terms chose it, without a lack
+    of fit of the law with the other.
     """
-    before, gains = problem.trials.schema.input_between, dict[str, float]()
-    for between in BETWEEN:
-        if between != before:
-            with suppress(CommonlawError):
-                fitted = _fitted_with(problem, state, between)
-                if (gain := state.score - fitted[1].score) > STRONG and may_decide(*fitted):
-                    gains[between] = gain
+    before, gains = fit.problem.trials.schema.input_between, dict[str, float]()
+    for other in (_fitted_with(fit, each) for each in BETWEEN if each != before):
+        gain = fit.score - other.score
+        if gain > settings.STRONG and not (is_chosen and other.lack_of_fit):
+            gains[other.problem.trials.schema.input_between] = gain
     if gains:
         best = max(gains, key=lambda each: gains[each])
         why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
@@ -71,8 +61,9 @@ def best_interpolation(
     return Step("inputs", before, f"between samples: {why}")
 
 
-def _fitted_with(problem: SearchProblem, state: SearchState, between: str) -> tuple[SearchProblem, SearchState]:
-    """Return the supports of a state fitted with another interpolation of inputs, and the problem with it."""
+def _fitted_with(fit: Fit, between: str) -> Fit:
+    """Return the supports of a fit fitted with another interpolation of inputs."""
+    problem = fit.problem
     groups = [problem.trials.of_object(name) for name in problem.trials.objects]
     models = tuple(
         replace(model, meshes=meshes(group, problem.points, input_between=between))
@@ -80,4 +71,4 @@ def _fitted_with(problem: SearchProblem, state: SearchState, between: str) -> tu
     )
     changed = replace(problem, trials=with_interpolation(problem.trials, between), models=models)
     changed = changed.with_errors(problem.noise, problem.errors, problem.noise_reason)
-    return changed, fit_supports(changed, state.supports, ANY_ERROR)
+    return fit_supports(changed, fit.supports, ANY_ERROR)

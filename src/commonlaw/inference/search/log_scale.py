@@ -5,10 +5,9 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.search.error_levels import ErrorKind
 from commonlaw.law import Law
 from commonlaw.library import Terms
-from commonlaw.likelihood import NO_ERRORS
+from commonlaw.likelihood import NO_ERRORS, ErrorKind
 from commonlaw.trials import Schema
 from commonlaw.trials.headers import find_name
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.diagnose.coefficient_limits import Bound, Bounds
 from commonlaw.inference.verbs.other_terms import candidate_law
 from commonlaw.law import Law, Provenance
@@ -14,9 +15,6 @@ from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.library import Terms, parse_term, parse_terms
 from commonlaw.progress import ProgressCallback, Stage, on_terminal
 from commonlaw.trials import Trials
-
-_MOST = 30
-"""Terms that are fitted one by one unless they are named: each takes as long as a fit."""
 
 
 def bounds(
@@ -33,7 +31,7 @@ def bounds(
     if law.order == 0 or not law.shared:
         raise CommonlawError("limits-unsupported")
     pairs = _absent(law, terms)
-    if terms is None and len(pairs) > _MOST:
+    if terms is None and len(pairs) > settings.MAX_ABSENT_TERMS:
         raise CommonlawError("limits-of-many-terms", count=len(pairs))
     values = _visited(law, trials)
     found: list[Bound] = []

@@ -6,20 +6,14 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.fit.state import FINAL, MODEL_ERRORS
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.law import Law, Step
 from commonlaw.law.meeting import matched
 from commonlaw.law.population import with_objects_of
 from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.trials import Trials
-
-_STEPS = 10
-"""How often trajectories are fitted again with the coefficients that the last ones gave."""
-
-_CONVERGED = 0.01
-"""Standard errors by which coefficients change once they are converged."""
 
 
 def adapt(law: Law, trials: Trials) -> Law:
@@ -56,11 +50,11 @@ def _posterior(model: TrajectoryModel, start: Estimate, law: Law, index: int) ->
     name, support = law.objects[index], law.support
     expected = law.coefficients[index][support]
     spread = law.uncertainty.known_covariance()[index]
-    own, last, estimate = expected, FINAL[-1], Estimate(start.states, law.coefficients[index])
-    for _ in range(_STEPS):
+    own, last, estimate = expected, settings.FINAL_MODEL_ERRORS[-1], Estimate(start.states, law.coefficients[index])
+    for _ in range(settings.MAX_ITERATIONS):
         whole = np.zeros(support.shape)
         whole[support] = own
-        errors = (*MODEL_ERRORS, *FINAL) if own is expected else (last,)
+        errors = (*settings.MODEL_ERRORS, *settings.FINAL_MODEL_ERRORS) if own is expected else (last,)
         estimate = fit(model, replace(estimate, coefficients=whole), np.zeros(support.shape, dtype=np.bool_), errors)
         try:
             factor = linearize(model, estimate, last, support).problem.factor
@@ -73,7 +67,7 @@ def _posterior(model: TrajectoryModel, start: Estimate, law: Law, index: int) ->
         covariance = spread - gain @ weighted
         found = expected + gain @ (target - rows @ expected)
         deviations = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-        converged, own = bool(np.all(abs(found - own) <= _CONVERGED * deviations)), found
+        converged, own = bool(np.all(abs(found - own) <= settings.CONVERGED * deviations)), found
         if converged:
             break
     return own, (covariance + covariance.T) / 2

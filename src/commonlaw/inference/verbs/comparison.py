@@ -11,19 +11,19 @@ from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.fit.annealing import fit_supports
-from commonlaw.inference.fit.state import ANY_ERROR
+from commonlaw.inference.fit.fit import ANY_ERROR, Fit
 from commonlaw.inference.propose.orders import score_of_order
 from commonlaw.inference.score.score import Score
-from commonlaw.inference.search.error_levels import ErrorKind, kind_of
-from commonlaw.inference.search.error_models import OF_LAWS, WORDS
-from commonlaw.inference.search.law_search import LawSearch, fit_terms, with_error_models
+from commonlaw.inference.search.error_models import WORDS, with_error_models
+from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.log_scale import check_one_scale, error_kinds
+from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance
 from commonlaw.law.meeting import matched
 from commonlaw.library import Order, parse_terms
-from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
 from commonlaw.parallel import in_parallel, threads
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Schema, Trials, TrialStream
@@ -103,23 +103,23 @@ def compare(
     _check_one_unit(same, trials)
     with threads(n_jobs):
         fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
-        finest = max(each.problem.points for each in fitted)
-        found = in_parallel(lambda each: _on_mesh(each, finest), fitted)
-        best = min(found, key=score)
-        if errors != "auto" or best.beyond_errors:
+        finest = max(pool.best.problem.points for pool in fitted)
+        pools = in_parallel(lambda pool: _on_mesh(pool.best, finest), fitted)
+        best = min((pool.best for pool in pools), key=score)
+        if errors != "auto" or best.departures or best.lack_of_fit:
             kinds = error_kinds(errors, trials.schema)
-            found = in_parallel(lambda each: with_error_models(each, None, kinds, lambda _: None), found)
-    of_kinds = ["walk" if each.state.has_model_error else kind_of(each.problem.errors) for each in found]
-    scores = [score(each) for each in found]
+            pools = in_parallel(lambda pool: with_error_models(pool, None, kinds, lambda _: None), pools)
+    fits = [pool.best for pool in pools]
+    scores = [score(fit) for fit in fits]
     above = np.array([each - min(scores) for each in scores])
     weights = np.exp(-above / 2)
     frame = pd.DataFrame(
         {
             "law": list(laws),
             "equations": ["; ".join(law.structure()) for law in laws.values()],
-            "coefficients": [int(each.state.supports.sum()) for each in found],
-            "errors": [WORDS[kind] for kind in of_kinds],
-            "model error": [kind in OF_LAWS for kind in of_kinds],
+            "coefficients": [fit.size for fit in fits],
+            "errors": [WORDS[fit.errors] for fit in fits],
+            "model error": [fit.has_process_noise for fit in fits],
             "2 log B": above,
             "probability": weights / weights.sum(),
         }
@@ -160,11 +160,9 @@ def _of_part(laws: Mapping[str, Law], settings: Mapping[str, Any], part: TrialSt
         return compare({name: typical(law, trials.objects) for name, law in laws.items()}, trials, **settings)
 
 
-def _score_of(orders: Set[Order]) -> Callable[[LawSearch], Score]:
+def _score_of(orders: Set[Order]) -> Callable[[Fit], Score]:
     """Return what gives minus twice the log-evidence, such that laws of these orders compare."""
-    if len(orders) == 1:
-        return lambda found: found.state.score
-    return lambda found: score_of_order(found.problem, found.state)
+    return score_of_order if len(orders) > 1 else lambda fit: fit.score
 
 
 def written_alike(law: Law, schema: Schema) -> Law:
@@ -193,9 +191,9 @@ def _check_one_unit(laws: Sequence[Law], trials: Trials) -> None:
             raise CommonlawError("laws-in-other-units")
 
 
-def _on_mesh(found: LawSearch, points: int) -> LawSearch:
+def _on_mesh(fit: Fit, points: int) -> Pool:
     """Return what was fitted, as it is on a mesh of so many points: evidence compares on one mesh alone."""
-    fine = found.problem
+    fine = fit.problem
     while fine.points < points:
         fine = fine.finer()
-    return replace(found, problem=fine, state=fit_supports(fine, found.state.supports, ANY_ERROR))
+    return Pool((fit_supports(fine, fit.supports, ANY_ERROR),))

@@ -1,7 +1,6 @@
 """From the candidates that a law was chosen from to laws: each fitted to the same trials, from few terms to many."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -9,7 +8,6 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.search.error_levels import kind_of
 from commonlaw.inference.verbs.refinement import refine
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.provenance import Alternative
@@ -87,8 +85,11 @@ def candidates_in_turn(law: Law, trials: Trials, most: int, progress: Callable[[
     supports = _supports(law, most - 1)
     for k, support in enumerate(supports):
         progress(Stage(f"fitting the candidate with {counted(int(support.sum()), 'term')}", k / len(supports)))
-        with suppress(CommonlawError):  # What cannot be fitted is no alternative
-            yield candidate_law(law, trials, support)
+        try:
+            candidate = candidate_law(law, trials, support)
+        except CommonlawError:  # What cannot be fitted is no alternative
+            continue
+        yield candidate
 
 
 def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool = False) -> CandidateLaw:
@@ -223,7 +224,7 @@ def _fitted(law: Law, support: Bools, trials: Trials, own_noise: bool = False) -
         uncertainty=Uncertainty(covariance),
         provenance=Provenance(law.differentiation),
     )
-    kind, given = kind_of(law.uncertainty.error_model), trials.schema.noise_columns
+    kind, given = law.uncertainty.error_model.kind, trials.schema.noise_columns
     levels = (
         {}
         if own_noise or law.noise is None or kind != "white"

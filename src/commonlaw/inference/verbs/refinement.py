@@ -22,8 +22,8 @@ from commonlaw.inference.result.history import (
     sample_steps,
     without_outcomes_of_fit,
 )
-from commonlaw.inference.search.error_levels import ErrorKind
-from commonlaw.inference.search.law_search import begin_search, choose_errors, fit_terms
+from commonlaw.inference.search.error_models import choose_errors
+from commonlaw.inference.search.law_search import begin_search, fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import LawOfPart, law_of_all, typical
 from commonlaw.integration import BETWEEN
@@ -31,7 +31,7 @@ from commonlaw.law import Law, Step
 from commonlaw.law.domain import Domain
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
-from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
 from commonlaw.parallel import threads
 from commonlaw.progress import ProgressCallback, on_terminal, part
 from commonlaw.trials import Trials, TrialStream
@@ -39,9 +39,6 @@ from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     from distributed import Client
-
-_LISTED = 0.1
-"""Share of the time after which objects of a stream are listed. It is only shown."""
 
 
 def refine(
@@ -160,7 +157,7 @@ class _Fit:
         progress("estimating noise, smoothing, fitting coefficients")
         if alike and setup.law.terms.constants and not trials.schema.starts:  # There `known_starts` does so
             setup = replace(setup, priors=priors_from(setup.problem(), setup.law.coefficients))
-        found, steps = begin_search(
+        pool, steps = begin_search(
             lambda own, _: fit_terms(replace(setup, trials=own)),
             setup.trials,
             input_between=setup.input_between,
@@ -168,29 +165,28 @@ class _Fit:
             progress=progress,
         )
         # Of few measurements the residuals do not show what kind of errors they have
-        errors = "white" if self.errors == "auto" and found.has_few_measurements else self.errors
-        found = choose_errors(found, errors=errors, propose=lambda _: None, progress=progress)
-        found = approximated(found, progress) or found
-        problem, state, is_converged = converged(found.problem, found.state, self.least_squares)
-        if not (problem.noise_given or problem.tells_noise) and total_freedom(residual_freedom(problem, state)) < 1:
+        errors = "white" if self.errors == "auto" and pool.best.has_few_measurements else self.errors
+        pool = choose_errors(pool, errors=errors, propose=lambda _: None, progress=progress)
+        pool = approximated(pool, progress)
+        fit, is_converged = converged(pool.best, self.least_squares)
+        problem = fit.problem
+        if not (problem.noise_given or problem.tells_noise) and total_freedom(residual_freedom(fit)) < 1:
             count, name = sum(problem.measured), trials.schema.states[0]
             raise CommonlawError("no-degrees-of-freedom", measurements=count, name=name)
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
         law, trials = replace(setup.law, schema=schema), setup.trials
-        refined = fitted_law(law, problem, state, self.covariance, self.seed)
-        chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(problem, state)
+        refined = fitted_law(law, fit, self.covariance, self.seed)
+        chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(fit)
         domain = replace(Domain.of(trials, law.state_rates), at_rest=law.provenance.domain.at_rest)
         provenance = replace(
             law.provenance,
             outcomes=(
                 *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
-                *with_approximation(
-                    found, outcomes_of_fit(problem, state, is_converged, tried_errors=self.errors == "auto")
-                ),
+                *with_approximation(pool, outcomes_of_fit(fit, is_converged, tried_errors=self.errors == "auto")),
                 *outcomes_of_unmeasured(refined, problem),
             ),
             history=(*law.history, *chosen),
-            domain=replace(domain, visited={**domain.visited, **visited_besides(problem.trials, state.estimates)}),
+            domain=replace(domain, visited={**domain.visited, **visited_besides(problem.trials, fit.estimates)}),
         )
         return replace(refined, provenance=provenance)
 
@@ -202,10 +198,10 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
         raise CommonlawError("not-refined-file-by-file", what=what)
     parts, known = stream.parts or (stream,), {*law.objects}
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
-    names = objects_of_parts(parts, part(progress, 0.0, _LISTED))
+    names = objects_of_parts(parts, part(progress, 0.0, 0.1))
     laws = [light.select(own) if known.issuperset(own) else typical(law, own) for own in names]
     pieces = list(zip(laws, parts, strict=True))
-    fitted = done_in_parts(partial(_fitted, how), pieces, "fitting objects", part(progress, _LISTED, 1.0))
+    fitted = done_in_parts(partial(_fitted, how), pieces, "fitting objects", part(progress, 0.1, 1.0))
     found = law_of_all(fitted)
     step = Step("coefficients", counted(len(parts), "file"), "each object is fitted to its trials, file by file")
     return replace(found, provenance=replace(found.provenance, history=(*law.history, step)))

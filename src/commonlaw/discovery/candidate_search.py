@@ -1,0 +1,249 @@
+"""The search for the law of one order, and what is tried beside plain terms: the steps that the pipeline takes."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+from commonlaw.array_types import Bools
+from commonlaw.diagnostics import Diagnostic
+from commonlaw.discovery.candidate import MAX_TERMS_OF_SIMPLE_LAW, Candidate
+from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
+from commonlaw.discovery.fit_options import FitOptions
+from commonlaw.discovery.method import parsed
+from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.screened import Screened
+from commonlaw.effort import announce, check_memory
+from commonlaw.errors import CommonlawError
+from commonlaw.inference import (
+    PATH,
+    Fit,
+    Pool,
+    as_followed,
+    begin_search,
+    choose_errors,
+    drives,
+    error_kinds,
+    explained_on_finer_mesh,
+    known_noise,
+    may_be_simpler,
+    resolved,
+    search_supports,
+    with_drive_said,
+    with_interpolation,
+    with_latent_state,
+    with_parametric_terms,
+    with_parametric_terms_under_errors,
+)
+from commonlaw.library import Offer, ParametricTerm, TiedTerms, highest_order
+from commonlaw.progress import ProgressCallback, part
+from commonlaw.solvers import parse_solver
+from commonlaw.trials import Trials
+from commonlaw.trials.logarithms import with_logarithms
+from commonlaw.wording import counted
+
+_FACTORS, _ARRAYS = 6, 20
+"""Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""
+
+_FEW_OBJECTS = 10
+"""Objects up to which a library asks for a latent state by itself: with more it takes minutes."""
+
+_SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.1, 5e-3, 3e-4
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateSearch:
+    """How laws are sought: in which trials, and under which options. Each step takes a candidate and returns one.
+
+    Parameters
+    ----------
+    trials
+        What was measured.
+    options
+        See `TrajectoryLikelihood`.
+    progress
+        Takes what is being done.
+    """
+
+    trials: Trials
+    options: FitOptions
+    progress: ProgressCallback
+
+    def plain(self, structure: ModelStructure, is_first: bool) -> Candidate:
+        """Search among plain terms, and what is offered first, with the interpolation of inputs chosen.
+
+        The first of several orders is sought on a coarse mesh, of single states, where another order takes less time.
+        """
+        options = self.options
+        screened = Screened.of(with_logarithms(self.trials, options.positive), structure)
+        followed = as_followed(self.trials, options.positive, options.input_between)
+        first = next(iter(structure.library.offers(screened.terms.variables)))
+        if first.count or options.unmeasured:
+            return self._candidate(screened, followed, None, richer=True)
+        begun = None
+        if is_first and len(self.trials.schema.states) == 1:
+            begun = self._among(followed, screened.structure, self.progress)
+            if begun.best.has_model_error:
+                return Candidate(screened, begun, (), followed, has_richer=False, is_coarse=True)
+        return self._candidate(screened, followed, begun, richer=False)
+
+    def finer(self, candidate: Candidate) -> Candidate:
+        """Return a law on a mesh that may explain what was measured, if it was sought on a coarse one."""
+        if not candidate.is_coarse:
+            return candidate
+        return self._candidate(candidate.screened, candidate.followed, candidate.pool, richer=False)
+
+    def resolved(self, candidate: Candidate) -> Candidate:
+        """Return a law on a mesh that is fine enough; on its own if it does not explain what was measured anyway."""
+        if candidate.pool.best.lack_of_fit:
+            return candidate
+        return replace(candidate, pool=resolved(candidate.pool, self.progress))
+
+    def of_higher_degree(self, candidate: Candidate) -> Candidate:
+        """Return the law among plain terms of higher degree where fewer may be wrong, if those explain the trials.
+
+        They are a linear problem, so they come before terms with constants inside, latent states and other orders.
+        A law that leaves something unexplained, or is a truncated series, extrapolates worse than one of fewer terms.
+        """
+        whole, higher = candidate.screened.whole, candidate.screened.whole.library.higher
+        if candidate.is_simple or candidate.has_richer or candidate.is_coarse or not higher:
+            return candidate
+        self.progress("searching among terms of higher degree")
+        screened = Screened.of(candidate.followed, replace(whole, library=higher))
+        more = self._candidate(screened, candidate.followed, None, richer=False)
+        more = replace(more, is_of_higher_degree=True)
+        return more if more.is_simple and more.score < candidate.score else candidate
+
+    def richer(self, candidate: Candidate) -> Candidate:
+        """Return the law of largest evidence among terms of higher degree, parametric terms and latent states, too."""
+        candidate = self.of_higher_degree(candidate)
+        if candidate.is_simple or candidate.has_richer or not any(x.count for x in self._offers(candidate.screened)[1]):
+            return candidate
+        return self._candidate(candidate.screened, candidate.followed, candidate.pool, richer=True)
+
+    def with_errors(self, candidate: Candidate) -> Candidate:
+        """Choose errors, and search again where terms that were left out improve the law under these.
+
+        They are chosen again on the mesh that the law needs if a coarser one hid what speaks against white noise.
+        """
+        progress, may_hide = self.progress, self.options.errors == "auto"
+        while True:
+            propose = partial(self._by_derivatives, candidate.screened)
+            pool = choose_errors(candidate.pool, errors=self.options.errors, propose=propose, progress=progress)
+            if candidate.has_richer:
+                offers, before = self._offers(candidate.screened)[1], candidate.pool.best.problem.errors
+                pool = with_parametric_terms_under_errors(pool, before, offers, progress)
+            screened = candidate.screened.among(pool.plain or pool.best)
+            problem = pool.best.problem
+            more = screened.with_missed(pool.best) if problem.solver and problem.errors else None
+            if more is not None:
+                candidate = self._candidate(more, candidate.followed, None, richer=candidate.has_richer)
+                continue
+            fine = resolved(pool, progress)
+            candidate = replace(candidate, screened=screened, pool=fine)
+            if not may_hide or pool.best.reason_for_errors or not fine.best.reason_for_errors:
+                return candidate
+            may_hide = False
+
+    def _candidate(self, screened: Screened, followed: Trials, plain: Pool | None, *, richer: bool) -> Candidate:
+        """Search for a law with the interpolation of inputs that is chosen.
+
+        Parameters
+        ----------
+        screened
+            What is sought.
+        followed
+            What was measured, as the law follows it.
+        plain
+            The search among plain terms, if it is done, or but for those that were left out and finer meshes.
+        richer
+            Whether terms are sought, too, that are offered beside plain ones.
+        """
+
+        def begin(trials: Trials, progress: ProgressCallback) -> Pool:
+            done = plain if trials is followed else None
+            if not richer:
+                return self._plain(screened, trials, progress, done)
+            pool = done or self._plain(screened, trials, part(progress, 0.0, 0.2))
+            driven, offers = self._offers(screened)
+            if any(each.count for each in offers):
+                pool = with_parametric_terms(pool, offers, part(progress, 0.2, 1.0))
+            return with_drive_said(pool, driven) if driven else pool
+
+        options = self.options
+        pool, steps = begin_search(
+            begin,
+            followed,
+            input_between=options.input_between,
+            errors=options.errors,
+            progress=self.progress,
+            is_chosen=richer and plain is not None,
+        )
+        chosen = pool.best.problem.trials.schema.input_between
+        if chosen != followed.schema.input_between:
+            followed = with_interpolation(followed, chosen)
+        if richer:  # Once, as this takes longest: under the interpolation that laws without such a state choose
+            pool = self._with_latent_state(screened, pool, followed)
+        return Candidate(screened, pool, steps, followed, richer)
+
+    def _plain(self, screened: Screened, trials: Trials, progress: ProgressCallback, begun: Pool | None = None) -> Pool:
+        """Search for the supports of largest evidence, until no finer mesh or term that was left out improves them."""
+        pool = explained_on_finer_mesh(begun or self._among(trials, screened.structure, progress), progress)
+        while more := screened.with_missed(pool.best):
+            progress("searching again with terms that were left out and improve the law")
+            screened = more
+            pool = explained_on_finer_mesh(self._among(trials, more.structure, progress), progress)
+        if pool.best.problem.least_variance >= 1 and not (pool.best.lack_of_fit or pool.is_determined):
+            # Of exact measurements a needless term may stand for the discretization error of a coarse mesh
+            pool = resolved(pool, progress)
+        return pool
+
+    def _among(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> Pool:
+        options, terms = self.options, structure.terms(trials.schema)
+        _check_effort(trials, len(terms), options.max_samples)
+        return search_supports(
+            trials,
+            terms,
+            structure.known_coefficients(trials.schema, trials.objects),
+            solver=parsed(options.solver, parse_solver) or PATH,
+            differentiation=suitable_differentiation(trials, structure.order),
+            noise=known_noise(options.noise, trials),
+            huber_threshold=options.huber_threshold,
+            kinds=error_kinds(options.errors, trials.schema),
+            most_samples=options.max_samples,
+            progress=progress,
+        )
+
+    def _with_latent_state(self, screened: Screened, pool: Pool, trials: Trials) -> Pool:
+        """Return the law of largest evidence with a latent state or without, if one is asked for or may be missing."""
+        # One trial alone has no other start to tell such a state by
+        few = len(trials.objects) <= _FEW_OBJECTS and len(trials) > 1
+        seeks = screened.whole.library.seeks_unmeasured and few and may_be_simpler(pool.best, MAX_TERMS_OF_SIMPLE_LAW)
+        if screened.whole.order != 1 or not (self.options.unmeasured or seeks):
+            return pool
+        return with_latent_state(pool, trials, most_samples=self.options.max_samples, progress=self.progress)
+
+    def _offers(self, screened: Screened) -> tuple[tuple[ParametricTerm | TiedTerms, ...], list[Offer]]:
+        """Return the drives that nobody measured among what equations may have besides plain terms, and all of that."""
+        variables = screened.terms.variables
+        forced = self.options.unmeasured and highest_order(screened.whole.order) == 2
+        driven = drives(variables) if forced else ()
+        first, *richer = screened.whole.library.offers(variables)
+        return driven, [replace(first, terms=(*first.terms, *driven)), *richer]
+
+    def _by_derivatives(self, screened: Screened, fit: Fit) -> Bools | None:
+        """Return the support that regression on derivatives finds among the same terms, None if it finds none."""
+        try:
+            sought = screened.among(fit).structure
+            return DerivativeRegression().find(self.trials.without_noise(), sought, self.progress).support
+        except CommonlawError:
+            return None
+
+
+def _check_effort(trials: Trials, terms: int, most_samples: int) -> None:
+    """Refuse more terms than memory can hold the factors of, and announce a search that takes long."""
+    objects, samples = len(trials.objects), min(sum(map(len, trials)), most_samples)
+    of = f"{counted(len(trials), 'trial')} of {counted(objects, 'object')} with {counted(terms, 'term')}"
+    what = f"the trajectory likelihood of {of}"
+    size = 8 * (_FACTORS * objects * (terms * len(trials.schema.states)) ** 2 + _ARRAYS * samples * terms)
+    check_memory(what, size, "take a smaller library")
+    seconds = _SECONDS_AN_OBJECT * objects + _SECONDS_A_TRIAL * len(trials) + _SECONDS_A_SAMPLE * samples
+    announce(what, seconds, Diagnostic("fewer-trials-or-regression"))

@@ -1,0 +1,155 @@
+"""The way from trials to a law, whole: propose laws, fit each, score each by one sum, and keep the best.
+
+    plain terms, order by order  ─►  richer terms  ─►  errors  ─►  the best order  ─►  its law, with what else it may be
+
+Each step takes the best candidate of each order and returns one. What a candidate consists of is a `Pool` of fits, see
+`commonlaw.inference`; how it is found is in `candidate_search`, and what becomes of the best in `inference.assemble`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from commonlaw.discovery.candidate import Candidate
+from commonlaw.discovery.candidate_search import CandidateSearch
+from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.orders import of_best_order, those_found, with_order_said
+from commonlaw.errors import CommonlawError
+from commonlaw.inference import (
+    assemble,
+    error_kinds,
+    explains_whole_trials,
+    may_be_of_first_order,
+    may_be_of_lower_order,
+    most_explaining,
+)
+from commonlaw.law import Law
+from commonlaw.law.text import order_in_words
+from commonlaw.library import Order, one_order
+from commonlaw.progress import part
+
+MAX_TERMS_OF_HIGHER_ORDER = 3
+"""Coefficients of an equation of higher order more than which may stand for richer terms of a lower order."""
+
+
+def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possible: Sequence[Sequence[int]]) -> Law:
+    """Return the law of largest evidence among those of several orders, each as probable beforehand.
+
+    Higher orders are tried where a plain law of the lowest may be wrong or could be simpler, and richer terms where the
+    best plain law may. All laws have white noise, if that explains what the best of them leaves; else each has the
+    errors of its own largest evidence. An order of which no law can be found is left out.
+
+    Parameters
+    ----------
+    search
+        How laws are sought.
+    structure
+        What is sought, whatever its order.
+    possible
+        The orders that each state may have.
+
+    Raises
+    ------
+    CommonlawError
+        If no law of any order can be found: the last reason.
+    """
+    several = any(len(each) > 1 for each in possible)
+    candidates, refused = _plain_laws(search, structure, possible)
+    best = _best(candidates)
+    if several and (not best.is_simple or may_be_of_lower_order(best.pool)):
+        candidates = [search.finer(each) for each in candidates]
+    candidates = _with_richer_terms(search, candidates)
+    candidates, failed = _with_errors(search, candidates)
+    if not candidates:
+        raise failed[-1]
+    best = _best(candidates)
+    if several:
+        candidates, best = _explaining_whole_trials(search, candidates)
+    law = _law(search, best)
+    if not several:
+        return law
+    others = [(each.order, each.score - best.score) for each in candidates if each is not best]
+    return with_order_said(law, others, [*refused, *failed])
+
+
+def _plain_laws(
+    search: CandidateSearch, structure: ModelStructure, possible: Sequence[Sequence[int]]
+) -> tuple[list[Candidate], list[CommonlawError]]:
+    """Return the law among plain terms of each order that is tried, and why there is none of others."""
+    several = any(len(each) > 1 for each in possible)
+    lowest = one_order([each[0] for each in possible])
+
+    def of_order(order: Order) -> Candidate:
+        if several:
+            search.progress(f"seeking laws of order {order_in_words(order, search.trials.schema.states)}")
+        is_first = several and order == lowest
+        candidate = search.plain(replace(structure, order=order), is_first)
+        if is_first:
+            candidate = search.of_higher_degree(candidate)
+            if not (candidate.pool.best.lack_of_fit or candidate.is_simple):
+                candidate = search.richer(candidate)
+        return candidate
+
+    return of_best_order(of_order, possible, lambda each: each.score, lambda each: each.is_simple)
+
+
+def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Offer richer terms, to one order after the other, where the best law so far may be wrong or be simpler.
+
+    The best law first; but that of the lowest order where the best law is what one of lower order implies, or where
+    rates may be a function of the states.
+    """
+    left, done = sorted(candidates, key=lambda each: each.score), list[Candidate]()
+    while left:
+        best = _best([*done, *left])
+        lowest = min(left, key=lambda each: each.total_order)
+        is_lower = lowest.total_order < best.total_order
+        may_be_lower = is_lower and may_be_of_first_order(best.pool.best.problem)
+        implied = is_lower and may_be_of_lower_order(best.pool)
+        if best.is_simple and not implied and not (may_be_lower and best.most_terms > MAX_TERMS_OF_HIGHER_ORDER):
+            break
+        chosen = lowest if implied or may_be_lower else left[0]
+        left = [each for each in left if each is not chosen]
+        done.append(search.richer(chosen))
+    return [*done, *left]
+
+
+def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[list[Candidate], list[CommonlawError]]:
+    """Return laws with the errors that are chosen, the largest evidence first, and why there are none of others."""
+    is_auto, best = search.options.errors == "auto", _best(candidates)
+    if len(candidates) > 1 and is_auto and not best.pool.best.reason_for_errors:
+        candidates = [search.resolved(each) for each in candidates]  # A coarse mesh may hide a reason
+        best = _best(candidates)
+    failed = list[CommonlawError]()
+    if len(candidates) == 1 or not is_auto or best.pool.best.reason_for_errors:
+        candidates, failed = those_found(search.with_errors, candidates)
+    return sorted(candidates, key=lambda each: each.score), failed
+
+
+def _explaining_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> tuple[list[Candidate], Candidate]:
+    """Return candidates, and that whose solutions explain whole trials where those of the best do not."""
+    best, *others = ranked
+    if not others or search.options.errors != "auto" or explains_whole_trials(best.pool.best):
+        return ranked, best
+    lacking = [each for each in others if each.pool.best.has_model_error and not each.pool.approximations]
+    found, _ = those_found(search.with_errors, lacking)
+    ranked = [best, *(each for each in others if each not in lacking), *found]
+    return ranked, ranked[most_explaining([each.pool for each in ranked])]
+
+
+def _law(search: CandidateSearch, best: Candidate) -> Law:
+    options, structure = search.options, best.screened.structure
+    law = assemble(
+        best.pool,
+        kinds=error_kinds(options.errors, search.trials.schema),
+        covariance=options.covariance,
+        universal=structure.universal_in,
+        partial_pooling=options.partial_pooling,
+        seed=options.seed,
+        progress=part(search.progress, 0.9, 1.0),
+    )
+    history = (*best.screened.steps, *best.steps, *law.history)
+    return replace(law, provenance=replace(law.provenance, history=history))
+
+
+def _best(candidates: Sequence[Candidate]) -> Candidate:
+    return min(candidates, key=lambda each: each.score)
