@@ -5,10 +5,9 @@ near the true ones in f, coefficients are found by least squares on integrals, w
 Klaassen 2015), and constants inside of terms from a bank of values.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -72,8 +71,6 @@ class Match:
         Integrals of the others at each value in their banks, of unit norm, and the banks.
     integrals
         How they are integrated.
-    slopes
-        Derivatives by the constants, by index of a term and of a value, as far as they were asked for.
     """
 
     target: Floats
@@ -82,7 +79,6 @@ class Match:
     others: Floats
     banks: Banks
     integrals: "Integrals"
-    slopes: dict[tuple[int, int], Floats] = field(default_factory=dict)
 
     @cached_property
     def squares(self) -> Floats:
@@ -123,27 +119,6 @@ class Match:
     def _of(self, a: int) -> slice:
         return slice(self.banks.firsts[a], self.banks.firsts[a + 1])
 
-    def learn_slopes(self, pairs: Iterable[tuple[int, int]]) -> None:
-        """Compute derivatives by the constants at values in banks, by index of a term and of a value, all at once."""
-        own: dict[int, list[int]] = {}
-        for a, index in dict.fromkeys(pairs):
-            if (a, index) not in self.slopes:
-                own.setdefault(a, []).append(index)
-        banks = {a: [with_steps(self.banks.constants[a][index]) for index in each] for a, each in own.items()}
-        columns = self._integrated(
-            [self.banks.others[a] for a in banks], [np.concatenate(each) for each in banks.values()]
-        )
-        for (a, indices), found in zip(own.items(), columns, strict=True):
-            for index, each in zip(indices, np.split(found, len(indices), axis=1), strict=True):
-                self.slopes[a, index] = unit(each[:, 1:] - each[:, :1])[0]
-
-    def left_nearby(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
-        """Return the least sum of squares to first order about values of the constants, whose slopes are known."""
-        slopes = [self.slopes[pair] for pair in zip(others, indices, strict=True)]
-        whole = np.column_stack([self.plain[:, list(plain)], self.columns_at(others, indices), *slopes])
-        residuals = self.target - whole @ np.linalg.lstsq(whole, self.target, rcond=settings.MIN_SINGULAR_VALUE)[0]
-        return float(residuals @ residuals)
-
     def fitted(
         self, plain: Sequence[int], others: Sequence[ParametricTerm], constants: Sequence[Floats]
     ) -> tuple[Floats, Floats]:
@@ -154,16 +129,28 @@ class Match:
         columns = self._integrated(others, [own[np.newaxis] for own in constants])
         return solved(np.column_stack([self.plain[:, list(plain)] * self.norms[list(plain)], *columns]), self.target)
 
+    def left_nearby(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
+        """Return the least sum of squares to first order about values of the constants in banks."""
+        residuals, slopes = self._linearized(plain, others)(np.concatenate([[], *self._values(others, indices)]))
+        residuals = residuals - slopes @ np.linalg.lstsq(slopes, residuals, rcond=settings.MIN_SINGULAR_VALUE)[0]
+        return float(residuals @ residuals)
+
     def closest(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> tuple[Floats, ...]:
         """Return the constants of terms that leave least, near those in banks."""
-        begin = [self.banks.constants[a][i] for a, i in zip(others, indices, strict=True)]
-        if not any(map(len, begin)):
-            return tuple(begin)
-        cuts, fixed = np.cumsum([len(each) for each in begin])[:-1], self.plain[:, list(plain)]
-        terms = [self.banks.others[a] for a in others]
+        begin = self._values(others, indices)
+        found = closest(self._linearized(plain, others), np.concatenate([[], *begin]))
+        return tuple(np.split(found, np.cumsum([len(each) for each in begin])[:-1])) if begin else ()
+
+    def _values(self, others: Sequence[int], indices: Sequence[int]) -> list[Floats]:
+        return [self.banks.constants[a][i] for a, i in zip(others, indices, strict=True)]
+
+    def _linearized(self, plain: Sequence[int], others: Sequence[int]) -> Callable[[Floats], tuple[Floats, Floats]]:
+        """Return what gives, at constants of the others, what is left and its derivatives by them, see `projected`."""
+        fixed, terms = self.plain[:, list(plain)], [self.banks.others[a] for a in others]
+        cuts = np.cumsum([len(each.constants) for each in terms])[:-1]
 
         def linearized(values: Floats) -> tuple[Floats, Floats]:
-            columns = self._integrated(terms, [with_steps(own) for own in np.split(values, cuts)])
+            columns = self._integrated(terms, [with_steps(own) for own in np.split(values, cuts)] if terms else [])
             here = np.column_stack([fixed, *(each[:, 0] for each in columns)])
             whole, step = np.repeat(here[np.newaxis], 1 + len(values), axis=0), 1
             for place, each in enumerate(columns, fixed.shape[1]):
@@ -172,7 +159,7 @@ class Match:
                 step += count
             return projected(self.target, whole)
 
-        return tuple(np.split(closest(linearized, np.concatenate(begin)), cuts))
+        return linearized
 
     def _integrated(self, others: Sequence[ParametricTerm], banks: Sequence[Floats]) -> list[Floats]:
         """Return integrals of some terms at some values of their constants, shape (n, values) each."""
@@ -199,73 +186,40 @@ class Integrals:
     ) -> "tuple[Integrals, Floats]":
         """Return how an object's rates of a state are integrated, and what was measured of it, shape (n,).
 
-        Relative to its noise, without what free starts explain. Values of all variables along the curves have the shape
-        (points, variables).
+        Relative to its noise, without what free starts (and rates there) explain, in windows that are evenly spread.
+        Values of all variables along the curves have the shape (points, variables).
         """
-        model = problem.models[index]
+        from scipy.interpolate import CubicSpline
+
+        model, windows, before = problem.models[index], list[tuple[Mesh, int, Indices]](), 0
         variables, order = model.terms.variables, order_of_each(model.order, model.equations)[equation]
-        windows = _Window.of(problem, model.meshes, equation)
-        operators = [each.integrals(order) for each in windows]
-        if variables.states[equation] in variables.logarithmic:
-            state = values[:, equation]
-            operators = [own / state[each.points] for own, each in zip(operators, windows, strict=True)]
-        target = np.concatenate([each.target(order) for each in windows])
-        return cls([each.points for each in windows], operators), target
+        for mesh in model.meshes:
+            for part in np.split(np.arange(len(mesh)), np.flatnonzero(~mesh.contiguous) + 1):
+                count = -(-len(part) // settings.MAX_CURVE_POINTS)
+                windows += [(mesh, before, points) for points in np.array_split(part, count)]
+            before += len(mesh)
+        places, operators, targets = list[Indices](), list[Floats](), list[Floats]()
+        for mesh, before, points in (windows[i] for i in evenly_spaced(len(windows), settings.MAX_WINDOWS)):
+            observed, times = mesh.observed[points, equation], mesh.times[points]
+            std = problem.std_of(mesh)[points[observed], equation]
+            # Integrals, twice for a second order, of splines that are one at a point
+            rows = CubicSpline(times, np.eye(len(times))).antiderivative(order)(times[observed])
+            if variables.states[equation] in variables.logarithmic:
+                rows = rows / values[before + points, equation]
+            rows = np.column_stack([rows, mesh.measured[points[observed], equation]]) / std[:, np.newaxis]
+            elapsed = (times - times[0])[observed]
+            basis = np.linalg.qr(np.column_stack([elapsed**k / std for k in range(order)]))[0]
+            rows = rows - basis @ (basis.T @ rows)
+            places.append(before + points)
+            operators.append(rows[:, :-1])
+            targets.append(rows[:, -1])
+        return cls(places, operators), np.concatenate(targets)
 
     def of(self, rates: Floats) -> Floats:
         """Return integrals of rates along the curves, shape (n, k), as they show in the measurements."""
         pairs = zip(self.points, self.operators, strict=True)
         with np.errstate(all="ignore"):
             return np.concatenate([own @ rates[points] for points, own in pairs])
-
-
-@dataclass(frozen=True, eq=False)
-class _Window:
-    """Consecutive points of a trial, by their index, and the measurements of a state among them.
-
-    `observed` are the indices of these among the points.
-    """
-
-    points: Indices
-    times: Floats
-    observed: Indices
-    measured: Floats
-    std: Floats
-
-    @classmethod
-    def of(cls, problem: SearchProblem, meshes: Sequence[Mesh], equation: int) -> "list[_Window]":
-        """Return windows of an object's trials, evenly spread."""
-        found, before = [], 0
-        for mesh in meshes:
-            std = problem.std_of(mesh)[:, equation]
-            cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
-            for first, last in pairwise(cuts):
-                for points in np.array_split(np.arange(first, last), -(-(last - first) // settings.MAX_CURVE_POINTS)):
-                    seen = np.flatnonzero(mesh.observed[points, equation])
-                    at = points[seen]
-                    own = mesh.times[points], seen, mesh.measured[at, equation], std[at]
-                    found.append(cls(before + points, *own))
-            before += len(mesh)
-        return [found[i] for i in evenly_spaced(len(found), settings.MAX_WINDOWS)]
-
-    def integrals(self, order: int) -> Floats:
-        """Return the integrals of splines that are one at a point, shape (measurements, points), see `target`.
-
-        Once, or for a second order twice.
-        """
-        from scipy.interpolate import CubicSpline
-
-        of_points = CubicSpline(self.times, np.eye(len(self.times))).antiderivative(order)(self.times[self.observed])
-        return self._beside_starts(of_points / self.std[:, np.newaxis], order)
-
-    def target(self, order: int) -> Floats:
-        """Return what was measured, relative to the noise, without what a free start (and rate there) explains."""
-        return self._beside_starts((self.measured / self.std)[:, np.newaxis], order)[:, 0]
-
-    def _beside_starts(self, rows: Floats, order: int) -> Floats:
-        times = (self.times - self.times[0])[self.observed]
-        basis = np.linalg.qr(np.column_stack([times**k / self.std for k in range(order)]))[0]
-        return np.asarray(rows - basis @ (basis.T @ rows))
 
 
 def with_steps(values: Floats) -> Floats:
@@ -279,7 +233,7 @@ def closest(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats
     What is left and its derivatives by relative changes of the values are those that `projected` returns.
     """
     found, (here, slopes) = begin, linearized(begin)
-    for _ in range(settings.MAX_SWEEPS):
+    for _ in range(settings.MAX_SWEEPS if len(begin) else 0):
         step = np.linalg.lstsq(slopes, -here, rcond=settings.MIN_SINGULAR_VALUE)[0] * _sizes(found)
         there = linearized(found + step)
         if not there[0] @ there[0] < here @ here:

@@ -291,21 +291,18 @@ class _Ranked:
 
         Constants may lie between those of the banks, which are coarse.
         """
-        values = in_parallel(lambda match: [match.best_values(*key) for key in keys], self.matches)
-        for match, indices in zip(self.matches, values, strict=True):
-            match.learn_slopes(
-                pair for key, each in zip(keys, indices, strict=True) for pair in zip(key[1], each, strict=True)
-            )
-        of_keys = list(zip(keys, zip(*values, strict=True), strict=True))
-        squares = [
-            sum(match.left_nearby(*key, each) for match, each in zip(self.matches, indices, strict=True))
-            for key, indices in of_keys
-        ]
+
+        def nearby(match: Match) -> list[tuple[float, tuple[int, ...]]]:
+            values = [match.best_values(*key) for key in keys]
+            return [(match.left_nearby(*key, each), each) for key, each in zip(keys, values, strict=True)]
+
+        of_keys = list(zip(*in_parallel(nearby, self.matches), strict=True))
+        squares = [sum(left for left, _ in each) for each in of_keys]
         found = dict[_Key, list[tuple[Floats, ...]]]()
         for k in np.argsort(squares, kind="stable")[: settings.MAX_REFINED]:
-            (plain, others), indices = of_keys[k]
-            pairs = zip(self.matches, indices, strict=True)
-            found[plain, others] = [match.closest(plain, others, each) for match, each in pairs]
+            plain, others = keys[k]
+            pairs = zip(self.matches, of_keys[k], strict=True)
+            found[keys[k]] = [match.closest(plain, others, indices) for match, (_, indices) in pairs]
         return found
 
     def _fitted(self, key: _Key, constants: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference import settings
-from commonlaw.inference.fit.integral_form import Course, closest, projected, solved, with_steps
+from commonlaw.inference.fit.integral_form import Course, Integrals, closest, projected, solved, with_steps
 from commonlaw.inference.fit.parameter_grid import powers_of_ten
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.validity import with_points_between
@@ -68,8 +68,8 @@ class _Sides:
     ----------
     target
         What was measured, relative to its noise, without what free starts explain, shape (m,).
-    operator
-        Integrals of rates that are one at a single point, shape (m, n).
+    integrals
+        How rates are integrated.
     beside
         Integrals of plain terms, shape (m, terms).
     above, below
@@ -79,7 +79,7 @@ class _Sides:
     """
 
     target: Floats
-    operator: Floats
+    integrals: Integrals
     beside: Floats
     above: Floats
     below: Floats
@@ -88,18 +88,15 @@ class _Sides:
     @classmethod
     def of(cls, course: Course, equation: int, offered: Ratios) -> "_Sides":
         """Return the terms of ratios along the curves of an object, for an equation."""
-        from scipy.linalg import block_diag
-
         match, values = course.match(equation), course.banks.values
         variables = course.problem.models[course.index].terms.variables
         beside, above, below = (Terms(variables, each) for each in (offered.beside, offered.above, offered.below))
-        along = values[np.concatenate([np.empty(0, dtype=np.int64), *match.integrals.points])]
         return cls(
             match.target,
-            block_diag(*match.integrals.operators),
+            match.integrals,
             match.integrals.of(beside.evaluate(values)),
-            above.evaluate(along),
-            below.evaluate(along),
+            above.evaluate(values),
+            below.evaluate(values),
             below.evaluate(with_points_between(values)),
         )
 
@@ -110,7 +107,7 @@ class _Sides:
         """
         with np.errstate(all="ignore"):
             rates = self.above[:, np.newaxis, :] / (self.below[:, below] @ coefficients.T)[:, :, np.newaxis]
-            ratios = np.tensordot(self.operator, rates, axes=1).transpose(1, 0, 2)
+        ratios = self.integrals.of(rates.reshape(len(rates), -1)).reshape(-1, *rates.shape[1:]).transpose(1, 0, 2)
         return np.concatenate([ratios, np.broadcast_to(self.beside, (len(ratios), *self.beside.shape))], axis=2)
 
     def whole(self, below: Sequence[int], coefficients: Floats) -> Bools:
