@@ -6,7 +6,7 @@ Klaassen 2015), and constants inside of terms from a bank of values.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -71,6 +71,8 @@ class Match:
         Integrals of the others at each value in their banks, of unit norm, and the banks.
     integrals
         How they are integrated.
+    changed
+        Integrals of the others at values in banks and a little changed ones, as far as they were asked for.
     """
 
     target: Floats
@@ -79,6 +81,7 @@ class Match:
     others: Floats
     banks: Banks
     integrals: "Integrals"
+    changed: dict[tuple[int, int], Floats] = field(default_factory=dict)
 
     @cached_property
     def squares(self) -> Floats:
@@ -109,6 +112,9 @@ class Match:
         """Return the values of the others that leave least, by their indices in banks, found in turn."""
         found, fixed = dict[int, int](), self.plain[:, list(plain)]
         for a in [*others] * len(others):
+            if len(self.banks.constants[a]) == 1:
+                found[a] = 0
+                continue
             found.pop(a, None)
             basis = np.linalg.qr(np.column_stack([fixed, self.columns_at([*found], [*found.values()])]))[0]
             columns, residuals = self.columns_of(a), self.target - basis @ (basis.T @ self.target)
@@ -131,35 +137,38 @@ class Match:
 
     def left_nearby(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
         """Return the least sum of squares to first order about values of the constants in banks."""
-        residuals, slopes = self._linearized(plain, others)(np.concatenate([[], *self._values(others, indices)]))
+        for a, i in zip(others, indices, strict=True):
+            if (a, i) not in self.changed:
+                (self.changed[a, i],) = self._changed([a], [self.banks.constants[a][i]])
+        columns = [self.changed[pair] for pair in zip(others, indices, strict=True)]
+        residuals, slopes = self._projected(plain, columns)
         residuals = residuals - slopes @ np.linalg.lstsq(slopes, residuals, rcond=settings.MIN_SINGULAR_VALUE)[0]
         return float(residuals @ residuals)
 
     def closest(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> tuple[Floats, ...]:
         """Return the constants of terms that leave least, near those in banks."""
-        begin = self._values(others, indices)
-        found = closest(self._linearized(plain, others), np.concatenate([[], *begin]))
-        return tuple(np.split(found, np.cumsum([len(each) for each in begin])[:-1])) if begin else ()
+        begin = [self.banks.constants[a][i] for a, i in zip(others, indices, strict=True)]
+        if not any(map(len, begin)):
+            return tuple(begin)
+        cuts = np.cumsum([len(each) for each in begin])[:-1]
+        found = closest(
+            lambda values: self._projected(plain, self._changed(others, np.split(values, cuts))), np.concatenate(begin)
+        )
+        return tuple(np.split(found, cuts))
 
-    def _values(self, others: Sequence[int], indices: Sequence[int]) -> list[Floats]:
-        return [self.banks.constants[a][i] for a, i in zip(others, indices, strict=True)]
+    def _changed(self, others: Sequence[int], constants: Sequence[Floats]) -> list[Floats]:
+        """Return integrals of the others at constants, and with one after the other of these a little changed."""
+        return self._integrated([self.banks.others[a] for a in others], [with_steps(each) for each in constants])
 
-    def _linearized(self, plain: Sequence[int], others: Sequence[int]) -> Callable[[Floats], tuple[Floats, Floats]]:
-        """Return what gives, at constants of the others, what is left and its derivatives by them, see `projected`."""
-        fixed, terms = self.plain[:, list(plain)], [self.banks.others[a] for a in others]
-        cuts = np.cumsum([len(each.constants) for each in terms])[:-1]
-
-        def linearized(values: Floats) -> tuple[Floats, Floats]:
-            columns = self._integrated(terms, [with_steps(own) for own in np.split(values, cuts)] if terms else [])
-            here = np.column_stack([fixed, *(each[:, 0] for each in columns)])
-            whole, step = np.repeat(here[np.newaxis], 1 + len(values), axis=0), 1
-            for place, each in enumerate(columns, fixed.shape[1]):
-                count = each.shape[1] - 1
-                whole[step : step + count, :, place] = each[:, 1:].T
-                step += count
-            return projected(self.target, whole)
-
-        return linearized
+    def _projected(self, plain: Sequence[int], columns: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """Return what plain terms and the first of each of some columns leave, and its derivatives by the others."""
+        here = np.column_stack([self.plain[:, list(plain)], *(each[:, 0] for each in columns)])
+        counts = [each.shape[1] - 1 for each in columns]
+        whole, step = np.repeat(here[np.newaxis], 1 + sum(counts), axis=0), 1
+        for place, (each, count) in enumerate(zip(columns, counts, strict=True), len(plain)):
+            whole[step : step + count, :, place] = each[:, 1:].T
+            step += count
+        return projected(self.target, whole)
 
     def _integrated(self, others: Sequence[ParametricTerm], banks: Sequence[Floats]) -> list[Floats]:
         """Return integrals of some terms at some values of their constants, shape (n, values) each."""
@@ -233,7 +242,7 @@ def closest(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats
     What is left and its derivatives by relative changes of the values are those that `projected` returns.
     """
     found, (here, slopes) = begin, linearized(begin)
-    for _ in range(settings.MAX_SWEEPS if len(begin) else 0):
+    for _ in range(settings.MAX_SWEEPS):
         step = np.linalg.lstsq(slopes, -here, rcond=settings.MIN_SINGULAR_VALUE)[0] * _sizes(found)
         there = linearized(found + step)
         if not there[0] @ there[0] < here @ here:
