@@ -79,7 +79,7 @@ MAX_SETS = (1500, 60, 400)
 denominator."""
 MAX_LINEARIZED = 80
 """Sets of as many numbers that are compared to first order about values of a grid."""
-MAX_REFINED = 6
+MAX_REFINED = 8
 """Sets of as many numbers, or values of a grid, that Gauss-Newton steps refine."""
 MAX_KEPT = 3
 """Best terms of a step, sets of as many numbers, or values, that go on to the next stage."""

@@ -55,26 +55,19 @@ def noise_of_digits(trials: Trials) -> Floats:
     Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12).
     """
     columns = np.concatenate([trial.states for trial in trials]).T
-    steps = np.array([_step(column[np.isfinite(column)]) for column in columns])
+    steps = np.zeros(len(columns))
+    for j, column in enumerate(columns):
+        different = np.unique(column[np.isfinite(column)])
+        if len(different) < 3:
+            continue
+        step = float(np.diff(different).min())
+        multiples = (different - different[0]) / step
+        if np.all(np.abs(multiples - np.round(multiples)) < settings.MAX_FROM_MULTIPLE):
+            steps[j] = step
+        else:  # Few values seldom are neighbours on their scale: the last decimal that any has is the step
+            decimals = (n for n in range(np.finfo(float).precision) if np.array_equal(different.round(n), different))
+            steps[j] = next((10.0**-n for n in decimals), 0.0)
     return np.asarray(steps / np.sqrt(12))
-
-
-def _step(values: Floats) -> float:
-    """Return the step of which all differences of values are multiples, or that of their decimals, 0 if there is none.
-
-    Few values seldom are neighbours on their scale: of decimals, the last that any has is the step.
-    """
-    different = np.unique(values)
-    if len(different) < 3:
-        return 0.0
-    step = float(np.diff(different).min())
-    multiples = (different - different[0]) / step
-    if np.all(np.abs(multiples - np.round(multiples)) < settings.MAX_FROM_MULTIPLE):
-        return step
-    decimals = (
-        places for places in range(np.finfo(float).precision) if np.array_equal(np.round(different, places), different)
-    )
-    return next((10.0**-places for places in decimals), 0.0)
 
 
 def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:

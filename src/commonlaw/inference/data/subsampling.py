@@ -109,21 +109,20 @@ def _spread_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
     if sum(map(len, trials)) <= share:
         return list(trials)
     longest = min(LONGEST_MESH, max(share // settings.MAX_OBJECTS, min(share, settings.MAX_CURVE_POINTS)))
-    segments = [segment for trial in trials for segment in _cut(trial, longest)]
+    segments = list[Trial]()
+    for trial in trials:
+        count = -(-len(trial) // longest)
+        ends = [len(trial) * i // count for i in range(count + 1)]
+        segments += (
+            [trial]
+            if count == 1
+            else [
+                replace(trial.rows(slice(first, stop)), name=f"{trial.name}, samples {first + 1} to {stop}")
+                for first, stop in pairwise(ends)
+            ]
+        )
     count = max(1, int(share / np.mean([len(each) for each in segments])))
     return [segments[i] for i in evenly_spaced(len(segments), count)]
-
-
-def _cut(trial: Trial, longest: int) -> list[Trial]:
-    """Return a trial in even segments that are no longer."""
-    count = -(-len(trial) // longest)
-    if count == 1:
-        return [trial]
-    ends = [len(trial) * i // count for i in range(count + 1)]
-    return [
-        replace(trial.rows(slice(first, stop)), name=f"{trial.name}, samples {first + 1} to {stop}")
-        for first, stop in pairwise(ends)
-    ]
 
 
 def _ordinal(number: int) -> str:

@@ -1,6 +1,5 @@
 """The bounds of coefficients of terms that are not in a law, as `Law.bounds` gives them."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -78,41 +77,26 @@ class Bounds(ShownInNotebooks):
         """Return a table with a row for each equation, term and object."""
         import pandas as pd
 
-        rows = [
-            {
-                "equation": each.equation,
-                "term": each.term,
-                "object": each.object,
-                "coefficient": each.coefficient,
-                "standard error": each.error,
-                "low": each.low,
-                "high": each.high,
-                "at most": each.at_most,
-                "adds at most": each.effect,
-                "unit": each.unit,
-                "seen": each.seen,
-            }
-            for each in self.bounds
-        ]
-        return pd.DataFrame(rows)
+        names = {"error": "standard error", "at_most": "at most", "effect": "adds at most"}
+        rows = [vars(each) | {"seen": each.seen} for each in self.bounds]
+        return pd.DataFrame(rows).rename(columns=names)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the measurements say of each term, in words."""
-        return tuple(self._sentences())
-
-    def _sentences(self) -> Iterator[str]:
+        found = list[str]()
         for equation, term in dict.fromkeys((each.equation, each.term) for each in self.bounds):
-            own = [each for each in self.bounds if (each.equation, each.term) == (equation, term)]
-            largest, seen = max(own, key=lambda each: each.effect), [each.object for each in own if each.seen]
-            among = f" of {', '.join(seen)}" if len(own) > 1 else ""
+            objects = [each for each in self.bounds if (each.equation, each.term) == (equation, term)]
+            largest, seen = max(objects, key=lambda each: each.effect), [each.object for each in objects if each.seen]
+            among = f" of {', '.join(seen)}" if len(objects) > 1 else ""
             beyond = f" An interval{among} does not hold zero: the term may be there." if seen else ""
             size = f"{largest.at_most:.2g} {largest.unit}".rstrip()
-            whose = f", of {largest.object}," if len(own) > 1 else ""
-            yield (
+            whose = f", of {largest.object}," if len(objects) > 1 else ""
+            found.append(
                 f"{term} in {equation}: its coefficient is at most {size}{whose} at {self.level:.0%}, and adds "
                 f"{largest.effect:.2g} at most.{beyond}"
             )
+        return tuple(found)
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)

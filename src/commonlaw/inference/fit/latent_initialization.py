@@ -16,7 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import scales_of_starts
 from commonlaw.inference.data.smoothing import Curve, first_coefficients, terms_and_rates
-from commonlaw.inference.fit.parameter_grid import values_to_try
+from commonlaw.inference.fit.parameter_grid import combined, values_of_each
 from commonlaw.inference.fit.structural_identifiability import may_be_mixed, may_be_rescaled, may_be_shifted
 from commonlaw.library import Terms, order_of_each, with_rates
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
@@ -238,7 +238,8 @@ class _Guesses:
         (equations, columns), matrix = self._rates(is_rate, powers)
         first, inside = len(terms.variables.measured), tried & ~is_rate
         others = [first + terms.constants.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
-        bank = values_to_try(terms, self._whole(self.scales)[np.newaxis], others) if others else np.empty((1, 0))
+        sizes = self._whole(self.scales)[np.newaxis]
+        bank = combined(values_of_each(terms, sizes, others)) if others else np.empty((1, 0))
         signs = np.sign(guess[is_rate])
         factors = np.nan_to_num(np.abs(self.known[equations, columns]), nan=1.0)
         steps = self._duration / min(np.diff(trial.measured().times).min() for trial in trials)

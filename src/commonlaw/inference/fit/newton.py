@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.array_types import Floats, Indices
 from commonlaw.inference.settings import DIFFERENCE_SPACING, MAX_ITERATIONS, ROUNDING
 
 
@@ -42,19 +42,14 @@ def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Float
     free = np.flatnonzero(high - low > 2 * DIFFERENCE_SPACING)
     middle = known if np.array_equal(center, at) else value(center)
     gradient, curvature = _derivatives(value, center, middle, free)
-    held = _held(at[free], gradient, low[free], high[free])
-    step = np.zeros(len(at))
-    inner = free[~held]
+    outward = np.where(gradient > 0, at[free] <= low[free], (gradient < 0) & (at[free] >= high[free]))
+    step, inner = np.zeros(len(at)), free[~outward]
     if len(inner):
-        own, directions = np.linalg.eigh(curvature[np.ix_(~held, ~held)])
-        own = np.maximum(np.abs(own), ROUNDING * np.abs(own).max())
-        if own.max() > 0:
-            step[inner] = -directions @ ((directions.T @ gradient[~held]) / own)
+        sizes, directions = np.linalg.eigh(curvature[np.ix_(~outward, ~outward)])
+        sizes = np.maximum(np.abs(sizes), ROUNDING * np.abs(sizes).max())
+        if sizes.max() > 0:
+            step[inner] = -directions @ ((directions.T @ gradient[~outward]) / sizes)
     return step
-
-
-def _held(at: Floats, gradient: Floats, low: Floats, high: Floats) -> Bools:
-    return np.asarray(((at <= low) & (gradient > 0)) | ((at >= high) & (gradient < 0)))
 
 
 def _derivatives(value: Callable[[Floats], float], at: Floats, middle: float, free: Indices) -> tuple[Floats, Floats]:

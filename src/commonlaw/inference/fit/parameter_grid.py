@@ -23,11 +23,6 @@ def powers_of_ten(per_decade: int, decades: float = settings.MAX_DECADES) -> Flo
     return np.asarray(10.0 ** (np.arange(-count, count + 1) / per_decade))
 
 
-def values_to_try(terms: Terms, values: Floats, columns: Sequence[int]) -> Floats:
-    """Return combinations of the values of `values_of_each`, shape (combinations, constants)."""
-    return combined(values_of_each(terms, values, columns))
-
-
 def combined(banks: Sequence[Floats]) -> Floats:
     """Return combinations of the values of each constant, shape (combinations, constants); of too many, some."""
     counts = [len(each) for each in banks]
@@ -233,7 +228,7 @@ def _bank(other: ParametricTerm, variables: Variables, values: Floats, sampled: 
     first = len(variables.measured)
     columns = range(first, first + len(other.constants))
     terms = Terms(replace(variables, constants=other.constants), (other.term, *map(Constant, columns)))
-    bank = values_to_try(terms, values[sampled], columns) if other.constants else np.empty((1, 0))
+    bank = combined(values_of_each(terms, values[sampled], columns)) if other.constants else np.empty((1, 0))
     every = [*values.T[:, :, np.newaxis], *bank.T[:, np.newaxis, :]]
     whole = np.ones(len(bank), dtype=bool)
     for code in divisors(terms, 0):

@@ -6,7 +6,7 @@ rates are less accurate than trajectories, so nothing rests on them: once a law 
 tried on the likelihood linearised about it (a score test), and comes back if it would improve the evidence.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from commonlaw.inference.data.smoothing import smooth_curves, terms_and_rates
 from commonlaw.inference.data.subsampling import as_many_as_are_carried
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.library import Terms
-from commonlaw.trials import Trial, Trials
+from commonlaw.trials import Trials
 from commonlaw.wording import counted
 
 
@@ -51,11 +51,16 @@ def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) 
     )
     check_memory(f"screening of {counted(len(terms), 'term')}", size, "take a smaller library")
     some = as_many_as_are_carried(trials, estimated_noise(trials)[0], settings.MAX_SCREENED_SAMPLES).trials
-    problems = [_regression(some.of_object(name), terms, own) for name, own in zip(objects, known, strict=True)]
-    factors = np.array([each.factor for each in problems if each is not None])
+    order, factors = terms.variables.order_of(known.shape[1]), list[Floats]()
+    for name, given in zip(objects, known, strict=True):
+        pairs = [(trial, smooth_curves(trial, order)) for trial in some.of_object(name)]
+        complete = [pair for pair in pairs if np.isfinite(pair[1][0]).all()]
+        if complete:
+            library, rates = terms_and_rates(terms, complete)
+            factors.append(LeastSquaresProblem.of(library, rates - library @ np.nan_to_num(given).T).factor)
     allowed = np.isnan(known[0])
     kept = needed.copy()
-    ranked = [_ranked(factors, j, len(terms), own) for j, own in enumerate(allowed)]
+    ranked = [_ranked(np.array(factors), j, len(terms), own) for j, own in enumerate(allowed)]
     for _ in range(settings.MAX_TERMS):
         if kept.sum() >= settings.MAX_SCREENED_TERMS:
             break
@@ -101,17 +106,6 @@ def missed_terms(fit: Fit, terms: Terms) -> Bools:
                     break
                 missed[tried[each.support[len(inside) :]]] = True
     return missed
-
-
-def _regression(group: Sequence[Trial], terms: Terms, known: Floats) -> LeastSquaresProblem | None:
-    """Return the regression of smoothed rates of one object on all terms; None if a state was measured in no trial."""
-    order = terms.variables.order_of(group[0].states.shape[1])
-    pairs = [(trial, smooth_curves(trial, order)) for trial in group]
-    complete = [pair for pair in pairs if np.isfinite(pair[1][0]).all()]
-    if not complete:
-        return None
-    library, rates = terms_and_rates(terms, complete)
-    return LeastSquaresProblem.of(library, rates - library @ np.nan_to_num(known).T)
 
 
 def _ranked(factors: Floats, equation: int, terms: int, allowed: Bools) -> Iterator[Indices]:

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference import settings
 from commonlaw.inference.data.noise import by_columns
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.lack_of_fit import in_words
 from commonlaw.inference.fit.latent_initialization import unmeasured_in_words
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
+from commonlaw.inference.settings import CONVERGED, MAX_MESH_POINTS, MAX_MODELS, MAX_TERMS, MIN_PROBABILITY
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.outcomes import Outcome, OutcomeKind, note
@@ -42,7 +42,7 @@ def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]], chosen_b
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         likely = probabilities(listed)
         for i, each in enumerate(listed):
-            if i < settings.MAX_MODELS or likely[i] > settings.MIN_PROBABILITY:
+            if i < MAX_MODELS or likely[i] > MIN_PROBABILITY:
                 measures = _measures(each, float(likely[i]), chosen_by)
                 found.append(Alternative(equation, each.names, measures, False, each.chosen))
     return tuple(found)
@@ -95,7 +95,7 @@ def outcomes(law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool) -> t
     found += [
         note("as-many-terms-as-samples", side, terms=most)
         for side, support in zip(law.left_hand_sides, fit.supports, strict=True)
-        if support.sum() == most < min(settings.MAX_TERMS, fit.problem.allowed.sum(axis=1).max())
+        if support.sum() == most < min(MAX_TERMS, fit.problem.allowed.sum(axis=1).max())
     ]
     return tuple(found)
 
@@ -184,8 +184,8 @@ def history(
 ) -> tuple[Step, ...]:
     """Return every choice that was made, in order, and what terms were chosen by."""
     problem = fit.problem
-    resolved = f"a finer mesh moves the coefficients by less than {settings.CONVERGED:g} standard errors"
-    mesh = resolved if problem.points < settings.MAX_MESH_POINTS[-1] else "the finest there is"
+    resolved = f"a finer mesh moves the coefficients by less than {CONVERGED:g} standard errors"
+    mesh = resolved if problem.points < MAX_MESH_POINTS[-1] else "the finest there is"
     steps = [
         *sample_steps(problem),
         noise_step(problem),

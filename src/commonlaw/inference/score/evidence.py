@@ -115,7 +115,12 @@ def minus_twice_log_evidence(
     norms = np.sqrt(np.mean(np.sum(reduced[:, :size, :size] ** 2, axis=1), axis=0))
     columns = reduced[:, :size, :size] / np.where(norms > 0, norms, 1.0)
     try:
-        bases = [columns] if size == 1 or len(factors) == 1 else [columns, _orthogonal(columns)]
+        bases = [columns]
+        if (
+            size > 1 and len(factors) > 1
+        ):  # The columns of all together so mixed that each is orthogonal to those before
+            mixed = np.linalg.qr(columns.reshape(-1, size), mode="r")
+            bases.append(np.asarray(np.matmul(columns, np.linalg.inv(mixed))))
         variance = measured.variance(squares, own)
         costs = np.array([_scatter_cost(basis, reduced[:, :size, size:], variance, common) for basis in bases])
     except np.linalg.LinAlgError:
@@ -151,12 +156,6 @@ def residual_squares(factors: Floats, indices: Indices) -> float:
     """Return the sum of squares that a support leaves on all objects."""
     left = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))[:, -1, -1]
     return float(left @ left)
-
-
-def _orthogonal(columns: Floats) -> Floats:
-    """Return each object's columns mixed so that those of all together are orthogonal, each to the ones before it."""
-    mixed = np.linalg.qr(columns.reshape(-1, columns.shape[2]), mode="r")
-    return np.asarray(np.matmul(columns, np.linalg.inv(mixed)))
 
 
 def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int) -> float:

@@ -118,12 +118,13 @@ class SupportEvidence:
                 found.append([ComparedSupport(chosen, 0.0, True)])
                 continue
             equation = self._equation(supports, j, self._alone(supports, j))
-            near = [
-                chosen,
-                *(each for _, each in equation.neighbours(chosen, self.allowed[j], max(self.most, chosen.sum()))),
-            ]
-            listed = list({each.tobytes(): each for each in (*near, *(other[j] for _, other in fitted))}.values())
-            exact = {each[j].tobytes(): above for above, each in fitted if _differ_in(each, supports, j)}
+            near = equation.neighbours(chosen, self.allowed[j], max(self.most, chosen.sum()))
+            several = [chosen, *(each for _, each in near), *(other[j] for _, other in fitted)]
+            listed = list({each.tobytes(): each for each in several}.values())
+            others = np.delete(supports, j, axis=0)
+            exact = {
+                each[j].tobytes(): above for above, each in fitted if np.array_equal(np.delete(each, j, axis=0), others)
+            }
             here = equation.value(chosen)
             values = np.array(
                 [here + exact[own] if (own := each.tobytes()) in exact else equation.value(each) for each in listed]
@@ -162,7 +163,7 @@ class SupportEvidence:
         """Return the evidence for one equation, by its problems, the others' terms being given."""
         others = int(np.delete(supports, equation, axis=0).sum())
         measured = self.measured.without(others * len(self.problems))
-        return _EquationEvidence.of(alone, measured, self.prices)
+        return _EquationEvidence(np.array([problem.factor for problem in alone]), measured, self.prices)
 
     def _alone(self, supports: Bools, equation: int) -> list[LeastSquaresProblem]:
         """Return the problems of one equation, with what the terms of the others explain taken out."""
@@ -214,11 +215,6 @@ class _EquationEvidence:
     measured: Measured
     prices: Prices
 
-    @classmethod
-    def of(cls, problems: Sequence[LeastSquaresProblem], measured: Measured, prices: Prices) -> "_EquationEvidence":
-        """Return the evidence on these problems."""
-        return cls(np.array([problem.factor for problem in problems]), measured, prices)
-
     def value(self, support: Bools, needed: float = np.inf) -> float:
         """Return minus twice the log-evidence of a support, with what choosing it costs.
 
@@ -237,41 +233,24 @@ class _EquationEvidence:
         return best, value
 
     def neighbours(self, support: Bools, allowed: Bools, most: int) -> Iterator[tuple[float, Bools]]:
-        """Yield the neighbours of a support of at most so many terms, each with a lower bound of its value."""
-        for staying, entering in _changes(support, allowed):
+        """Yield the neighbours of a support of at most so many terms, each with a lower bound of its value.
+
+        None or one term leaves, and none or one enters.
+        """
+        objects, outside = len(self.factors), np.flatnonzero(allowed & ~support).tolist()
+        for leaving in (-1, *np.flatnonzero(support).tolist()):
+            staying = support.copy()
+            staying[leaving] &= leaving < 0
             rests = rss_with_each(self.factors, np.flatnonzero(staying))
-            for index in entering:
-                changed = _with(staying, index)
+            for entering in outside if leaving < 0 else (-1, *outside):
+                changed = staying.copy()
+                changed[entering] |= entering >= 0
                 size = int(changed.sum())
                 if size <= most:
-                    least = float(self.measured.deviance(float(rests[index]), size * len(self.factors)))
-                    cost = cost_of_coefficients(size, len(self.factors), self.measured)
+                    least = float(self.measured.deviance(float(rests[entering]), size * objects))
+                    cost = cost_of_coefficients(size, objects, self.measured)
                     yield least + cost + self.prices.of(changed), changed
-
-
-def _differ_in(supports: Bools, others: Bools, equation: int) -> bool:
-    """Whether supports of all equations differ in no other equation."""
-    same = (supports == others).all(axis=1)
-    return bool(np.delete(same, equation).all())
 
 
 def _path(problems: Sequence[LeastSquaresProblem], allowed: Bools, solver: AbstractSolver) -> list[Bools]:
     return [np.asarray(each.support.any(axis=0)) for each in solver.path(problems, 0, allowed)]
-
-
-def _changes(support: Bools, allowed: Bools) -> list[tuple[Bools, list[int]]]:
-    """Return what stays of a support when none or one term leaves, and which may then enter, by index; none is -1."""
-    outside = [int(index) for index in np.flatnonzero(allowed & ~support)]
-    found = [(support, outside)]
-    for leaving in np.flatnonzero(support):
-        staying = support.copy()
-        staying[leaving] = False
-        found.append((staying, [-1, *outside]))
-    return found
-
-
-def _with(support: Bools, index: int) -> Bools:
-    changed = support.copy()
-    if index >= 0:
-        changed[index] = True
-    return changed

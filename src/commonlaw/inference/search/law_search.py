@@ -8,7 +8,6 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator
-from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import beside_alternatives, fit_supports, polish, search, to_scale
 from commonlaw.inference.fit.fit import ANY_ERROR, Fit, by_score
 from commonlaw.inference.fit.heteroscedasticity import with_growing_noise
@@ -19,6 +18,7 @@ from commonlaw.inference.search.log_scale import error_kinds
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.search.staged_search import few_of, search_by_few
+from commonlaw.inference.settings import MAX_MESH_POINTS
 from commonlaw.law import Step
 from commonlaw.library import Terms
 from commonlaw.likelihood import ErrorKind
@@ -96,7 +96,7 @@ def search_supports(
 def explained_on_finer_mesh(pool: Pool, progress: ProgressCallback) -> Pool:
     """Return a search on a finer mesh if its law has a model error, as a coarse mesh looks, too."""
     fits = pool.explored
-    while fits[0].has_model_error and fits[0].problem.points < settings.MAX_MESH_POINTS[0]:
+    while fits[0].has_model_error and fits[0].problem.points < MAX_MESH_POINTS[0]:
         # The random walk is to be the same in twice as many steps
         finer = on_finer_mesh(fits[0], (fits[0].model_error / np.sqrt(2),))
         if finer is None:
