@@ -301,8 +301,9 @@ def gains(inner: Floats, outside: Floats) -> Floats:
 
 
 def unit(columns: Floats) -> tuple[Floats, Floats]:
-    """Return columns of unit norm, zero where they are not finite, and the norms that they had."""
+    """Return columns of unit norm, shape (..., n, columns), zero where they are not finite, and the norms they had."""
     with np.errstate(over="ignore"):
-        norms = np.linalg.norm(columns, axis=0)
+        norms = np.linalg.norm(columns, axis=-2)
     usable = np.isfinite(norms) & (norms > 0)
-    return np.divide(columns, norms, out=np.zeros_like(columns), where=usable), norms
+    sizes = np.where(usable, norms, 1.0)[..., np.newaxis, :]
+    return np.divide(columns, sizes, out=np.zeros_like(columns), where=usable[..., np.newaxis, :]), norms

@@ -16,7 +16,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference import settings
-from commonlaw.inference.fit.integral_form import Course, Integrals, closest, projected, solved, with_steps
+from commonlaw.inference.fit.integral_form import Course, Integrals, closest, projected, solved, unit, with_steps
 from commonlaw.inference.fit.parameter_grid import powers_of_ten
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.validity import with_points_between
@@ -120,10 +120,7 @@ class _Sides:
 
         The sets of each size have the shape (sets, size).
         """
-        columns = self.columns(below, coefficients)
-        with np.errstate(over="ignore"):
-            norms = np.linalg.norm(columns, axis=1, keepdims=True)
-        columns = np.divide(columns, norms, out=np.zeros_like(columns), where=np.isfinite(norms) & (norms > 0))
+        columns, _ = unit(self.columns(below, coefficients))
         gram, inner = np.matmul(columns.transpose(0, 2, 1), columns), np.matmul(self.target, columns)
         gained = []
         for own in sets:
@@ -225,7 +222,10 @@ class _Ranked:
                     if new not in below:
                         self._add(wider, (*below, new), coefficients)
             found |= wider
-            listed = self._most_promising(wider)
+            best = dict[tuple[int, ...], Floats]()  # Denominators of the most promising shapes, and their coefficients
+            for shape in sorted(wider, key=lambda shape: self._criterion(shape.numbers, wider[shape].squares)):
+                best.setdefault(shape.below, wider[shape].below)
+            listed = [*best.items()][: settings.MAX_KEPT]
         return found
 
     def _without_one(self, shape: _Shape, score: _Score) -> Iterator[tuple[_Shape, _Score]]:
@@ -237,15 +237,6 @@ class _Ranked:
                 less, columns = _Shape(*parts), np.delete(np.arange(len(shape.below)), k if place == 1 else [])
                 if less.above and len(less.below) > 1 and self.offered.is_reduced(less.above, less.below):
                     yield less, self._closely(less, _Score(np.inf, score.below[:, columns]))
-
-    def _most_promising(self, found: dict[_Shape, _Score]) -> list[tuple[tuple[int, ...], Floats]]:
-        """Return the denominators of the best shapes, with their coefficients."""
-        listed = dict[tuple[int, ...], Floats]()
-        for shape, score in sorted(found.items(), key=lambda each: self._criterion(each[0].numbers, each[1].squares)):
-            listed.setdefault(shape.below, score.below)
-            if len(listed) == settings.MAX_KEPT:
-                break
-        return list(listed.items())
 
     def _add(self, found: dict[_Shape, _Score], below: tuple[int, ...], coefficients: Floats) -> None:
         """Add what all shapes leave of a denominator whose last term is new; the others have these coefficients."""
@@ -265,18 +256,14 @@ class _Ranked:
         left = in_parallel(lambda each, bank: each.left(ordered, bank, sets), self.sides, banks)
         places = [np.argmin(each, axis=0) for each in left]
         squares = np.sum([np.min(each, axis=0) for each in left], axis=0)
-        reduced = self.offered.is_reduced((), ordered)  # So is any ratio then
+        count, reduced = len(self.offered.above), self.offered.is_reduced((), ordered)  # So is any ratio then
         for k, terms in enumerate(chain.from_iterable(own.tolist() for own in sets)):
-            shape = self._shape(ordered, terms)
+            shape = _Shape(tuple(k for k in terms if k < count), ordered, tuple(k - count for k in terms if k >= count))
             better = shape not in found or squares[k] < found[shape].squares
             counts = shape.numbers <= settings.MAX_NUMBERS and np.isfinite(squares[k])
             if better and counts and (reduced or self.offered.is_reduced(shape.above, ordered)):
                 best = np.array([bank[place[k]] for bank, place in zip(banks, places, strict=True)])
                 found[shape] = _Score(float(squares[k]), best)
-
-    def _shape(self, below: tuple[int, ...], terms: Sequence[int]) -> _Shape:
-        count = len(self.offered.above)
-        return _Shape(tuple(k for k in terms if k < count), below, tuple(k - count for k in terms if k >= count))
 
     def _terms(self, shape: _Shape) -> list[int]:
         """Return the columns of the terms above and beside."""

@@ -37,6 +37,8 @@ class Measurements:
         How many numbers were measured.
     noise_is_fixed
         Whether what a law leaves does not change the noise.
+    prior
+        Measurements of each state that the first estimate of its noise is worth.
     """
 
     trials: Trials
@@ -61,9 +63,9 @@ class Measurements:
     def counted(self, noise: Floats, errors: ErrorModel, std: Floats) -> Measured:
         """Return how many numbers were measured, and how surely they tell the scale of noise that has these levels.
 
-        The noise estimated first counts as so many measurements of each state as `_PRIOR` says (an inverse gamma
-        distribution of the variance). Of exact measurements laws may leave less than what they are fitted under, and
-        then those count for more that leave less, down to a share of it; but digits tell no less than their steps.
+        The noise estimated first counts as `prior` measurements of each state (an inverse gamma distribution of the
+        variance). Of exact measurements laws may leave less than what they are fitted under, and then those count for
+        more that leave less, down to a share of it; but digits tell no less than their steps.
         """
         if self.noise_is_fixed:
             return Measured(self.count)
