@@ -13,7 +13,7 @@ from commonlaw.differentiation import differences, noise_correlation, noise_orde
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.parameter_grid import powers_of_ten
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.settings import MIN_SAMPLES, MIN_SAMPLES_OF_MANY, PER_DECADE
+from commonlaw.inference.settings import MAX_DECADES, MIN_SAMPLES, MIN_SAMPLES_OF_MANY, PER_DECADE
 from commonlaw.likelihood import ErrorModel
 
 
@@ -30,7 +30,7 @@ def growth(squared: Floats, sizes: Floats) -> tuple[float, Floats]:
         Of the state at these.
     """
     typical = max(np.sqrt(np.mean(sizes**2)), np.finfo(float).tiny)
-    shares = powers_of_ten(PER_DECADE[0])
+    shares = powers_of_ten(PER_DECADE[1], 2 * MAX_DECADES)
     variances = 1 + (shares[:, np.newaxis] * sizes / typical) ** 2
     levels = np.mean(squared / variances, axis=1)
     if not (levels > 0).all():
