@@ -9,8 +9,8 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference import prepare
 from commonlaw.inference.fit.annealing import fit_with
-from commonlaw.inference.fit.practical_identifiability import are_parameters_identifiable
-from commonlaw.inference.fit.validity import has_poles
+from commonlaw.inference.fit.lack_of_fit import has_poles
+from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable
 from commonlaw.library import Constant, Terms, Variables, parse_term
 
 TIMES = np.linspace(0, 3, 30)

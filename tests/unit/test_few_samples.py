@@ -6,7 +6,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import search
-from commonlaw.inference.search import staged_search
+from commonlaw.inference.search import law_search
 
 
 def swinging(damping, noise, samples, springs=1, step=0.05):
@@ -28,7 +28,7 @@ def few(monkeypatch):
         return search(problem, *rest, **options)
 
     monkeypatch.setattr(settings, "FEW_SAMPLES", 200)
-    monkeypatch.setattr(staged_search, "search", counting)
+    monkeypatch.setattr(law_search, "search", counting)
     return searched
 
 

@@ -8,7 +8,7 @@ from scipy.stats import t
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.inference.search.log_scale import on_log_scale
+from commonlaw.inference.search.setup import on_log_scale
 from commonlaw.integration import InitialValueProblem, VectorField, simulate
 from commonlaw.library import Terms, Variables, parse_library
 from commonlaw.plots import plot_forecast

@@ -13,8 +13,7 @@ from commonlaw.inference import prepare
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import Course
 from commonlaw.inference.fit.parameter_grid import Banks, frequencies_in_time
-from commonlaw.inference.fit.practical_identifiability import are_parameters_identifiable
-from commonlaw.inference.propose.candidate_laws import terms_of_sets
+from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable, terms_of_sets
 from commonlaw.inference.propose.integral_ranking import Start, TermSet, matching_sets
 from commonlaw.inference.score.score import Score
 from commonlaw.library import Constant, PolynomialLibrary, Terms, Variables, parametric_term, parse_library

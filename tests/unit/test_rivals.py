@@ -11,7 +11,7 @@ from benchmarks.families import experiment
 from benchmarks.next_experiment import first_trials
 from commonlaw.inference.fit import annealing, fit as fits
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.result.averaging import weighted
+from commonlaw.inference.result.assembly import weighted
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.search import law_search
 from commonlaw.inference.search.law_search import PATH

@@ -7,8 +7,7 @@ from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.covariance import CovarianceKind
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.propose.forcing import drives, with_drive_said
-from commonlaw.inference.propose.latent_states import with_latent_state
+from commonlaw.inference.propose.latent_states import drives, with_drive_said, with_latent_state
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_constants, with_constants_found
 from commonlaw.inference.propose.orders import may_be_of_first_order, may_be_of_lower_order, score_of_order
 from commonlaw.inference.propose.parametric import (
@@ -31,9 +30,8 @@ from commonlaw.inference.search.law_search import (
     resolved,
     search_supports,
 )
-from commonlaw.inference.search.log_scale import error_kinds
 from commonlaw.inference.search.pool import Pool
-from commonlaw.inference.search.setup import as_followed
+from commonlaw.inference.search.setup import as_followed, error_kinds
 from commonlaw.inference.settings import MAX_SAMPLES
 from commonlaw.inference.verbs.absent_terms import bounds
 from commonlaw.inference.verbs.adaptation import adapt

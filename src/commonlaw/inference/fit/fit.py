@@ -11,9 +11,8 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departure, departures, in_words
+from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departure, departures, diverges, follows_solutions, in_words
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.validity import diverges, follows_solutions
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import ComparedSupport, SupportEvidence
 from commonlaw.law import Step

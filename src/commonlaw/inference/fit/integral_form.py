@@ -13,9 +13,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.inference import settings
+from commonlaw.inference.fit.lack_of_fit import values_along
 from commonlaw.inference.fit.parameter_grid import Banks, along
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.validity import values_along
 from commonlaw.library import ParametricTerm, order_of_each
 from commonlaw.likelihood import Estimate, Mesh
 from commonlaw.spacing import evenly_spaced

@@ -1,15 +1,23 @@
-"""Whether white noise of the estimated level explains the residuals of a law."""
+"""Lack of fit: residuals that are no white noise, discretization error, divergence, and poles along trials."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
+from commonlaw.array_types import Floats
+from commonlaw.effort import unannounced
+from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.heteroscedasticity import growth
+from commonlaw.inference.fit.parameter_grid import divisors
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.settings import MAX_STANDARDIZED_RESIDUAL
-from commonlaw.likelihood import Estimate
+from commonlaw.integration import InitialValueProblem, Inputs, OutputOptions, VectorField, simulate_each
+from commonlaw.library.grammar import NUMPY, compiled
+from commonlaw.likelihood import Estimate, Mesh, jacobians
+from commonlaw.spacing import evenly_spaced
 
 
 @dataclass(frozen=True)
@@ -76,3 +84,102 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
     if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * price:
         found.append(Departure("autocorrelated"))
     return found
+
+
+@unannounced()
+def diverges(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
+    """Whether a trajectory of a trial that the law was learned from diverges there, from its fitted start."""
+    found = []
+    for i in evenly_spaced(len(problem.models), settings.MAX_CHECKED_OBJECTS):
+        model, estimate = problem.models[i], estimates[i]
+        for mesh, states in zip(model.meshes, estimate.states, strict=True):
+            cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
+            for first, last in pairwise(cuts):
+                times = mesh.times[first:last]
+                inputs = Inputs.of(times, mesh.inputs[first:last], problem.trials.schema.input_between)
+                field = replace(model.field(estimate.coefficients), inputs=inputs)
+                found.append(InitialValueProblem(field, states[first, : model.width], times, ""))
+    return any(each.outcome for each in simulate_each(found, OutputOptions(tolerance=1e-6)))
+
+
+def follows_solutions(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
+    """Return whether steps of the likelihood end where solutions do but for less than the noise, in the mean square.
+
+    Both begin at the estimated states, and without forces.
+    """
+    indices = evenly_spaced(len(estimates), settings.MAX_CHECKED_OBJECTS)
+    squares = [own for i in indices for own in _squared_errors(problem, i, estimates[i])]
+    return bool(np.mean(np.concatenate(squares)) < 1)
+
+
+def _squared_errors(problem: SearchProblem, index: int, estimate: Estimate) -> Iterator[Floats]:
+    """Yield squared errors of the steps of an object, mesh by mesh, in units of the variance of the noise.
+
+    They are infinite where steps are too fast to be followed.
+    """
+    model = problem.models[index]
+    field, d = model.field(estimate.coefficients), model.equations
+    for mesh, states in zip(model.meshes, estimate.states, strict=True):
+        own, on = states[:, : model.width], mesh.contiguous
+        std = np.broadcast_to(problem.std_of(mesh), (len(mesh), d))[1:][on]
+        with np.errstate(all="ignore"):
+            linear = jacobians(field, mesh, own)
+            try:  # Where a step without a defect ends, to first order
+                missed = np.linalg.solve(linear.end[on], linear.defects[on][:, :, np.newaxis])[:, :, 0]
+            except np.linalg.LinAlgError:
+                missed = np.full_like(linear.defects[on], np.inf)
+            found = np.full_like(missed, np.inf)
+            for count in (4, 8, 16, 32, 64):  # Stable where rates are up to 180 in a step
+                found, before = _followed(field, mesh, own, count)[on], found
+                if (np.abs(found - before)[:, :d] < settings.MAX_STEP_ERROR * std).all():
+                    break
+            squares = ((found - own[1:][on] + missed)[:, :d] / std) ** 2
+        yield np.where(np.isfinite(squares), squares, np.inf).ravel()
+
+
+def _followed(field: VectorField, mesh: Mesh, states: Floats, count: int) -> Floats:
+    """Return the states at the ends of all steps, from those at their starts, by as many steps of Runge and Kutta."""
+    z, h = states[:-1], mesh.steps[:, np.newaxis] / count
+
+    def rates(z: Floats, share: float) -> Floats:
+        inputs = mesh.inputs[:-1] if mesh.held else (1 - share) * mesh.inputs[:-1] + share * mesh.inputs[1:]
+        return field.derivatives(np.column_stack([z, inputs, mesh.times[:-1] + share * mesh.steps]))
+
+    for k in range(count):
+        first = rates(z, k / count)
+        second = rates(z + h / 2 * first, (k + 0.5) / count)
+        third = rates(z + h / 2 * second, (k + 0.5) / count)
+        last = rates(z + h * third, (k + 1) / count)
+        z = z + h / 6 * (first + 2 * second + 2 * third + last)
+    return z
+
+
+def has_poles(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
+    """Return whether something that terms are divided by, with constants in it, vanishes at states or between them."""
+    return any(has_pole(problem, i, each) for i, each in enumerate(estimates))
+
+
+def has_pole(problem: SearchProblem, index: int, estimate: Estimate) -> bool:
+    """Return whether something vanishes that terms are divided by, at states of an object or between them."""
+    if not (codes := divisors(problem.models[index].terms)):
+        return False
+    values = with_points_between(values_along(problem, index, estimate))
+    columns = problem.models[index].terms.at(values, estimate.coefficients).T
+    with np.errstate(all="ignore"):
+        return any(np.ptp(np.sign(compiled(code)(columns, NUMPY))) != 0 for code in codes)
+
+
+def values_along(problem: SearchProblem, index: int, estimate: Estimate) -> Floats:
+    """Return the variables along the estimated states of an object, shape (n, variables)."""
+    model = problem.models[index]
+    states = np.concatenate([each[:, : model.width] for each in estimate.states])
+    inputs, times = (np.concatenate([getattr(mesh, name) for mesh in model.meshes]) for name in ("inputs", "times"))
+    return model.terms.variables.natural(np.column_stack([states, inputs, times]))
+
+
+def with_points_between(values: Floats) -> Floats:
+    """Return points, shape (n, variables), with others on the straight lines between some of them."""
+    generator = np.random.default_rng(0)
+    first, last = generator.integers(len(values), size=(2, settings.MAX_PAIRS))
+    share = generator.uniform(size=(settings.MAX_PAIRS, 1))
+    return np.concatenate([values, share * values[first] + (1 - share) * values[last]])

@@ -1,4 +1,7 @@
-"""Laws whose equations have given sets of terms: fitted to the trajectories once, the likeliest first."""
+"""Laws whose equations have given sets of terms: fitted to the trajectories once, the likeliest first.
+
+One whose parameters inside of terms are not identifiable, or whose denominators vanish, is no law to choose.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,10 +14,10 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_supports, fit_with, to_scale
 from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, by_score
+from commonlaw.inference.fit.lack_of_fit import has_poles
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, short_way
-from commonlaw.inference.fit.practical_identifiability import are_parameters_identifiable
+from commonlaw.inference.fit.parameter_grid import frequencies_in_time
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.validity import has_poles
 from commonlaw.inference.propose.integral_ranking import Start, TermSet
 from commonlaw.library import Constant, Offer, Terms, parse_term
 from commonlaw.library.parametric import free_name
@@ -279,3 +282,40 @@ def terms_of_sets(problem: SearchProblem, rows: Sequence[TermSet]) -> TermsOfSet
         inside.append(tuple(tuple(len(texts) + names.index(each) for each in new) for _, new in own))
         known[:, j, [*places[-1], *(i for each in inside[-1] for i in each)]] = np.nan
     return TermsOfSets(terms, known, tuple(places), tuple(inside))
+
+
+def are_parameters_identifiable(fit: Fit) -> bool:
+    """Return whether measurements tell the constants of a law apart from what stands before their terms.
+
+    Of ``V s/(K + s)`` for instance they tell V/K alone where s is small beside K. There the likelihood is nothing like
+    the one that is linearised about a fit, and evidence that is computed from that means nothing. And of a drive that
+    no trial has a whole cycle of they do not tell that it repeats itself, nor of one with less than two samples a cycle
+    (Nyquist) its frequency, as slower ones have the same values there.
+    """
+    terms, trials = fit.problem.terms, fit.problem.trials
+    first, times = len(terms.variables.measured), [trial.times for trial in trials]
+    longest, shortest = max(map(np.ptp, times)), np.concatenate([*map(np.diff, times)]).min()
+    for column in frequencies_in_time(terms):
+        own = terms.constants[column - first]
+        frequencies = [np.abs(each.coefficients[:, own]).sum() for each in fit.estimates]
+        if np.median(frequencies) * longest < 2 * np.pi or np.max(frequencies) * shortest > np.pi:
+            return False
+    equations, chosen = np.nonzero(fit.supports)
+    constant = ~terms.is_factor[chosen]
+    bent = constant | np.array(terms.have_constants, dtype=bool)[chosen]
+    squares = []
+    for each, estimate in zip(fit.evidence.problems, fit.estimates, strict=True):
+        columns = each.factor[:, np.flatnonzero(fit.supports)]
+        found = estimate.coefficients[fit.supports]
+        try:
+            inverse = np.linalg.inv(np.linalg.qr(columns, mode="r"))
+        except np.linalg.LinAlgError:
+            return False
+        with np.errstate(over="ignore"):
+            squares.append(found**2 / np.sum(inverse**2, axis=1))
+    signs = np.sign([each.coefficients[fit.supports] for each in fit.estimates])
+    least = np.where(np.ptp(signs, axis=0) == 0, np.median(squares, axis=0), np.min(squares, axis=0))
+    lost = bent & ~(least >= settings.SIGNIFICANT**2)
+    return not any(
+        lost[own].sum() > 1 and (lost & constant)[own].any() for own in equations == equations[:, np.newaxis]
+    )

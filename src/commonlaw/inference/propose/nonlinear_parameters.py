@@ -19,10 +19,10 @@ from commonlaw.formulation import column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
 from commonlaw.inference.fit.integral_form import Integrals, solved
+from commonlaw.inference.fit.lack_of_fit import has_pole, values_along
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, usual_of_best
 from commonlaw.inference.fit.parameter_grid import combined, divisors, values_of_each
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.validity import has_pole, values_along
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.integration import VectorField
 from commonlaw.law import Law

@@ -17,9 +17,9 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference import settings
 from commonlaw.inference.fit.integral_form import Course, Integrals, closest, projected, solved, unit, with_steps
+from commonlaw.inference.fit.lack_of_fit import with_points_between
 from commonlaw.inference.fit.parameter_grid import powers_of_ten
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.validity import with_points_between
 from commonlaw.inference.propose.integral_ranking import InformationCriterion, Start, TermSet, courses_of, for_all
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate

@@ -12,8 +12,8 @@ from commonlaw.inference.fit.annealing import annealed, fit_solutions, fit_suppo
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.error_levels import with_errors_of_kind
-from commonlaw.inference.search.log_scale import error_kinds
 from commonlaw.inference.search.pool import Pool
+from commonlaw.inference.search.setup import error_kinds
 from commonlaw.likelihood import ErrorKind
 from commonlaw.progress import ProgressCallback, Stage, part
 

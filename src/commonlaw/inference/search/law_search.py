@@ -1,4 +1,8 @@
-"""The search among plain terms, or the fit of terms that are given, on meshes that are fine enough."""
+"""The search among plain terms, or the fit of terms that are given, on meshes that are fine enough.
+
+Of long trials and many objects, supports are sought in some of them, and all weigh what is found there: a search
+linearizes the likelihood with all candidate terms many times, and some thousand samples show it the same supports.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -8,21 +12,28 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator
-from commonlaw.inference.fit.annealing import beside_alternatives, fit_supports, polish, search, to_scale
-from commonlaw.inference.fit.fit import ANY_ERROR, Fit, by_score
+from commonlaw.inference import settings
+from commonlaw.inference.fit.annealing import (
+    beside_alternatives,
+    fit_supports,
+    fit_with,
+    polish,
+    search,
+    to_scale,
+    with_close_neighbours,
+)
+from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, by_score
 from commonlaw.inference.fit.heteroscedasticity import with_growing_noise
-from commonlaw.inference.fit.mesh import on_finer_mesh, until_resolved
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.input_interpolation import best_interpolation, with_interpolation
-from commonlaw.inference.search.log_scale import error_kinds
 from commonlaw.inference.search.pool import Pool
-from commonlaw.inference.search.setup import FitSetup
-from commonlaw.inference.search.staged_search import few_of, search_by_few
-from commonlaw.inference.settings import MAX_MESH_POINTS
+from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.law import Step
 from commonlaw.library import Terms
-from commonlaw.likelihood import ErrorKind
-from commonlaw.progress import ProgressCallback, part
+from commonlaw.likelihood import ErrorKind, threads_pay
+from commonlaw.parallel import in_parallel
+from commonlaw.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
 
@@ -96,7 +107,7 @@ def search_supports(
 def explained_on_finer_mesh(pool: Pool, progress: ProgressCallback) -> Pool:
     """Return a search on a finer mesh if its law has a model error, as a coarse mesh looks, too."""
     fits = pool.explored
-    while fits[0].has_model_error and fits[0].problem.points < MAX_MESH_POINTS[0]:
+    while fits[0].has_model_error and fits[0].problem.points < settings.MAX_MESH_POINTS[0]:
         # The random walk is to be the same in twice as many steps
         finer = on_finer_mesh(fits[0], (fits[0].model_error / np.sqrt(2),))
         if finer is None:
@@ -183,3 +194,53 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
             return pool.with_best(best)
         progress("fitting what is more plausible")
         fit = best
+
+
+def few_of(problem: SearchProblem, prepared: Callable[..., SearchProblem]) -> list[SearchProblem]:
+    """Return the problems of some of the samples or objects, none where there are few of both.
+
+    Parameters
+    ----------
+    problem
+        Of all.
+    prepared
+        Returns the problem of `most_samples`, see `prepare`.
+    """
+    objects, (size, count) = len(problem.models), settings.OBJECT_GROUPS
+    groups = [range(first, objects, objects // size) for first in range(count)] if objects > size * count else []
+    most = settings.FEW_SAMPLES * objects // size if groups else settings.FEW_SAMPLES
+    if sum(map(len, problem.trials)) > 2 * most:
+        fewer = prepared(most_samples=most)
+        return [fewer.of_objects(each) for each in groups] or [fewer]
+    return [problem.of_objects(each) for each in groups]
+
+
+def search_by_few(problem: SearchProblem, few: Sequence[SearchProblem], progress: ProgressCallback) -> list[Fit]:
+    """Return what a search finds, see `search`, where `few` are some of the samples or objects.
+
+    Where the measurements depart from all laws by more than their noise, in few or in all, the size of that decides
+    with the supports: these are sought in all then.
+    """
+    show = part(progress, 0.0, 0.7) if len(few) == 1 else lambda _: None
+    pays = threads_pay(problem.models)
+    best = [fits[0] for fits in in_parallel(lambda each: search(each, show), few, pays=pays)]
+    if not any(fit.has_model_error for fit in best):
+        progress(Stage("weighing by all samples what some of them show", 0.7))
+        distinct = {fit.supports.tobytes(): fit for fit in best}.values()
+        ways = in_parallel(lambda each: _chosen_again(problem, each), distinct, pays=pays)
+        weighed = [fit for way in ways for fit in way]
+        if all(fit.is_usable for fit in weighed):
+            weighed = with_close_neighbours(weighed)
+            if not weighed[0].has_model_error:
+                return weighed
+    return search(problem, progress, proposals=[fit.supports for fit in best] if len(few) > 1 else [])
+
+
+def _chosen_again(problem: SearchProblem, fit: Fit) -> list[Fit]:
+    """Return a law that some show with a model error, and without one chosen again by all."""
+    large, _ = settings.SCHEDULES[1]
+    if len(fit.estimates) == len(problem.starts):
+        first = fit_with(problem, fit.supports, large, problem.starts_with(fit.estimates))
+    else:
+        first = fit_supports(problem, fit.supports, (large,))
+    return [first, polish(problem, fit.supports, first.estimates or None, NO_ERROR)]

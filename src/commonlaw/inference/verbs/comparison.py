@@ -16,9 +16,8 @@ from commonlaw.inference.propose.orders import score_of_order
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import WORDS, with_error_models
 from commonlaw.inference.search.law_search import fit_terms
-from commonlaw.inference.search.log_scale import check_one_scale, error_kinds
 from commonlaw.inference.search.pool import Pool
-from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.search.setup import FitSetup, check_one_scale, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance
 from commonlaw.law.meeting import matched

@@ -9,7 +9,7 @@ from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.many_objects import objects_of_parts
-from commonlaw.inference.diagnose.convergence import converged
+from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import CovarianceKind, fitted_law, residual_freedom, total_freedom
 from commonlaw.inference.fit.latent_initialization import visited_besides
 from commonlaw.inference.fit.multistart import priors_from
