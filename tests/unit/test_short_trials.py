@@ -54,8 +54,9 @@ def test_as_many_terms_as_samples_can_tell_apart_are_said_to_be_so():
 def test_a_single_short_trial_gives_a_law_and_says_what_noise_was_assumed(samples, order):
     times = np.linspace(0, 2, samples)
     law = cl.discover(cl.Trials.from_arrays(times, 3 * np.exp(-times)), order=order, library="poly:3")
-    assert law.history[0].reason.startswith("assumed: ")
-    assert law.history[0].reason.endswith("`noise={'x': ...}`")
+    if samples - order - law.support.sum() < 4:  # Else the residuals of exact values estimate the noise
+        assert law.history[0].reason.startswith("assumed: ")
+        assert law.history[0].reason.endswith("`noise={'x': ...}`")
 
 
 def test_noise_of_short_trials_is_the_scatter_about_parabolas_of_all_of_them_together():

@@ -278,7 +278,7 @@ class _Ranked:
             key = each.sets[place], each.others
             inside = tuple(a for a in each.others if self.others[a].constants)
             few = alike[inside] < (settings.MAX_KEPT if inside else settings.MAX_REFINED)
-            if few and key not in found and squares[k] > before * (1 + settings.ROUNDING):
+            if few and key not in found and squares[k] > before * (1 + settings.COLLINEAR):
                 found[key] = None
                 alike[inside] += 1
             before = squares[k]
