@@ -29,12 +29,12 @@ def recovered(name: str) -> Recovered:
     with _score() as score:
         law = PROBLEMS[name]()
     estimates, errors = law.coefficients[:, law.support], law.standard_errors[:, law.support]
-    return Recovered(list(law.structure()), estimates.tolist(), errors.tolist(), score[-1] if score else None)
+    return Recovered(list(law.structure()), estimates.tolist(), errors.tolist(), score[0] if score else None)
 
 
 @contextmanager
 def _score() -> Iterator[list[float]]:
-    """Note the score of each law that is returned."""
+    """Note the score of each law that is fitted: first of that which is returned, then of others beside it."""
     noted = list[float]()
 
     def of(module: Any) -> Any:

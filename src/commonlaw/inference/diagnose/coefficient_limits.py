@@ -79,7 +79,7 @@ class Bounds(ShownInNotebooks):
 
         names = {"error": "standard error", "at_most": "at most", "effect": "adds at most"}
         rows = [vars(each) | {"seen": each.seen} for each in self.bounds]
-        return pd.DataFrame(rows).rename(columns=names)
+        return pd.DataFrame([{names.get(name, name): value for name, value in row.items()} for row in rows])
 
     @property
     def sentences(self) -> tuple[str, ...]:
