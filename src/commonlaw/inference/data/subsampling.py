@@ -68,10 +68,7 @@ def can_be_carried(trials: Trials) -> bool:
 
 
 def _stride(trials: Sequence[Trial], noise: Floats, wanted: int) -> int:
-    """Return how many samples there may be from one to the next that is kept, at most as many as are wanted.
-
-    At many times as many the noise is still told from the motion, in the longest trial: steps are then fine.
-    """
+    """Return the stride that thins samples, at most as wanted: much finer than one that still tells the noise."""
     longest, coarse = max(trials, key=len), 1
     # From fine to coarse: samples once in a turn look slow
     while coarse < settings.MIN_RESOLUTION * wanted and _tells_noise(longest, noise, 2 * coarse):

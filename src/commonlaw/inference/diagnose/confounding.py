@@ -325,10 +325,7 @@ def _smallest(values: Mapping[Columns, float]) -> list[Columns]:
 
 
 def _fits(columns: Sequence[Floats], targets: Sequence[Floats]) -> list[tuple[float, int]]:
-    """Return what columns leave of a target, its sum of squares, and how many of them are independent, of each trial.
-
-    Trials whose columns have one shape are decomposed together.
-    """
+    """Return the sum of squares that columns leave of a target, and their rank, of each trial."""
     if len({each.shape for each in columns}) > 1:
         return [fit for pair in zip(columns, targets, strict=True) for fit in _fits([pair[0]], [pair[1]])]
     scaled, aims = np.array([each / column_scales(each) for each in columns]), np.array(targets)

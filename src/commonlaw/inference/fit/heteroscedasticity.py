@@ -79,10 +79,7 @@ def _columns(problem: SearchProblem, j: int) -> Iterator[tuple[Floats, Floats, F
 
 
 def _differences(times: Floats, values: Floats, smooth: Floats, order: int) -> tuple[Floats, Floats]:
-    """Return squared differences without those that outliers are in, and the sizes of the state where they are.
-
-    An outlier is far off beside differences where the state is about as large.
-    """
+    """Return squared differences, without outliers among those at states as large, and the sizes of the state there."""
     *_, found = differences(times, values[:, np.newaxis], order)
     own, sizes = found[:, 0], np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")
     typical = np.ones(len(own))

@@ -262,10 +262,7 @@ class _Guesses:
         return found
 
     def _rates(self, is_rate: Bools, powers: Floats) -> tuple[tuple[Floats, Floats], Floats]:
-        """Return where rates stand, by equation and term, and the powers of what is tried in each, (rates, tried).
-
-        Those are coefficients that are tried, and numbers before terms with constants that are.
-        """
+        """Return where rates stand, by equation and term, and the powers of what is tried in each, (rates, tried)."""
         columns = np.argwhere(is_rate).tolist()
         constants = {k: c for c, k in enumerate(self.terms.constants)}
         is_one = (is_rate & self.terms.is_factor) | (~np.isnan(self.known) & (self.known != 0))

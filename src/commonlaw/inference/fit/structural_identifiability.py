@@ -46,10 +46,7 @@ def may_be_mixed(terms: Terms, known: Floats, states: Bools) -> Bools:
 
 
 def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int | None]]) -> Bools:
-    """Return for which states, shape (states,), coefficients and other changes make up for changes.
-
-    To a state is added a share of a state, by its index, or if that is None a constant.
-    """
+    """Return for which states coefficients make up for adding a share of a state, or a constant (None)."""
     free, width = np.isnan(known), len(terms.variables.states)
     found = np.zeros(len(known), dtype=np.bool_)
     if not changes:

@@ -241,10 +241,7 @@ class _Ranked:
         beside: tuple[int, ...],
         more: Sequence[tuple[int, ...]],
     ) -> list[_Compared]:
-        """Return what sets of columns leave, by their size and the others, one more or none.
-
-        Beside are others, whose columns are the last ones and in all sets.
-        """
+        """Return what sets leave with the others `beside`, whose columns are the last ones, and one more or none."""
         found = list[_Compared]()
         last = range(columns[0].shape[1] - len(beside), columns[0].shape[1])
         for size, group in groupby(sets, len):
@@ -266,10 +263,7 @@ class _Ranked:
         return InformationCriterion(sum(len(each.target) for each in self.matches), len(self.matches))
 
     def _different(self, listed: Sequence[_Compared]) -> list[_Key]:
-        """Return the sets that leave least, but for those that leave the same as the one before: they say the same.
-
-        Few have the same terms with constants, as a bank may be nearer to the best constants of one than of another.
-        """
+        """Return the sets that leave least, few with the same parametric terms, and none that leaves the same."""
         found, before, alike = dict[_Key, None](), 0.0, Counter[tuple[int, ...]]()
         squares = np.concatenate([each.squares for each in listed])
         keys = [(each, place) for each in listed for place in range(len(each.sets))]
@@ -287,10 +281,7 @@ class _Ranked:
         return [*found]
 
     def _closest(self, keys: Sequence[_Key]) -> dict[_Key, list[tuple[Floats, ...]]]:
-        """Return the constants of each object that leave least, of those sets that leave least to first order.
-
-        Constants may lie between those of the banks, which are coarse.
-        """
+        """Return the best constants of each object, between those of the banks, of the sets best to first order."""
 
         def nearby(match: Match) -> list[tuple[float, tuple[int, ...]]]:
             values = [match.best_values(*key) for key in keys]
@@ -318,11 +309,7 @@ class _Ranked:
         return constants[[other.whole.constants.index(name) for name in other.constants]]
 
     def _with_starts(self, key: _Key, alone: Sequence[tuple[Floats, ...]], objects: int) -> TermSet:
-        """Return a set with what fits begin with, for so many objects.
-
-        That is what each object has by itself, and with the constants that are typical: those of an object alone may
-        be far off.
-        """
+        """Return a set with what fits begin with: constants of each object, which may be far off, and typical ones."""
         typical = tuple(np.median(own, axis=0) for own in zip(*alone, strict=True))
         starts = []
         for constants in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
@@ -335,10 +322,7 @@ class _Ranked:
 
 
 def _left_by_one(sets: Indices, chosen: Sequence[int], match: Match, columns: Floats) -> Floats:
-    """Return the sums of squares that sets of columns leave, alone and with each of some of the others at its best.
-
-    Shape (sets, 1 + chosen), of sets of one size, shape (sets, size).
-    """
+    """Return squares that sets of one size leave, alone and with each chosen other, shape (sets, 1 + chosen)."""
     gram, inner = columns.T @ columns, columns.T @ match.target
     own = gram[sets[:, :, np.newaxis], sets[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(sets.shape[1])
     whiten = np.linalg.inv(np.linalg.cholesky(own))

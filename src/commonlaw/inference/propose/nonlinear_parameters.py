@@ -71,10 +71,7 @@ class _Profile:
         return self._fitted(constants)[1]
 
     def deviance(self, constants: Floats) -> float:
-        """Return minus twice the log-likelihood where errors have any size; infinite where a term has a pole.
-
-        A pole between points shows by a divisor that changes its sign.
-        """
+        """Return minus twice the log-likelihood where errors have any size; infinite where a term is, or has a pole."""
         left = self.left(constants)
         if not all(np.isfinite(own).all() for own in left) or self.has_pole(constants):
             return np.inf
@@ -238,10 +235,7 @@ class _Grid:
     def of(
         cls, law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound], guesses: Mapping[str, float]
     ) -> "_Grid":
-        """Return the values that constants are tried at: guesses, those of the terms, and more where bounds are close.
-
-        Those are evenly between the bounds.
-        """
+        """Return guesses or the values that terms suggest, with more, evenly spaced, where bounds are close."""
         first, inside = profiles[0].values.shape[1], np.argwhere(profiles[0].inside)[:, 1]
         columns = [first + law.terms.constants.index(k) for k in inside]
         tried = values_of_each(law.terms, np.concatenate([each.values for each in profiles]), columns)

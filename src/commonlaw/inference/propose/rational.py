@@ -132,10 +132,7 @@ class _Sides:
         return np.asarray(np.maximum(left, np.finfo(float).tiny))
 
     def fitted(self, below: Sequence[int], coefficients: Floats, terms: Sequence[int]) -> tuple[Floats, Floats]:
-        """Return coefficients of some terms above and beside by least squares, and what is left of the target.
-
-        All is left where the denominator, of coefficients of shape (terms below,), vanishes.
-        """
+        """Return coefficients of terms above and beside, and what is left: all where the denominator vanishes."""
         if not self.whole(below, coefficients[np.newaxis]).all():
             return np.zeros(len(terms)), self.target
         return solved(self.columns(below, coefficients[np.newaxis])[0][:, terms], self.target)

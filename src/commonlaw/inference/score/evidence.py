@@ -159,10 +159,7 @@ def residual_squares(factors: Floats, indices: Indices) -> float:
 
 
 def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int) -> float:
-    """Return what the coefficients of columns cost by their scatter; infinite if objects together cannot tell them.
-
-    The noise of the targets has this variance.
-    """
+    """Return what coefficients cost by their scatter, at a variance of the noise; infinite if not identifiable."""
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
     if not np.linalg.cond(information.sum(axis=0)) < _worst_condition(len(columns)):
         return np.inf

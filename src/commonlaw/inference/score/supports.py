@@ -216,10 +216,7 @@ class _EquationEvidence:
     prices: Prices
 
     def value(self, support: Bools, needed: float = np.inf) -> float:
-        """Return minus twice the log-evidence of a support, with what choosing it costs.
-
-        Supports that do not come below what is needed get a lower bound of theirs.
-        """
+        """Return minus twice the log-evidence and prior of a support, or a lower bound that is not below `needed`."""
         price, indices = self.prices.of(support), np.flatnonzero(support)
         return price + minus_twice_log_evidence(self.factors, indices, self.measured, needed - price)
 
@@ -233,10 +230,7 @@ class _EquationEvidence:
         return best, value
 
     def neighbours(self, support: Bools, allowed: Bools, most: int) -> Iterator[tuple[float, Bools]]:
-        """Yield the neighbours of a support of at most so many terms, each with a lower bound of its value.
-
-        None or one term leaves, and none or one enters.
-        """
+        """Yield supports that differ by a term or an exchange of two, of so many terms, with lower bounds of values."""
         objects, outside = len(self.factors), np.flatnonzero(allowed & ~support).tolist()
         for leaving in (-1, *np.flatnonzero(support).tolist()):
             staying = support.copy()
