@@ -34,19 +34,15 @@ def noise_floor(trials: Trials) -> Floats:
 
     Of a state that nobody measured it is that of its starts.
     """
-    return _floor(trials, noise_of_digits(trials))
+    return noise_told(trials, 1.0)[0]
 
 
 def noise_told(trials: Trials, share: float) -> tuple[Floats, Floats]:
     """Return the `noise_floor`, and what exact measurements tell: a share of it, but no less than their digits."""
     digits = noise_of_digits(trials)
-    floor = _floor(trials, digits)
+    measured = np.maximum(settings.MIN_NOISE * spread_within(trials), digits)
+    floor = np.where(trials.schema.unmeasured, settings.ROUNDING * scales_of_starts(trials), measured)
     return floor, np.maximum(share * floor, digits)
-
-
-def _floor(trials: Trials, digits: Floats) -> Floats:
-    found = np.maximum(settings.MIN_NOISE * spread_within(trials), digits)
-    return np.asarray(np.where(trials.schema.unmeasured, settings.ROUNDING * scales_of_starts(trials), found))
 
 
 def noise_of_digits(trials: Trials) -> Floats:
