@@ -25,8 +25,9 @@ VERY_STRONG = 10.0
 # Noise before any law
 MIN_NOISE = 1e-4
 """Noise, in standard deviations of a state: few things are measured more exactly than laws are integrated here."""
-MIN_NOISE_OF_EXACT = 0.1
-"""Noise of exact measurements, as a share of the least noise of a fit: less would take much finer meshes."""
+RESOLVED_NOISE = 0.1
+"""Share of the noise that steps resolve, and of the least noise that exact measurements may show: less would take much
+finer meshes."""
 ASSUMED_NOISE = 0.05
 """Noise, in standard deviations of a state, where a trial has too few samples for an estimate."""
 MIN_FREEDOM = 4
@@ -65,7 +66,7 @@ MIN_SAMPLES_PER_TERM = 5
 MAX_SEARCHED_TERMS = 70
 """Candidate terms of an equation that are searched unscreened: beyond, the search takes minutes."""
 MAX_SCREENED_TERMS = 40
-"""Candidate terms that screening keeps, about, and those that are tested at a time on a law."""
+"""Candidate terms that screening keeps, about, and those that are tested or limited at a time on a law."""
 MAX_NUMBERS = 7
 """Coefficients and nonlinear parameters of an equation with parametric or rational terms."""
 MAX_SUM_TERMS = (4, 3, 4, 2)
@@ -140,13 +141,9 @@ MAX_TRIED_SETS = 30
 """Sets of terms of an equation that are fitted from where they were proposed."""
 MAX_JOINT_LAWS = (3, 27)
 """Sets of each equation that are tried with those of the others, and laws of these."""
-MAX_ABSENT_TERMS = 30
-"""Absent terms whose coefficients are limited unless they are named: each takes a fit."""
 MAX_DEVIANCE = (2.0, 100.0)
 """Twice the log-likelihood that a typical object may lose for a law to be fitted in all ways: relative to the least
 one so far, and besides it."""
-MIN_RATIO_NUMBERS = 2
-"""Coefficients and parameters of a ratio."""
 
 # Model errors (random walk in each step) relative to the noise
 MODEL_ERRORS = (10.0, 3.0, 1.0, 0.3, 0.1)
@@ -158,8 +155,6 @@ SCHEDULES = ((3.0, 1.0, 0.3, 0.1, 0.0), (0.3, 0.0), (0.1, 0.0))
 """At which supports are chosen, in turn. Different ways find different supports; the best is kept."""
 SHORT_SCHEDULE = (3.0, 0.3, *FINAL_MODEL_ERRORS)
 """From measurements to a law, for most objects as good as all model errors."""
-MAX_STEP_ERROR = 0.1
-"""Standard deviations of the noise in which finer divisions of a step agree."""
 
 # Meshes and convergence
 MAX_MESH_POINTS = (4, 8, 64)
@@ -206,10 +201,9 @@ MIN_SMOOTHNESS = 2.0
 kink at a sample it is 1.5, of a step 0.9, of white noise 0.8, and of a sine of four samples a cycle 2.25."""
 
 # Orders
-SAME_STATE = (0.03, 0.1, 0.5)
-"""Shares of the range up to which states are the same, and from which times and rates are not."""
-MAX_OTHER_RATES = 0.25
-"""Share of samples at the same state whose rates may differ by noise."""
+TWO_RATES = (0.03, 0.1, 0.5, 0.25)
+"""Shares of the range up to which states are the same, and from which times and rates are not; and the share of samples
+at the same state whose rates may differ by noise."""
 
 # Interval calibration
 LEVEL = 0.95

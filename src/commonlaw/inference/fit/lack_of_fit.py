@@ -131,7 +131,7 @@ def _squared_errors(problem: SearchProblem, index: int, estimate: Estimate) -> I
             found = np.full_like(missed, np.inf)
             for count in (4, 8, 16, 32, 64):  # Stable where rates are up to 180 in a step
                 found, before = _followed(field, mesh, own, count)[on], found
-                if (np.abs(found - before)[:, :d] < settings.MAX_STEP_ERROR * std).all():
+                if (np.abs(found - before)[:, :d] < settings.RESOLVED_NOISE * std).all():
                     break
             squares = ((found - own[1:][on] + missed)[:, :d] / std) ** 2
         yield np.where(np.isfinite(squares), squares, np.inf).ravel()

@@ -73,10 +73,10 @@ def _has_two_rates(rows: Floats, states: int) -> bool:
     """Whether rows of times (as shares of trials), states, inputs and rates have a state and input with two rates."""
     from scipy.spatial import cKDTree
 
-    same_state, other_time, other_rate = settings.SAME_STATE
+    same_state, other_time, other_rate, by_noise = settings.TWO_RATES
     few = rows[np.isfinite(rows).all(axis=1)][:: -(-len(rows) // settings.MAX_PAIRS)]
     scaled = few[:, 1:] / np.maximum(np.ptp(few[:, 1:], axis=0), np.finfo(float).tiny)
     first, second = cKDTree(scaled[:, :-states]).query_pairs(same_state, output_type="ndarray").T
     others = np.abs(few[first, 0] - few[second, 0]) > other_time
     apart = np.abs(scaled[first[others], -states:] - scaled[second[others], -states:]).max(axis=1)
-    return len(apart) > 0 and bool((apart > other_rate).mean() > settings.MAX_OTHER_RATES)
+    return len(apart) > 0 and bool((apart > other_rate).mean() > by_noise)

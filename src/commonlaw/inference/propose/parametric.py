@@ -44,7 +44,7 @@ def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: Progres
     search = LawsOfSets(best, pool.explored, _base(best), Offer(()))
     rows = search.rows_of_plain()
     for i, offer in enumerate(offers):
-        fewest = settings.MIN_RATIO_NUMBERS if i else -1  # The first is tried in any equation
+        fewest = 2 if i else -1  # The first is tried in any equation, and no ratio has fewer numbers
         if not offer.count:
             continue
         if i and not may_be_simpler(best, fewest):

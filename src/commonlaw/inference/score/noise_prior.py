@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.data.noise import noise_told
 from commonlaw.inference.score.evidence import Measured
-from commonlaw.inference.settings import MIN_NOISE, MIN_NOISE_OF_EXACT
+from commonlaw.inference.settings import MIN_NOISE, RESOLVED_NOISE
 from commonlaw.library import Order
 from commonlaw.likelihood import ErrorModel, Mesh
 from commonlaw.trials import Trials
@@ -134,7 +134,7 @@ class Measurements:
 
     @cached_property
     def _floors(self) -> tuple[Floats, Floats]:
-        return noise_told(self.trials, MIN_NOISE_OF_EXACT)
+        return noise_told(self.trials, RESOLVED_NOISE)
 
     @cached_property
     def _step(self) -> float:

@@ -31,7 +31,7 @@ def bounds(
     if law.order == 0 or not law.shared:
         raise CommonlawError("limits-unsupported")
     pairs = _absent(law, terms)
-    if terms is None and len(pairs) > settings.MAX_ABSENT_TERMS:
+    if terms is None and len(pairs) > settings.MAX_SCREENED_TERMS:
         raise CommonlawError("limits-of-many-terms", count=len(pairs))
     values = _visited(law, trials)
     found: list[Bound] = []
