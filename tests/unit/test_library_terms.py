@@ -142,6 +142,8 @@ def test_latex(names, text, latex):
         ("x+*v", Diagnostic("expression-syntax", {"place": "near '*v'"})),
         ("2x", Diagnostic("expression-syntax", {"term": "2x", "place": "near '2x'"})),
         ("", Diagnostic("expression-syntax", {"place": "at its end"})),
+        ("`x`1", Diagnostic("expression-syntax", {"term": "`x`1"})),
+        ("`x`v", Diagnostic("expression-syntax", {"term": "`x`v"})),
         ("vv*x", Diagnostic("unknown-name", {"kind": "variable", "name": "vv"})),
         ("sine(x)", Diagnostic("unknown-name", {"kind": "function", "name": "sine"})),
         ("x(v)", Diagnostic("variable-called", {"variable": "x"})),

@@ -72,7 +72,7 @@ def read(text: str, names: Sequence[str], constants: int = 0) -> ast.expr:
     if len(text) > LONGEST:
         raise CommonlawError("term-too-long", term=shown, characters=len(text), limit=LONGEST)
     try:
-        code = _TOKEN.sub(lambda token: _translated(token, names), text.strip())
+        code = _TOKEN.sub(lambda token: _translated(token, names), text).strip()
         tree = _parsed(code, names)
         _check(tree, 0, 1, len(names) - constants)
     except CommonlawError as error:
@@ -160,7 +160,8 @@ def _translated(token: re.Match[str], names: Sequence[str]) -> str:
     name = text if kind == "name" else token["quoted"].replace("``", "`")
     if name not in names:
         raise unknown("variable", name, names)
-    return f"v{names.index(name)}"
+    column = f"v{names.index(name)}"
+    return column if kind == "name" else f" {column} "
 
 
 def _parsed(code: str, names: Sequence[str]) -> ast.expr:
