@@ -219,3 +219,14 @@ def test_coefficients_that_can_hardly_be_told_apart_never_pay_for_themselves(see
     factors = np.asarray(np.linalg.qr(generator.normal(size=(5, 30, size)) @ mixed, mode="r"))
     estimates = np.linalg.solve(factors, 10 * generator.normal(size=(5, size, 1)))[..., 0]
     assert marginal_deviance(RandomEffects(estimates, factors.transpose(0, 2, 1) @ factors)) >= 0
+
+
+def test_an_object_that_says_nothing_of_one_coefficient_is_drawn_by_what_it_says_of_others():
+    _, estimates, covariances = measured(5, 0.3)
+    found = {}
+    for size in (1e5, 1e12, 1e24):
+        errors = covariances.copy()
+        errors[4, 2, 2] += size
+        found[size] = shrink(estimates, errors, np.full(3, np.nan)).estimates
+    np.testing.assert_allclose(found[1e12], found[1e5], rtol=1e-3)
+    np.testing.assert_allclose(found[1e24], found[1e12], rtol=1e-6)

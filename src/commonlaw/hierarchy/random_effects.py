@@ -238,32 +238,36 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     own, size = estimates / units, len(units)
     scaled = covariances / np.outer(units, units)
     errors: Floats = np.asarray(scaled + JITTER * scaled * np.eye(size))
+    # An object that says nothing of one coefficient still does of others: its information has no large numbers
+    sizes = np.sqrt(np.diagonal(errors, axis1=1, axis2=2))
+    own_units = sizes[:, :, np.newaxis] * sizes[:, np.newaxis, :]
+    information = _symmetric(np.linalg.inv(errors / own_units) / own_units)
     scale, weights = np.diag(units), 1 / np.trace(errors, axis1=1, axis2=2)
     typical = np.tensordot(weights / weights.sum(), errors, 1)
     is_lost = np.linalg.cond(typical) > WORST_CONDITION  # Coefficients that hang together to the last digits
     # Fewer objects than parameters do not determine axes: all their scatter is along some of them
     is_determined = 1 < size <= len(own) or is_lost
     if not is_determined or not np.isnan(variances).all():
-        return _shrunk(own, errors, variances)[0].mixed(scale)
+        return _shrunk(own, information, variances)[0].mixed(scale)
     # What stands before a later coefficient goes with it, as in the evidence: turned upside down
     root = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
     axes = np.eye(size) if is_lost else np.linalg.eigh(np.cov(np.linalg.solve(root, own.T)))[1]
-    turn = axes.T @ np.linalg.inv(root)
-    mixed, other = _shrunk(own @ turn.T, _symmetric(turn @ errors @ turn.T), variances)
-    mixed = mixed.mixed(root @ axes)
+    back = root @ axes
+    mixed, other = _shrunk(np.linalg.solve(back, own.T).T, _symmetric(back.T @ information @ back), variances)
+    mixed = mixed.mixed(back)
     if is_lost:
         return mixed.mixed(scale)
-    found, deviance = _shrunk(own, errors, variances)
+    found, deviance = _shrunk(own, information, variances)
     more = (other + size * (size - 1) / 2 * np.log(len(own)) - deviance) / 2
     return found.averaged(mixed, float(1 / (1 + np.exp(np.clip(more, -_LARGE, _LARGE))))).mixed(scale)
 
 
-def _shrunk(own: Floats, errors: Floats, variances: Floats) -> tuple[Shrinkage, float]:
+def _shrunk(own: Floats, information: Floats, variances: Floats) -> tuple[Shrinkage, float]:
     """Draw estimates to their means, of parameters that scatter independently, and return the deviance at that.
 
-    The arguments are those of `shrink`, in units in which errors are about one.
+    The information is the inverse of the covariances of `shrink`, all in units in which errors are about one.
     """
-    effects = RandomEffects(own, np.asarray(np.linalg.inv(errors), dtype=np.float64))
+    effects = RandomEffects(own, information)
     grids = _grids_beyond(effects)
     largest = np.array([grid[-1] for grid in grids])
     asked = {int(index): grids[index] for index in np.flatnonzero(np.isnan(variances))}
@@ -279,7 +283,7 @@ def _shrunk(own: Floats, errors: Floats, variances: Floats) -> tuple[Shrinkage, 
 
     likely, between = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
     final = _Posterior.of(effects, likely[np.newaxis])
-    covariances = _symmetric(final.covariances[0] + sum(between, np.zeros_like(errors)))
+    covariances = _symmetric(final.covariances[0] + sum(between, np.zeros_like(information)))
     found = Shrinkage(final.estimates[0], covariances, final.shared_factors[0], final.shrinkage[0])
     return found, float(effects.marginal(likely[np.newaxis]).deviance[0])
 
