@@ -3,11 +3,12 @@
 import json
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
+from commonlaw.inference.fit import convergence, fit
 from commonlaw.inference.result import assembly
 from commonlaw.inference.verbs import refinement
 from tests.recovery.problems import PROBLEMS
@@ -16,37 +17,41 @@ FILE = Path(__file__).with_name("golden.json")
 
 
 class Recovered(NamedTuple):
-    """A law's structure, the parameters of each object, and minus twice the log-evidence if the law has one."""
+    """A law's structure, each object's parameters, its score if it has one, and how many fits that took."""
 
     structure: list[str]
     parameters: list[list[float]]
     errors: list[list[float]]
     score: float | None
+    fits: int
 
 
 def recovered(name: str) -> Recovered:
     """Return what is found today."""
-    with _score() as score:
+    with (
+        _noted("fitted_law", assembly, refinement) as laws,
+        _noted("fit_each", fit, convergence) as fits,
+    ):
         law = PROBLEMS[name]()
     estimates, errors = law.coefficients[:, law.support], law.standard_errors[:, law.support]
-    return Recovered(list(law.structure()), estimates.tolist(), errors.tolist(), score[0] if score else None)
+    # The first law is the one that is returned, others are beside it
+    score = laws[0][1].score.total if laws else None
+    return Recovered(list(law.structure()), estimates.tolist(), errors.tolist(), score, len(fits))
 
 
 @contextmanager
-def _score() -> Iterator[list[float]]:
-    """Note the score of each law that is fitted: first of that which is returned, then of others beside it."""
-    noted = list[float]()
+def _noted(function: str, *modules: Any) -> Iterator[list[tuple[Any, ...]]]:
+    """Note what a function is called with in modules."""
+    noted = list[tuple[Any, ...]]()
+    with ExitStack() as stack:
+        for module in modules:
+            before = getattr(module, function)
 
-    def of(module: Any) -> Any:
-        before = module.fitted_law
+            def noting(*given: Any, before: Any = before) -> Any:
+                noted.append(given)
+                return before(*given)
 
-        def fitted_law(template: Any, fit: Any, *settings: Any) -> Any:
-            noted.append(fit.score.total)
-            return before(template, fit, *settings)
-
-        return patch.object(module, "fitted_law", fitted_law)
-
-    with of(assembly), of(refinement):
+            stack.enter_context(patch.object(module, function, noting))
         yield noted
 
 

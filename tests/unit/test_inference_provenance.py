@@ -15,25 +15,18 @@ def law_of_degree(degree):
     return cl.Law(terms, cl.Schema(states=("x",)), 2, ("ball",), np.zeros((1, 1, len(terms))))
 
 
-def compared(listed, values, chosen=0):
-    return [
-        history.ComparedTerms(names, value, i == chosen)
-        for i, (names, value) in enumerate(zip(listed, values, strict=True))
-    ]
-
-
 def test_probabilities_are_found_however_much_better_one_is():
     law, names = law_of_degree(1), [("1",), ("1", "x"), ()]
-    listed = compared(names, [5000.0, 0.0, np.inf])
+    listed = dict(zip(names, [5000.0, 0.0, np.inf], strict=True))
     np.testing.assert_allclose(history.probabilities(listed), [0, 1, 0], atol=1e-300)
     np.testing.assert_allclose(history.inclusion_probabilities(law, [listed]), [[1, 1, 0]])
-    even = compared(names[:2], [0.0, 2 * np.log(3)])
+    even = dict(zip(names[:2], [0.0, 2 * np.log(3)], strict=True))
     np.testing.assert_allclose(history.inclusion_probabilities(law, [even]), [[1, 0.25, 0]])
 
 
 def test_candidates_are_ranked_by_what_chose_among_them():
     law = law_of_degree(1)
-    listed = [compared([("1",), ("x",), ("v",)], [0.0, 6.0, np.inf])]
+    listed = [{("1",): 0.0, ("x",): 6.0, ("v",): np.inf}]
     by_evidence = history.alternatives(law, listed, Kind.EVIDENCE)
     assert [each.measures["2 log B"] for each in by_evidence] == [0, 6, np.inf]
     assert by_evidence[1].measures["probability"] == pytest.approx(1 / (1 + np.exp(3)))
@@ -42,5 +35,5 @@ def test_candidates_are_ranked_by_what_chose_among_them():
 
 
 def test_probabilities_are_no_denormal_numbers():
-    (_, other) = history.alternatives(law_of_degree(1), [compared([("1",), ("x",)], [0.0, 1450.0])], Kind.EVIDENCE)
+    (_, other) = history.alternatives(law_of_degree(1), [{("1",): 0.0, ("x",): 1450.0}], Kind.EVIDENCE)
     assert other.measures["probability"] == 0

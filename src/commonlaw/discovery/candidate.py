@@ -47,6 +47,10 @@ class Candidate:
     is_coarse: bool = False
     is_of_higher_degree: bool = False
 
+    def __lt__(self, other: "Candidate") -> bool:
+        """Return whether the score is less: the best candidate is the least."""
+        return self.score < other.score
+
     @property
     def order(self) -> Order:
         """Of the law."""

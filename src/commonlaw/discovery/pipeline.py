@@ -54,14 +54,14 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
     """
     several = any(len(each) > 1 for each in possible)
     candidates, refused = _plain_laws(search, structure, possible)
-    best = _best(candidates)
+    best = min(candidates)
     if several and (not best.is_simple or may_be_of_lower_order(best.pool)):
         candidates = [search.finer(each) for each in candidates]
     candidates = _with_richer_terms(search, candidates)
     candidates, failed = _with_errors(search, candidates)
     if not candidates:
         raise failed[-1]
-    best = _best(candidates)
+    best = min(candidates)
     if several:
         candidates, best = _explaining_whole_trials(search, candidates)
     law = _law(search, best)
@@ -98,9 +98,9 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
     The best law first; but that of the lowest order where the best law is what one of lower order implies, or where
     rates may be a function of the states.
     """
-    left, done = sorted(candidates, key=lambda each: each.score), list[Candidate]()
+    left, done = sorted(candidates), list[Candidate]()
     while left:
-        best = _best([*done, *left])
+        best = min([*done, *left])
         lowest = min(left, key=lambda each: each.total_order)
         is_lower = lowest.total_order < best.total_order
         may_be_lower = is_lower and may_be_of_first_order(best.pool.best.problem)
@@ -115,14 +115,14 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
 
 def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[list[Candidate], list[CommonlawError]]:
     """Return laws with the errors that are chosen, the largest evidence first, and why there are none of others."""
-    is_auto, best = search.options.errors == "auto", _best(candidates)
+    is_auto, best = search.options.errors == "auto", min(candidates)
     if len(candidates) > 1 and is_auto and not best.pool.best.reason_for_errors:
         candidates = [search.resolved(each) for each in candidates]  # A coarse mesh may hide a reason
-        best = _best(candidates)
+        best = min(candidates)
     failed = list[CommonlawError]()
     if len(candidates) == 1 or not is_auto or best.pool.best.reason_for_errors:
         candidates, failed = those_found(search.with_errors, candidates)
-    return sorted(candidates, key=lambda each: each.score), failed
+    return sorted(candidates), failed
 
 
 def _explaining_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> tuple[list[Candidate], Candidate]:
@@ -149,7 +149,3 @@ def _law(search: CandidateSearch, best: Candidate) -> Law:
     )
     history = (*best.screened.steps, *best.steps, *law.history)
     return replace(law, provenance=replace(law.provenance, history=history))
-
-
-def _best(candidates: Sequence[Candidate]) -> Candidate:
-    return min(candidates, key=lambda each: each.score)

@@ -17,7 +17,7 @@ from commonlaw.inference.fit.fit import (
     PLAUSIBLE,
     Fit,
     Status,
-    by_score,
+    best_of,
     errors_to_fit,
     fitted,
     linearized_evidence,
@@ -46,7 +46,7 @@ def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequen
     fits = annealed(problem, progress)
     distinct = {each.tobytes(): each for each in proposals}.values()
     fits += [fit_supports(problem, each, settings.SCHEDULES[-1]) for each in distinct]
-    best = by_score(fits)[0]
+    best = best_of(fits)
     if best.has_model_error:  # No schedule may have come by its supports without one
         fits.append(fitted(problem, best.estimates, best.supports, NO_ERROR))
     return with_close_neighbours(fits)
@@ -77,7 +77,7 @@ def polish(problem: SearchProblem, supports: Bools, estimates: Sequence[Estimate
         if np.array_equal(chosen, fit.supports):
             break
         fit = fit.refitted(chosen)
-        if not fit.score < best.score:
+        if not fit < best:
             break
         best = fit
     return best
@@ -96,7 +96,7 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
     fits = [fit for way in ways for fit in _anneal(problem, supports, way)]
     last = [fit for fit in fits if fit.model_error == smallest]
     compared = [*(fit for fit in fits if fit.model_error != smallest), *sorted(last, key=_objective)[:1]]
-    return by_score(compared)[0] if compared else Fit.failed(problem, supports, Status.NOT_COMPUTABLE, smallest)
+    return min(compared, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, smallest))
 
 
 def fit_with(
@@ -162,11 +162,10 @@ def with_close_neighbours(fits: Sequence[Fit], starts: AlikeStarts | None = None
     any law that was fitted and is plausible, comes near to the best, the most promising first: until none is left, or
     so many as are carried along at most were fitted in vain.
     """
-    ranked = by_score(fits)
-    done = {each.supports.tobytes() for each in ranked if each.model_error == ranked[0].model_error}
+    best, ranked = best_of(fits), sorted(each for each in fits if each.is_usable)
+    done = {each.supports.tobytes() for each in ranked if each.model_error == best.model_error}
     seen, promising, vain = set[bytes](), dict[bytes, tuple[float, Fit, Bools]](), 0
     while vain < settings.MAX_MODELS:
-        best = ranked[0]
         most = best.score.total + PLAUSIBLE
         for near in (each for each in ranked if each.model_error == best.model_error and each.score.total < most):
             if (key := near.supports.tobytes()) not in seen:
@@ -181,9 +180,10 @@ def with_close_neighbours(fits: Sequence[Fit], starts: AlikeStarts | None = None
             break
         _, near, supports = min(left, key=lambda each: each[0])
         done.add(supports.tobytes())
-        ranked = by_score([*ranked, _comparable(near.problem, near, supports, best.model_error, starts)])
+        fit = _comparable(near.problem, near, supports, best.model_error, starts)
+        ranked = sorted([*ranked, fit]) if fit.is_usable else ranked
         vain = vain + 1 if ranked[0] is best else 0
-    best = ranked[0]
+        best = ranked[0]
     return [best.with_alternatives([each for each in ranked if each.model_error == best.model_error]), *ranked[1:]]
 
 
@@ -235,7 +235,7 @@ def beside_those_ahead(fit: Fit) -> Fit:
         done.add(supports.tobytes())
         other = _comparable(fit.problem, fit, supports, fit.model_error, starts)
         if other.is_usable:
-            best, rest = (other, fit) if other.score < fit.score else (fit, other)
+            best, rest = sorted([fit, other])
             fit = best.with_alternatives([*fit.alternatives, rest])
     return fit
 

@@ -14,7 +14,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departure, departures, diverges, follows_solutions, in_words
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Part, Score
-from commonlaw.inference.score.supports import ComparedSupport, SupportEvidence
+from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.law import Step
 from commonlaw.library import Order
 from commonlaw.likelihood import ErrorKind, Estimate, Linearization, NotPositiveError, fit_each, linearize_each
@@ -103,6 +103,10 @@ class Fit:
         """Return the fit as one that failed after all."""
         return Fit.failed(self.problem, self.supports, status, self.model_error)
 
+    def __lt__(self, other: "Fit") -> bool:
+        """Return whether the score is less: the best fit is the least."""
+        return self.score < other.score
+
     @property
     def is_usable(self) -> bool:
         """Whether the fit succeeded."""
@@ -114,7 +118,7 @@ class Fit:
 
     def with_alternatives(self, others: Sequence["Fit"]) -> Self:
         """Return the fit with others, under the same errors: the best with each supports."""
-        listed = {each.supports.tobytes(): each for each in sorted(others, key=lambda each: -each.score.total)}
+        listed = {each.supports.tobytes(): each for each in sorted(others, reverse=True)}
         listed.pop(self.supports.tobytes(), None)
         return self._like(alternatives=tuple(replace(each, alternatives=()) for each in listed.values()))
 
@@ -237,7 +241,7 @@ class Fit:
             return reason or ("few measurements may hide how noise grows" if few else "")
         return "noise grows with the states"
 
-    def neighbours(self) -> list[list[ComparedSupport]]:
+    def neighbours(self) -> list[list[tuple[float, Bools]]]:
         """Return the supports next to those of the fit, by equation, see `SupportEvidence.neighbours`."""
         exact = [(each.score - self.score, each.supports) for each in self.alternatives]
         return self.evidence.neighbours(self.supports, exact)
@@ -245,13 +249,10 @@ class Fit:
     def predicted_neighbours(self) -> Iterator[tuple[float, Bools]]:
         """Yield the supports next to those of the fit, with minus twice their log-evidence as linearized about it."""
         for j, listed in enumerate(self.evidence.neighbours(self.supports)):
-            here = next(
-                each.twice_log_bayes_factor for each in listed if np.array_equal(each.support, self.supports[j])
-            )
-            for each in listed:
+            for more, support in listed:
                 supports = self.supports.copy()
-                supports[j] = each.support
-                yield self.score.total + each.twice_log_bayes_factor - here, supports
+                supports[j] = support
+                yield self.score.total + more, supports
 
     def refitted(self, supports: Bools, model_error: float | None = None) -> "Fit":
         """Return other supports fitted, from the coefficients that the linearized likelihood gives for them."""
@@ -267,18 +268,18 @@ def errors_to_fit(model_error: float) -> tuple[float, ...]:
     return (model_error,) if model_error else settings.FINAL_MODEL_ERRORS
 
 
-def by_score(fits: Sequence[Fit]) -> list[Fit]:
-    """Return the fits that succeeded, the largest evidence first.
+def best_of(fits: Sequence[Fit]) -> Fit:
+    """Return the fit of largest evidence.
 
     Raises
     ------
     CommonlawError
-        If none did.
+        If none succeeded.
     """
-    usable = [each for each in fits if each.is_usable]
-    if not usable:
+    best = min(fits, default=None)
+    if best is None or not best.is_usable:
         raise CommonlawError("no-law-near-measurements")
-    return sorted(usable, key=lambda each: each.score)
+    return best
 
 
 def fitted(problem: SearchProblem, estimates: Sequence[Estimate] | None, supports: Bools, model_error: float) -> Fit:

@@ -13,7 +13,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_supports, fit_with, to_scale
-from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, by_score
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_of
 from commonlaw.inference.fit.lack_of_fit import has_poles
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, short_way
 from commonlaw.inference.fit.parameter_grid import frequencies_in_time
@@ -88,7 +88,7 @@ class LawsOfSets:
         likely = self.likeliest(listed, estimates, done)[:most]
         fits = in_parallel(lambda each: self.fit(each, estimates), likely, done=_shown(done, 0.5, len(likely)))
         for terms, fit in zip(likely, fits, strict=True):
-            if fit.score < best.score:
+            if fit < best:
                 best, rows = fit, terms
         return best, rows
 
@@ -186,7 +186,7 @@ class LawsOfSets:
             base = base.finer()
         while problem.points < points:
             problem = problem.finer()
-        (plain,) = by_score([to_scale(fit_supports(problem, plain.supports, ANY_ERROR))])
+        plain = best_of([to_scale(fit_supports(problem, plain.supports, ANY_ERROR))])
         finer = replace(self, plain=plain, explored=(plain,), base=base, fitted={}, near={}, typical={})
         return finer, base.starts
 

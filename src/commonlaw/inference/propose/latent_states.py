@@ -101,7 +101,7 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
         return model.fitted(trials, most_samples)
 
     tried = [(each, fit) for each in models if (fit := fitted(each)).is_usable]
-    tried.sort(key=lambda pair: pair[1].score)
+    tried.sort(key=lambda pair: pair[1])
     tried[: settings.MAX_RIVALS] = [
         (each, each.again(trials, most_samples, fit)) for each, fit in tried[: settings.MAX_RIVALS]
     ]
@@ -118,7 +118,7 @@ def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Po
     """
     # Fits to what no law explains may get stuck, and their evidence is then too large
     without = pool.best.with_score(pool.best.score.plus("Laplace correction", pool.best.predicted_decrease))
-    best = min([without, *(fit for _, fit in fits)], key=lambda each: each.score)
+    best = min([without, *(fit for _, fit in fits)])
     alike = [pair for pair in fits if _fit_alike(pair[1], best)]
     others = [fit for _, fit in fits if not _fit_alike(fit, best)]
     if not alike:
@@ -199,7 +199,7 @@ class _LatentStateModel:
 
     def fitted(self, trials: Trials, most_samples: int) -> Fit:
         """Return the law of largest evidence."""
-        return min((self._searched(trials, few, most_samples) for few in self._begins), key=lambda each: each.score)
+        return min(self._searched(trials, few, most_samples) for few in self._begins)
 
     def again(self, trials: Trials, most_samples: int, fit: Fit) -> Fit:
         """Return the law that is found from the terms of another one: what a search begins with depends on them."""
@@ -370,8 +370,8 @@ def _without_needless_terms(fit: Fit) -> Fit:
             fewer[-1][j, k] = False
         refitted = (fit.refitted(each) for each in fewer)
         converged = [each for each in refitted if each.is_usable and each.has_converged]
-        best = min(converged, key=lambda each: each.score, default=fit)
-        if not best.score < fit.score:
+        best = min(converged, default=fit)
+        if not best < fit:
             break
         fit = best
     return fit

@@ -107,7 +107,7 @@ def _with_offer(
     known = _Known()
     while True:
         best, rows, known = _searched(search, rows, curves, known, progress)
-        worse = not best.score < search.plain.score
+        worse = not best < search.plain
         finer = search.base.points if worse else resolved(Pool((best,)), progress).best.problem.points
         if finer <= search.base.points:
             return search, best, rows

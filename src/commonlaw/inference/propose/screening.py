@@ -101,10 +101,10 @@ def missed_terms(fit: Fit, terms: Terms) -> Bools:
         )
         wide = replace(fit, problem=extended, supports=supports, estimates=estimates, alternatives=())
         for listed in wide.neighbours():
-            for each in listed:
-                if each.chosen:
+            for more, support in listed:
+                if more >= 0:
                     break
-                missed[tried[each.support[len(inside) :]]] = True
+                missed[tried[support[len(inside) :]]] = True
     return missed
 
 

@@ -14,7 +14,7 @@ from commonlaw.inference.fit.covariance import CovarianceKind, fitted_law
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.result.approximation import approximated, with_approximation
 from commonlaw.inference.result.history import (
-    ComparedTerms,
+    Compared,
     alternatives,
     history,
     inclusion_probabilities,
@@ -139,7 +139,7 @@ def _ends(fit: Fit) -> Floats:
     return np.array([own[[0, -1], :states] for each in fit.estimates for own in each.states])
 
 
-def compared_terms(pool: Pool) -> list[list[ComparedTerms]]:
+def compared_terms(pool: Pool) -> list[Compared]:
     """Return for each equation the terms that were chosen and those beside them, the other equations' being the same.
 
     Of terms that are given, these are those of rivals alone. What ranks ahead of the law could not be fitted, or its
@@ -149,16 +149,14 @@ def compared_terms(pool: Pool) -> list[list[ComparedTerms]]:
     template, first, compared = best.problem.law, best.model.equations, []
     near = best.neighbours() if best.problem.solver is not None else [[] for _ in first]
     for j, (own, given) in enumerate(zip(first, template.support, strict=True)):
-        named = [(names_in(template, each.support | given), each) for each in near[j]]
-        here = next((each.twice_log_bayes_factor for names, each in named if names == own), 0.0)
-        listed = {own: ComparedTerms(own, 0.0, True)}
-        for names, each in named:
-            listed.setdefault(names, ComparedTerms(names, each.twice_log_bayes_factor - here, False))
-        for above, of_rival in laws:
+        listed = {own: 0.0}
+        for difference, support in near[j]:
+            listed.setdefault(names_in(template, support | given), difference)
+        for difference, of_rival in laws:
             if of_rival[:j] == first[:j] and of_rival[j + 1 :] == first[j + 1 :]:
-                listed.setdefault(of_rival[j], ComparedTerms(of_rival[j], above, False))
-        kept = [each for each in listed.values() if each.difference >= 0]
-        compared.append(sorted(kept, key=lambda each: (each.difference, not each.chosen)))
+                listed.setdefault(of_rival[j], difference)
+        ranked = sorted(listed.items(), key=lambda pair: (pair[1], pair[0] != own))
+        compared.append({names: difference for names, difference in ranked if difference >= 0})
     return compared
 
 

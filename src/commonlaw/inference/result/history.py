@@ -1,7 +1,6 @@
 """What is said of a law: the choices on the way to it, and what else was to choose from."""
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,16 +18,9 @@ from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.trials import Schema
 from commonlaw.wording import counted
 
-
-class ComparedTerms(NamedTuple):
-    """Terms of an equation by name, and whether they were chosen.
-
-    The difference is 2 log B of the chosen ones against them, or twice that of log scores where forecasts chose.
-    """
-
-    names: tuple[str, ...]
-    difference: float
-    chosen: bool
+Compared = dict[tuple[str, ...], float]
+"""Names of the terms of an equation, the chosen ones first, with 2 log B of those against them; or with twice the
+difference of log scores where forecasts chose."""
 
 
 def names_in(law: Law, support: Bools) -> tuple[str, ...]:
@@ -36,26 +28,26 @@ def names_in(law: Law, support: Bools) -> tuple[str, ...]:
     return tuple(law.terms.names[k] for k in np.flatnonzero(support & law.terms.is_factor))
 
 
-def alternatives(law: Law, compared: Sequence[Sequence[ComparedTerms]], chosen_by: str) -> tuple[Alternative, ...]:
+def alternatives(law: Law, compared: Sequence[Compared], chosen_by: str) -> tuple[Alternative, ...]:
     """Return the terms that each equation was chosen from, the best first, with what they were chosen by."""
     found = []
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
         likely = probabilities(listed)
-        for i, each in enumerate(listed):
+        for i, (names, difference) in enumerate(listed.items()):
             if i < MAX_MODELS or likely[i] > MIN_PROBABILITY:
-                measures = _measures(each, float(likely[i]), chosen_by)
-                found.append(Alternative(equation, each.names, measures, False, each.chosen))
+                measures = _measures(difference, float(likely[i]), chosen_by)
+                found.append(Alternative(equation, names, measures, False, chosen=i == 0))
     return tuple(found)
 
 
-def _measures(each: ComparedTerms, probability: float, chosen_by: str) -> dict[str, float | None]:
+def _measures(difference: float, probability: float, chosen_by: str) -> dict[str, float | None]:
     """Return what a law is ranked by; scores of forecasts are no evidence, and none if these diverge."""
     if chosen_by == Kind.FORECASTS:
-        return {LOG_SCORE: each.difference / 2 if np.isfinite(each.difference) else None}
-    return {"2 log B": each.difference, "probability": probability if probability >= np.finfo(float).tiny else 0.0}
+        return {LOG_SCORE: difference / 2 if np.isfinite(difference) else None}
+    return {"2 log B": difference, "probability": probability if probability >= np.finfo(float).tiny else 0.0}
 
 
-def inclusion_probabilities(law: Law, compared: Sequence[Sequence[ComparedTerms]]) -> Floats:
+def inclusion_probabilities(law: Law, compared: Sequence[Compared]) -> Floats:
     """Return the probability that a term is in its equation, among the sets compared, shape (equations, terms).
 
     A constant is in it with the terms that it is inside of.
@@ -63,7 +55,7 @@ def inclusion_probabilities(law: Law, compared: Sequence[Sequence[ComparedTerms]
     rows = []
     for listed in compared:
         weights = probabilities(listed)
-        supports = np.array([[name in each.names for name in law.terms.names] for each in listed])
+        supports = np.array([[name in names for name in law.terms.names] for names in listed])
         inside, outside = weights @ supports, weights @ ~supports
         rows.append(inside / (inside + outside))
     found, terms = np.array(rows), law.terms
@@ -73,9 +65,9 @@ def inclusion_probabilities(law: Law, compared: Sequence[Sequence[ComparedTerms]
     return found
 
 
-def probabilities(listed: Sequence[ComparedTerms]) -> Floats:
+def probabilities(listed: Compared) -> Floats:
     """Return how probable each set of terms is among those compared, by its evidence (Kass and Raftery 1995)."""
-    factors = np.array([each.difference for each in listed])
+    factors = np.array([*listed.values()])
     weights = np.exp((factors.min() - factors) / 2)
     return np.asarray(weights / weights.sum())
 
@@ -179,7 +171,7 @@ def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
 def history(
     law: Law,
     fit: Fit,
-    compared: Sequence[Sequence[ComparedTerms]],
+    compared: Sequence[Compared],
     chosen_by: str,
 ) -> tuple[Step, ...]:
     """Return every choice that was made, in order, and what terms were chosen by."""
@@ -202,8 +194,7 @@ def history(
         ),
     ]
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
-        chosen = next(each.names for each in listed if each.chosen)
-        steps.append(Step(f"terms of {equation}", ", ".join(chosen) or "none", _why(listed, chosen_by)))
+        steps.append(Step(f"terms of {equation}", ", ".join(next(iter(listed))) or "none", _why(listed, chosen_by)))
     return (*steps, *fit_steps(fit))
 
 
@@ -263,14 +254,12 @@ def model_error_step(fit: Fit) -> Step:
     return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
 
 
-def _why(listed: Sequence[ComparedTerms], chosen_by: str) -> str:
+def _why(listed: Compared, chosen_by: str) -> str:
     """Return what speaks for the chosen support of an equation."""
-    chosen = next(each for each in listed if each.chosen)
-    second = next((each for each in listed if not each.chosen), None)
-    if second is None:
+    if len(listed) == 1:
         return "no other support was compared" if chosen_by == Kind.EVIDENCE else chosen_by
-    runner = ", ".join(second.names) or "no term"
-    ahead = second.difference - chosen.difference
+    _, (names, ahead), *_ = listed.items()
+    runner = ", ".join(names) or "no term"
     if chosen_by == Kind.FORECASTS:
         return f"{chosen_by}; the next, {runner}, has a log score {ahead / 2:.3g} lower"
     return f"{chosen_by}; the next, {runner}, is {np.exp(min(ahead / 2, 700)):.3g} times less probable"

@@ -16,7 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.covariance import degrees_of_freedom, fitted_law
-from commonlaw.inference.fit.fit import Fit, by_score
+from commonlaw.inference.fit.fit import Fit, best_of
 from commonlaw.law import Law
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.widening import Widening
@@ -188,7 +188,7 @@ def _fitted_to(fit: Fit, kept: Sequence[Trial]) -> Law:
         for start, i in zip(part.starts, indices, strict=True)
     ]
     part = replace(part, solver=problem.solver, differentiation=problem.differentiation)
-    (fitted,) = by_score([fit_with(part, fit.supports, fit.model_error, starts)])
+    fitted = best_of([fit_with(part, fit.supports, fit.model_error, starts)])
     law = fitted_law(part.law, fitted)
     degrees = degrees_of_freedom(fit)
     return replace(law, uncertainty=replace(law.uncertainty, degrees_of_freedom=degrees))

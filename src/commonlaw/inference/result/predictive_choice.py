@@ -58,7 +58,7 @@ def best_forecaster(
     most, best = max(weighed, key=lambda each: each[0])
     if best is pool.best:
         return pool, own
-    preferred = [(score, fit) for score, fit in weighed if fit.errors == best.errors and fit.score < best.score]
+    preferred = [(score, fit) for score, fit in weighed if fit.errors == best.errors and fit < best]
     others = [weighed_by_forecasts(fit, most - score) for score, fit in sorted(preferred, key=lambda each: -each[0])]
     return replace(pool, fits=(weighed_by_forecasts(best, 0.0), *others)), standardized_errors(best, pooled)
 
@@ -126,7 +126,7 @@ def _others(pool: Pool, kinds: Sequence[ErrorKind], progress: ProgressCallback) 
         fits = under_each_kind(problem, own, kinds)
         for group in GROUPS:
             of_group = [each for each in fits if each.errors in group]
-            best = min(of_group, key=lambda each: each.score, default=None)
+            best = min(of_group, default=None)
             if best is not None and best.model != pool.best.model:
                 yield best
 

@@ -26,15 +26,6 @@ from commonlaw.solvers import AbstractSolver
 
 
 @dataclass(frozen=True, eq=False)
-class ComparedSupport:
-    """A support of one equation, shape (terms,), beside the best: 2 log B."""
-
-    support: Bools
-    twice_log_bayes_factor: float
-    chosen: bool
-
-
-@dataclass(frozen=True, eq=False)
 class SupportEvidence:
     """The evidence for supports of all equations of all objects, of which none may have more than `most` terms.
 
@@ -106,16 +97,16 @@ class SupportEvidence:
         self,
         supports: Bools,
         fitted: Sequence[tuple[float, Bools]] = (),
-    ) -> list[list[ComparedSupport]]:
+    ) -> list[list[tuple[float, Bools]]]:
         """Return for each equation the chosen support and those that differ by one term or an exchange of two.
 
-        The best first; the other equations keep their supports. Those that were fitted come with 2 log B against the
-        chosen: it is more exact than what is linearised about that.
+        The best first, each with 2 log B of the chosen against it; the other equations keep their supports. What is
+        known of those that were fitted is more exact than what is linearised about the chosen.
         """
         found = []
         for j, chosen in enumerate(supports):
             if j not in self._chosen:
-                found.append([ComparedSupport(chosen, 0.0, True)])
+                found.append([(0.0, chosen)])
                 continue
             equation = self._equation(supports, j, self._alone(supports, j))
             near = equation.neighbours(chosen, self.allowed[j], max(self.most, chosen.sum()))
@@ -126,12 +117,11 @@ class SupportEvidence:
                 each[j].tobytes(): above for above, each in fitted if np.array_equal(np.delete(each, j, axis=0), others)
             }
             here = equation.value(chosen)
-            values = np.array(
-                [here + exact[own] if (own := each.tobytes()) in exact else equation.value(each) for each in listed]
-            )
-            above = (values - values.min()).tolist()
-            compared = [ComparedSupport(each, above[i], i == 0) for i, each in enumerate(listed)]
-            found.append(sorted(compared, key=lambda each: each.twice_log_bayes_factor))
+            compared = [
+                (exact[key] if (key := each.tobytes()) in exact else equation.value(each) - here, each)
+                for each in listed
+            ]
+            found.append(sorted(compared, key=lambda pair: pair[0]))
         return found
 
     def coefficients(self, supports: Bools, held: Floats | None = None) -> Floats:

@@ -117,7 +117,7 @@ def of_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallba
         show = part(progress, number / (len(GROUPS) + 1), (number + 1) / (len(GROUPS) + 1))
         of_group = [each for each in starts if each.errors in group]
         if of_group:
-            start = min(of_group, key=lambda each: each.score)
+            start = min(of_group)
             show(f"seeking the law with {WORDS[start.errors]}")
             pools.append(_in_turn(start, show))
     return sorted((pool for pool in pools if pool.best.is_usable), key=lambda pool: pool.best.score)
@@ -143,7 +143,7 @@ def _in_turn(fit: Fit, progress: ProgressCallback) -> Pool:
         explored = _searched(fit, progress)
         others = [each for each in explored if not np.array_equal(each.supports, fit.supports)]
         changed = with_errors_of_kind(others[0], kind) if others else fit
-        if not changed.score < fit.score:
+        if not changed < fit:
             break
         fit = changed
     return Pool((fit,), explored)
@@ -152,7 +152,7 @@ def _in_turn(fit: Fit, progress: ProgressCallback) -> Pool:
 def _searched(fit: Fit, progress: ProgressCallback) -> list[Fit]:
     if fit.has_model_error:
         return [polish(fit.problem, fit.supports, fit.estimates, fit.model_error)]
-    fits = sorted(annealed(fit.problem, progress, settings.SCHEDULES[:1]), key=lambda each: each.score)
+    fits = sorted(annealed(fit.problem, progress, settings.SCHEDULES[:1]))
     return [each for each in fits if not each.has_model_error]
 
 

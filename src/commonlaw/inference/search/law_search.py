@@ -23,7 +23,7 @@ from commonlaw.inference.fit.annealing import (
     with_close_neighbours,
 )
 from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
-from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, by_score
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, best_of
 from commonlaw.inference.fit.heteroscedasticity import with_growing_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.input_interpolation import best_interpolation, with_interpolation
@@ -126,7 +126,7 @@ def fit_terms(setup: FitSetup) -> Pool:
         If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     problem = setup.problem()
-    (fit,) = by_score([fit_supports(problem, problem.allowed, ANY_ERROR)])
+    fit = best_of([fit_supports(problem, problem.allowed, ANY_ERROR)])
     return Pool((to_scale(until_resolved(fit, lambda finer: finer)),))
 
 
@@ -185,7 +185,7 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
 
     fit, done = pool.best, set[bytes]()
     while True:
-        (fit,) = by_score([to_scale(until_resolved(fit, again))])
+        fit = best_of([to_scale(until_resolved(fit, again))])
         if fit.problem.solver is None:
             return pool.with_best(fit)
         done.add(fit.supports.tobytes())

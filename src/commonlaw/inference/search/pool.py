@@ -54,7 +54,7 @@ class Pool:
         Laws that are too fast for their steps, of those as likely as this, come last.
         """
         first, last = list[Fit](), list[Fit]()
-        for fit in sorted(fits, key=lambda each: each.score):
+        for fit in sorted(fits):
             near = len(fits) > 1 and (not first or fit.score - first[0].score < PLAUSIBLE)
             (last if near and not fit.follows_solutions else first).append(fit)
         return cls((*first, *last), explored, tuple(approximations))
@@ -96,7 +96,7 @@ class Pool:
         equations, solver = range(len(best.supports)), best.problem.solver
         assert solver is not None
         for j, listed in zip(equations, best.neighbours(), strict=True):
-            yield from (_exchanged(best.supports, j, each.support) for each in listed[: settings.MAX_PROPOSED])
+            yield from (_exchanged(best.supports, j, own) for _, own in listed[: settings.MAX_PROPOSED])
         for j in equations:
             yield from (_exchanged(best.supports, j, own) for own in best.evidence.path(best.supports, j, solver))
 
