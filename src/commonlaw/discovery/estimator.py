@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
 
+import numpy as np
+
 from commonlaw.cluster import on_cluster, refuse_client
 from commonlaw.discovery.blas import one_blas_thread
 from commonlaw.discovery.data_check import outcomes_of_stand_ins
@@ -26,7 +28,7 @@ from commonlaw.law.domain import Domain
 from commonlaw.law.meeting import matched
 from commonlaw.law.script import call
 from commonlaw.law.zero import with_outcomes_of_zero
-from commonlaw.library import AbstractLibrary, one_order, order_of_each, parse_library
+from commonlaw.library import AbstractLibrary, CappedLibrary, one_order, order_of_each, parse_library
 from commonlaw.outcomes import Outcome, note
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trial, Trials, TrialStream
@@ -174,6 +176,8 @@ class LawDiscovery:
             trials, copies = _once(trials)
             resting = () if self.universal else objects_at_rest(trials)
             trials = without_objects(trials, resting)
+            if not (known or self.universal):
+                structure = replace(structure, library=_without_powers_of_levels(library, trials))
         with one_blas_thread():
             law = _law_of_some_order(method, trials, structure, possible, progress)
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
@@ -252,6 +256,9 @@ class LawDiscovery:
         return self.law_
 
 
+_MAX_LEVELS = 5
+"""Values of an input: higher powers are in no library by default."""
+
 _PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
 
 _CHANGE_NOTHING = ("progress", "cache", "client")
@@ -307,6 +314,16 @@ def _without_evidence(
     what = "in a stream" if is_stream else f"by {type(method).__name__}"
     order = one_order([each for (each,) in chosen])
     return chosen, (note("order-without-evidence", order=order, what=what),)
+
+
+def _without_powers_of_levels(library: AbstractLibrary, trials: Trials) -> AbstractLibrary:
+    """Return a library without powers of inputs that take too few values to tell them from lower powers."""
+    inputs, levels = np.concatenate([each.inputs for each in trials]), list[tuple[str, int]]()
+    for name, own in zip(trials.schema.inputs, inputs.T, strict=True):
+        count = len(np.unique(own[np.isfinite(own)]))
+        if count <= _MAX_LEVELS:
+            levels.append((name, count))
+    return CappedLibrary(library, tuple(levels)) if levels else library
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:

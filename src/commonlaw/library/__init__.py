@@ -7,6 +7,7 @@ from operator import add, mul
 from commonlaw.errors import CommonlawError
 from commonlaw.library.algebra import (
     AbstractLibrary,
+    CappedLibrary,
     Offer,
     ProductLibrary,
     ReducedLibrary,
@@ -51,6 +52,7 @@ __all__ = [
     "AbstractLibrary",
     "AbstractTerm",
     "AutoLibrary",
+    "CappedLibrary",
     "Constant",
     "ConstantLibrary",
     "Expression",

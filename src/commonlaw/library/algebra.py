@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from commonlaw.errors import CommonlawError
+from commonlaw.library.monomial import Monomial
 from commonlaw.library.parametric import ParametricTerm, TiedTerms
 from commonlaw.library.product import multiply
 from commonlaw.library.ratio import Ratios
+from commonlaw.library.term import AbstractTerm
 from commonlaw.library.terms import Terms, Variables
 
 _MOST_TERMS = 100_000
@@ -190,3 +192,55 @@ class ReducedLibrary(AbstractLibrary):
         if len(dropped) == len(terms):
             raise CommonlawError("no-term-left", names=self.names)
         return terms.take([i for i in range(len(terms)) if i not in dropped])
+
+
+@dataclass(frozen=True)
+class CappedLibrary(AbstractLibrary):
+    """A library without powers of variables that take few values.
+
+    At n values the n-th power of a variable is a sum of its lower powers, so no measurement tells them apart. Such a
+    term goes where the library has these.
+
+    Parameters
+    ----------
+    library
+        Which terms there are.
+    levels
+        How many values a variable takes, by name.
+    """
+
+    library: AbstractLibrary
+    levels: tuple[tuple[str, int], ...]
+
+    def bind(self, variables: Variables) -> Terms:
+        terms = self.library.bind(variables)
+        columns = [(variables.index(name), count) for name, count in self.levels]
+        return terms.take([i for i, term in enumerate(terms.terms) if not _is_sum_of_lower(term, columns, terms.terms)])
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+        return self.library.parametric(variables)
+
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        return self.library.ratios(variables)
+
+    def offers(self, variables: Variables) -> Iterator[Offer]:
+        return self.library.offers(variables)
+
+    @property
+    def higher(self) -> AbstractLibrary | None:
+        return replace(self, library=higher) if (higher := self.library.higher) else None
+
+    @property
+    def seeks_unmeasured(self) -> bool:
+        return self.library.seeks_unmeasured
+
+
+def _is_sum_of_lower(term: AbstractTerm, columns: Sequence[tuple[int, int]], among: Sequence[AbstractTerm]) -> bool:
+    """Return whether a term has as high a power of a column as that has values, and all lower powers are there."""
+    if not isinstance(term, Monomial):
+        return False
+    powers = term.exponents
+    return any(
+        powers[i] >= count and all(Monomial((*powers[:i], k, *powers[i + 1 :])) in among for k in range(count))
+        for i, count in columns
+    )
