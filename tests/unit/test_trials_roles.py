@@ -46,6 +46,7 @@ def roles_of(frame, **named):
         ("rig", "run", ("r1", "r2")),
         ("Sample", "No", (1, 2)),
         ("kind", "w", (1, 2)),
+        ("star", "w", (0, 1)),
         ("experiment", "rep", (1, 2)),
     ],
 )

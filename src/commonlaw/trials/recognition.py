@@ -234,7 +234,7 @@ def _determines(codes: Codes, others: Codes) -> bool:
 def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Codes, *, named: bool) -> str | None:
     """Return the column of these that labels the trials of objects, shape (n,) in `owners`; None if there is no such.
 
-    It has the name of one, or it is text or counts from 1, and without it times of an object would go back. Where no
+    It has the name of one, or it is text or counts from 0 or 1, and without it times of an object would go back. Where no
     object is `named`, only a name will do.
 
     Raises
@@ -287,11 +287,11 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
 
 
 def _counts(table: Table, name: str) -> bool:
-    """Say whether a column is text, or has all whole numbers from 1 to some."""
+    """Say whether a column is text, or has all whole numbers from 0 or 1 to some."""
     if not table.is_numeric(name):
         return True
     numbers = np.unique(readable(table, name))
-    return np.array_equal(numbers, np.arange(1, len(numbers) + 1))
+    return any(np.array_equal(numbers, np.arange(first, first + len(numbers))) for first in (0, 1))
 
 
 def increase_within(codes: Codes, times: Floats) -> bool:
