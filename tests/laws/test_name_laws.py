@@ -7,7 +7,7 @@ import unicodedata
 from hypothesis import given, strategies as st
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.naming import latex_name
+from commonlaw.library.notation import latex_name
 from commonlaw.names import in_latex, in_line, visible
 
 DANGERS = st.sampled_from("\x1b\x07\x9b\n\r\t\u202e\u2028\ud800\\{}^%$~日 ")

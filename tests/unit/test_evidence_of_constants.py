@@ -11,11 +11,11 @@ from commonlaw.inference import prepare
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.lack_of_fit import has_poles
 from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable
-from commonlaw.library import Constant, Terms, Variables, parse_term
+from commonlaw.library import Term, Terms, Variables, parse_term
 
 TIMES = np.linspace(0, 3, 30)
 SATURATION = Variables(("s",), constants=("K",))
-TERMS = Terms(SATURATION, (parse_term("s/(K + s)", SATURATION), Constant(SATURATION.index("K"))))
+TERMS = Terms(SATURATION, (parse_term("s/(K + s)", SATURATION), Term(parameter=SATURATION.index("K"))))
 
 
 def decaying(rates, starts, half=np.inf, noise=0.01):

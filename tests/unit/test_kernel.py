@@ -10,9 +10,8 @@ import pytest
 
 from commonlaw.formulation import explained
 from commonlaw.kernel import library as kernels
-from commonlaw.library import Constant, Terms, Variables, parse_library
+from commonlaw.library import Term, Terms, Variables, parse_library
 from commonlaw.library.grammar import FUNCTIONS
-from commonlaw.library.monomial import Monomial
 from commonlaw.likelihood import (
     AboutEstimates,
     Estimate,
@@ -86,7 +85,7 @@ def model_of(
     found = meshes(trials, most=cut, input_between=between)
     scaled = [replace(each, scale=generator.uniform(0.5, 1.5, each.measured.shape)) for each in found]
     variables = Variables(tuple(names), tuple(inputs), logarithmic=logarithmic, constants=constants, orders=orders)
-    own = (Constant(variables.index(name)) for name in constants)
+    own = (Term(parameter=variables.index(name)) for name in constants)
     terms = Terms(variables, (*parse_library(text).bind(variables).terms, *own))
     noise, unit = np.full(equations, 0.1), np.linspace(0.1, 0.3, len(names))
     states = tuple(generator.uniform(0.5, 1.5, (len(each), len(names))) for each in scaled)
@@ -280,28 +279,6 @@ def test_every_function_of_terms_is_in_programs(library, text):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-11, atol=1e-12, err_msg=name)
     on = mesh.contiguous
     np.testing.assert_allclose(found.coefficients[on], expected.coefficients[on], rtol=1e-11, atol=1e-12)
-
-
-class Unheard(Monomial):
-    """A term that is written in no way that programs know."""
-
-    def parts(self):
-        return np.fmod, Monomial(self.exponents), Monomial((1, 0))
-
-
-@pytest.mark.usefixtures("library")
-def test_terms_that_no_program_says_are_fitted_with_numpy(monkeypatch):
-    monkeypatch.setenv(kernels.VARIABLE, "compiled")
-    variables = Variables(("x",))
-    model = TrajectoryModel(
-        Terms(variables, (Unheard((1, 0)), Monomial((0, 0)))),
-        meshes([trial(np.arange(5.0), np.ones((5, 1)))]),
-        ObservationModel(np.ones(1)),
-        np.ones(1),
-    )
-    assert model.terms.program is None
-    start, free = Estimate((np.full((5, 1), 2.0),), np.zeros((1, 2))), np.array([[False, True]])
-    assert fit(model, start, free, ERRORS).objective == fitting.fit(model, start, free, ERRORS).objective
 
 
 @pytest.mark.usefixtures("library")

@@ -10,13 +10,10 @@ import sympy
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.library import (
-    Expression,
     ExpressionLibrary,
-    Monomial,
     PolynomialLibrary,
-    Product,
-    Trigonometric,
     Variables,
+    monomial,
     parse_term,
     term_unit,
 )
@@ -31,21 +28,21 @@ POINTS = np.random.default_rng(3).uniform(0.2, 2.0, (7, 3)) * np.array([1, -1, 1
 @pytest.mark.parametrize(
     ("text", "term"),
     [
-        ("1", Monomial((0, 0, 0))),
-        ("v*x^2", Monomial((2, 1, 0))),
-        ("(x*v)**2*(2-1)", Monomial((2, 2, 0))),
-        ("x**3/x", Monomial((2, 0, 0))),
-        ("sin(2*x)", Trigonometric("sin", 2, 0)),
-        ("cos(t*0.5)", Trigonometric("cos", 0.5, 2)),
-        ("abs( v )", Expression("abs(v1)")),
-        ("atan(x)", Expression("arctan(v0)")),
-        ("sin(x+v)", Expression("sin(v0 + v1)")),
-        ("v*abs(v)", Product((Monomial((0, 1, 0)), Expression("abs(v1)")), (), 3)),
-        ("x**-1", Product((), (Monomial((1, 0, 0)),), 3)),
+        ("1", ()),
+        ("v*x^2", (("v0", 2), ("v1", 1))),
+        ("(x*v)**2*(2-1)", (("v0", 2), ("v1", 2))),
+        ("x**3/x", (("v0", 2),)),
+        ("sin(2*x)", (("sin(2*v0)", 1),)),
+        ("cos(t*0.5)", (("cos(0.5*v2)", 1),)),
+        ("abs( v )", (("abs(v1)", 1),)),
+        ("atan(x)", (("arctan(v0)", 1),)),
+        ("sin(x+v)", (("sin(v0 + v1)", 1),)),
+        ("v*abs(v)", (("v1", 1), ("abs(v1)", 1))),
+        ("x**-1", (("v0", -1),)),
     ],
 )
-def test_a_text_is_read_as_the_simplest_kind_of_term(text, term):
-    assert parse_term(text, XV) == term
+def test_a_text_is_read_as_powers_of_factors_in_one_form(text, term):
+    assert parse_term(text, XV).powers == term
 
 
 @pytest.mark.parametrize(
@@ -104,7 +101,7 @@ def test_names_that_are_not_plain_words_survive_writing_and_reading(text):
 
 
 def test_a_power_of_a_name_with_odd_characters_is_shown_in_parentheses():
-    assert Monomial((2, 1)).text(("dx/dt", "wind speed")) == "(dx/dt)^2 wind speed"
+    assert monomial({0: 2, 1: 1}).text(("dx/dt", "wind speed")) == "(dx/dt)^2 wind speed"
 
 
 @pytest.mark.parametrize(
@@ -237,7 +234,7 @@ def test_values_that_are_not_defined_give_no_warning():
     for term, value in zip(terms.terms, matrix[0], strict=True):
         assert term.evaluate(zeros)[0] == pytest.approx(value, nan_ok=True)
         term.gradient(zeros)
-    assert np.isinf(Monomial((2, 0, 0)).evaluate(np.full((1, 3), 1e200)))
+    assert np.isinf(monomial({0: 2}).evaluate(np.full((1, 3), 1e200)))
 
 
 def test_a_value_that_is_not_finite_is_named_with_its_term_sample_and_variables():

@@ -16,7 +16,7 @@ from commonlaw.inference.fit.parameter_grid import Banks, frequencies_in_time
 from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable, terms_of_sets
 from commonlaw.inference.propose.integral_ranking import Start, TermSet, matching_sets
 from commonlaw.inference.score.score import Score
-from commonlaw.library import Constant, PolynomialLibrary, Terms, Variables, parametric_term, parse_library
+from commonlaw.library import PolynomialLibrary, Term, Terms, Variables, parametric_term, parse_library
 from tests.refusals import refused
 
 ENZYMES = {"a": (1.0, 0.5), "b": (2.0, 1.5), "c": (1.5, 1.0)}
@@ -247,8 +247,8 @@ def test_what_is_divided_by_a_state_that_changes_its_sign_is_not_tried():
 )
 def test_frequencies_are_what_time_is_multiplied_with_in_a_sine(text, columns):
     term = parametric_term(text, Variables(("x",)))
-    places = range(2, 2 + len(term.constants))
-    terms = Terms(Variables(("x",), constants=term.constants), (term.term, *map(Constant, places)))
+    places = (Term(parameter=2 + i) for i in range(len(term.constants)))
+    terms = Terms(Variables(("x",), constants=term.constants), (term.term, *places))
     assert frequencies_in_time(terms) == columns
 
 
@@ -258,7 +258,7 @@ def test_a_drive_is_told_if_a_trial_has_a_whole_cycle_of_it_and_each_cycle_two_s
     exact = np.sin(frequency * times)[:, np.newaxis] / frequency
     trials = cl.Trials.from_arrays(times, exact + 0.001 * np.random.default_rng(0).standard_normal(exact.shape))
     variables = Variables(("x",), constants=("w",))
-    terms = Terms(variables, (parametric_term("cos(w*t)", Variables(("x",))).term, Constant(2)))
+    terms = Terms(variables, (parametric_term("cos(w*t)", Variables(("x",))).term, Term(parameter=2)))
     problem = prepare(trials, terms, np.full((1, 1, 2), np.nan), guess=np.array([[[1.0, frequency]]]))
     estimate = replace(problem.starts[0], states=(exact,), coefficients=np.array([[1.0, frequency]]))
     fit = Fit(problem, np.ones((1, 2), dtype=bool), (estimate,), 0.0, Score({}))

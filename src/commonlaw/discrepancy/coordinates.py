@@ -12,9 +12,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.verbs.comparison import written_alike
 from commonlaw.law import Law
-from commonlaw.library import Expression, Terms, Variables
-from commonlaw.library.grammar import columns_in, read, with_names, write
-from commonlaw.library.naming import quoted
+from commonlaw.library import Terms, Variables
+from commonlaw.library.grammar import columns_in, evaluate, read, with_names, write
+from commonlaw.library.notation import quoted
 from commonlaw.trials import Trials
 from commonlaw.trials.property_inputs import with_property_inputs
 from commonlaw.trials.trial import property_names
@@ -53,7 +53,8 @@ class Visited:
             If it is not finite at a sample.
         """
         tree = read(text, self.variables.names)
-        found = Expression(write(tree)).evaluate(self.values) + np.zeros(len(self.values))
+        with np.errstate(all="ignore"):
+            found: Floats = evaluate(tree, self.values.T) + np.zeros(len(self.values))
         if not np.isfinite(found).all():
             at = self.values[np.argmin(np.isfinite(found))]
             point = ", ".join(f"{name} = {value:g}" for name, value in zip(self.variables.names, at, strict=True))

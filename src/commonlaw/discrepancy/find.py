@@ -17,7 +17,7 @@ from commonlaw.inference.fit.covariance import errors_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.script import call
 from commonlaw.library import Terms
-from commonlaw.library.naming import quoted
+from commonlaw.library.notation import quoted
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.trials import Trials
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.library import AbstractTerm, Variables, parse_term
+from commonlaw.library import Term, Variables, parse_term
 
 _PARTS = 6
 """Bumps in the range that was visited: what is narrower is no smooth function."""
@@ -54,7 +54,7 @@ class SmoothBasis:
     def __len__(self) -> int:
         return len(self.knots) + 1
 
-    def terms(self, variables: Variables) -> tuple[AbstractTerm, ...]:
+    def terms(self, variables: Variables) -> tuple[Term, ...]:
         """Return the functions, times what they are multiplied with: the line, then the bumps."""
         own = f"({self.coordinate})"
         bumps = (f"exp(-(({own} - ({knot!r}))/{self.width!r})**2/2)" for knot in self.knots.tolist())

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.formulation.compact_test_functions import CompactTestFunctions
-from commonlaw.library import AbstractTerm, Monomial, Terms
+from commonlaw.library import Term, Terms, monomial
 from commonlaw.trials import Trial
 
 if TYPE_CHECKING:
@@ -105,20 +105,17 @@ class WeakRows:
         return white[:, : self.library.shape[1]], white[:, self.library.shape[1] :]
 
 
-def antiderivative(term: AbstractTerm, states: int) -> tuple[float, Monomial] | None:
+def antiderivative(term: Term, states: int) -> tuple[float, Term] | None:
     """Return factor and monomial of which a term is the derivative by time, if it is one like ``x^m v``.
 
     Of the variables of the term so many are states, and as many after them their rates.
     """
-    if not isinstance(term, Monomial):
+    exponents = term.exponents or {}
+    rates = [i for i in range(states) if exponents.get(states + i) == 1]
+    if len(rates) != 1 or not exponents.keys() <= {rates[0], states + rates[0]}:
         return None
-    used = [i for i in range(states) if term.exponents[states + i] == 1]
-    if len(used) != 1:
-        return None
-    power = term.exponents[used[0]] + 1
-    if term.degree != power:
-        return None
-    return 1 / power, Monomial(tuple(power if i == used[0] else 0 for i in range(len(term.exponents))))
+    power = exponents.get(rates[0], 0) + 1
+    return 1 / power, monomial({rates[0]: power})
 
 
 def _bands(matrix: "csr_array") -> Floats:

@@ -29,7 +29,7 @@ from commonlaw.law.related import RelatedCoefficients
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.library.equation import split_equations
-from commonlaw.library.naming import latex_name
+from commonlaw.library.notation import latex_name
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials import Schema
 

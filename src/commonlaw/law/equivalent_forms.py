@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
 from commonlaw.law.from_text import read_equations
 from commonlaw.law.law import Law
-from commonlaw.library.naming import quoted
+from commonlaw.library.notation import quoted
 
 if TYPE_CHECKING:
     import sympy

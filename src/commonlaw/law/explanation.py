@@ -12,7 +12,7 @@ from commonlaw.law.checked_arrays import checked
 from commonlaw.law.dimensions import is_number, meaning
 from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.law.text import Addend, summed
-from commonlaw.library.naming import latex_name, powered
+from commonlaw.library.notation import latex_name, powered
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,10 +12,10 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
-from commonlaw.library import Constant, Order, Terms, Variables, one_order, with_rates
+from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
 from commonlaw.library.equation import Equation, Meanings, Summand, only_product, split_equations, with_constants
-from commonlaw.library.parse import parse_term
+from commonlaw.library.term import parse_term
 from commonlaw.trials import Schema
 
 
@@ -157,7 +157,7 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
     own = [Product(j, len(listed) + i, 1.0, ((name, 1),)) for i, (name, j) in enumerate(owners.items())]
     found += tuple(Coefficient(name, (Part(each.equation, each.term),)) for name, each in zip(owners, own, strict=True))
     known = np.column_stack([known, *(np.where(np.arange(len(rows)) == j, np.nan, 0.0) for j in owners.values())])
-    terms = Terms(variables, (*listed, *(Constant(variables.index(name)) for name in owners)))
+    terms = Terms(variables, (*listed, *(Term(parameter=variables.index(name)) for name in owners)))
     texts = tuple(each.text for each in ordered)
     bounds = bounds_in(given)
     for bound in bounds:

@@ -10,8 +10,8 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.library import Order, order_of_each
-from commonlaw.library.fraction import Fraction
-from commonlaw.library.naming import latex_name
+from commonlaw.library.notation import latex_name
+from commonlaw.library.terms import Fraction
 from commonlaw.names import in_line
 from commonlaw.outcomes import Outcome
 from commonlaw.wording import counted

@@ -12,11 +12,9 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.bounds import is_bound, parts_of
 from commonlaw.library.grammar import DEEPEST, FUNCTIONS, LONGEST, OTHER_NAMES, constant, read, with_names, write
 from commonlaw.library.multiplying import NotAFactorError, Product, multiplied_out
-from commonlaw.library.naming import quoted
-from commonlaw.library.notation import expression_latex
-from commonlaw.library.parse import parse_term
-from commonlaw.library.term import AbstractTerm
-from commonlaw.library.terms import Variables
+from commonlaw.library.notation import expression_latex, quoted
+from commonlaw.library.term import Term, parse_term
+from commonlaw.library.variables import Variables
 
 _NAME = r"`(?:[^`]|``)+`|[^\W\d]\w*"
 _LEFT = re.compile(
@@ -39,7 +37,7 @@ class Summand:
 
     factor: float
     coefficients: tuple[tuple[str, int], ...]
-    term: AbstractTerm
+    term: Term
 
 
 class InsideError(Exception):

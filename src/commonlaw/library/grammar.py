@@ -10,11 +10,11 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from operator import add, mul, neg, pow, sub, truediv
 from typing import Any
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 
 LONGEST = 1000
@@ -22,8 +22,14 @@ DEEPEST = 60
 HIGHEST_POWER = 100
 LARGEST_NUMBER = 1e100
 
-FUNCTIONS: Mapping[str, Callable[..., Any]] = {
-    "abs": np.abs,
+OPERATIONS: Mapping[str, np.ufunc] = {
+    "add": np.add,
+    "subtract": np.subtract,
+    "multiply": np.multiply,
+    "divide": np.divide,
+    "power": np.power,
+    "negate": np.negative,
+    "abs": np.absolute,
     "sqrt": np.sqrt,
     "exp": np.exp,
     "log": np.log,
@@ -36,13 +42,15 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "arctan": np.arctan,
     "sign": np.sign,
 }
+"""What expressions are made of, in the order of the kernel's operations."""
+FUNCTIONS = tuple(OPERATIONS)[6:]
 OTHER_NAMES = {"atan": "arctan"}
-OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
-    ast.Add: add,
-    ast.Sub: sub,
-    ast.Mult: mul,
-    ast.Div: truediv,
-    ast.Pow: pow,
+_OPERATORS: Mapping[type[ast.AST], str] = {
+    ast.Add: "add",
+    ast.Sub: "subtract",
+    ast.Mult: "multiply",
+    ast.Div: "divide",
+    ast.Pow: "power",
 }
 _TOKEN = re.compile(
     r"`(?P<quoted>(?:[^`]|``)+)`|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
@@ -53,14 +61,14 @@ _COLUMN = re.compile(r"v(\d+)")
 
 @dataclass(frozen=True)
 class Algebra:
-    """What a tree is computed in: how a number is written, and the functions."""
+    """What an expression is computed in: how a number is written, and the operations by their names."""
 
     number: Callable[[float], Any]
-    functions: Mapping[str, Callable[..., Any]]
+    operations: Mapping[str, Callable[..., Any]]
 
 
-NUMPY = Algebra(float, FUNCTIONS)
-Compiled = Callable[[Any, Algebra], Any]
+NUMPY = Algebra(float, OPERATIONS)
+_NUMBERS = Algebra(np.float64, OPERATIONS)
 
 
 def read(text: str, names: Sequence[str], constants: int = 0) -> ast.expr:
@@ -92,51 +100,73 @@ def with_names(code: str, names: Sequence[str]) -> str:
     return _COLUMN.sub(lambda match: names[int(match[1])], code)
 
 
-def columns_in(code: str) -> frozenset[int]:
-    """Return the columns of the variables in what `write` returned."""
-    return frozenset(int(each) for each in _COLUMN.findall(code))
+def columns_in(expression: str | ast.expr) -> frozenset[int]:
+    """Return the columns of the variables in a tree, or in what `write` returned."""
+    if isinstance(expression, str):
+        return frozenset(int(column) for column in _COLUMN.findall(expression))
+    names = (_COLUMN.fullmatch(node.id) for node in ast.walk(expression) if isinstance(node, ast.Name))
+    return frozenset(int(match[1]) for match in names if match)
 
 
-def factors_in(code: str) -> float:
-    """Return how many variables and functions there are in what `write` returned, repeated for powers.
+def factors_in(expression: str | ast.AST) -> float:
+    """Return how many variables and functions there are in an expression, repeated for powers.
 
     Examples
     --------
     >>> factors_in("v0*abs(v1)"), factors_in("(1 + v0)**2")
     (3.0, 2.0)
     """
-    return _factors(ast.parse(code, mode="eval").body)
-
-
-def _factors(tree: ast.AST) -> float:
+    tree = tree_of(expression) if isinstance(expression, str) else expression
     match tree:
         case ast.Name():
             return 1.0
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             number = constant(exponent)
-            return _factors(base) + _factors(exponent) if number is None else _factors(base) * max(1.0, abs(number))
-    return sum((_factors(each) for each in ast.iter_child_nodes(tree)), 0.0)
+            if number is not None:
+                return factors_in(base) * max(1.0, abs(number))
+    return sum((factors_in(part) for part in ast.iter_child_nodes(tree)), 0.0)
 
 
 @lru_cache(maxsize=4096)
-def compiled(code: str) -> Compiled:
-    """Return the function of variables, by column, and an algebra that computes what `write` returned.
+def tree_of(code: str) -> ast.expr:
+    """Return the tree of what `write` returned."""
+    return ast.parse(code, mode="eval").body
+
+
+def evaluate(expression: str | ast.expr, variables: Sequence[Any] | Floats, algebra: Algebra = NUMPY) -> Any:
+    """Return what an expression is worth in an algebra, given its variables by column.
 
     Examples
     --------
-    >>> compiled("v0*abs(v1)")([2.0, -3.0], NUMPY)
+    >>> evaluate("v0*abs(v1)", [2.0, -3.0])
     np.float64(6.0)
     """
-    return _compiled(ast.parse(code, mode="eval").body)
+    tree = tree_of(expression) if isinstance(expression, str) else expression
+    match tree:
+        case ast.Name(id=name):
+            return variables[int(name[1:])]
+        case ast.Constant(value=int() | float() as number):
+            return algebra.number(number)
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return evaluate(operand, variables, algebra)
+        case ast.UnaryOp(operand=operand):
+            name, operands = "negate", [operand]
+        case ast.BinOp(op=op, left=left, right=right):
+            name, operands = _OPERATORS[type(op)], [left, right]
+        case ast.Call(func=ast.Name(id=name), args=operands):
+            pass
+        case _:
+            raise CommonlawError("not-an-expression", expression=ast.unparse(tree)[:30])
+    return algebra.operations[name](*(evaluate(operand, variables, algebra) for operand in operands))
 
 
 def constant(tree: ast.expr) -> float | None:
     """Return the number that a tree without variables is; nothing for any other."""
-    if columns_in(ast.unparse(tree)):
+    if columns_in(tree):
         return None
     try:
         with np.errstate(all="ignore"):
-            return float(_compiled(tree)((), Algebra(np.float64, FUNCTIONS)))
+            return float(evaluate(tree, (), _NUMBERS))
     except OverflowError:
         return float("inf")
 
@@ -210,30 +240,8 @@ def _checked_exponent(tree: ast.expr, depth: int, variables: int) -> float:
     """Return the size of an exponent, at least 1."""
     _check(tree, depth + 1, 1, variables)
     exponent = constant(tree)
-    if exponent is None and min(columns_in(ast.unparse(tree))) >= variables:
+    if exponent is None and min(columns_in(tree)) >= variables:
         return 1.0
     if exponent is None:
         raise CommonlawError("exponent-not-a-number")
     return max(1.0, abs(exponent))
-
-
-def _compiled(tree: ast.expr) -> Compiled:
-    match tree:
-        case ast.Name(id=name):
-            column = int(name[1:])
-            return lambda variables, _: variables[column]
-        case ast.Constant(value=int() | float() as number):
-            return lambda _, algebra: algebra.number(number)
-        case ast.UnaryOp(op=op, operand=operand):
-            inner = _compiled(operand)
-            if isinstance(op, ast.UAdd):
-                return inner
-            return lambda variables, algebra: neg(inner(variables, algebra))
-        case ast.BinOp(op=op, left=left, right=right):
-            operator, first, second = OPERATORS[type(op)], _compiled(left), _compiled(right)
-            return lambda variables, algebra: operator(first(variables, algebra), second(variables, algebra))
-        case ast.Call(func=ast.Name(id=name), args=[argument]):
-            inner = _compiled(argument)
-            return lambda variables, algebra: algebra.functions[name](inner(variables, algebra))
-        case _:
-            raise CommonlawError("not-an-expression", expression=ast.unparse(tree)[:30])

@@ -83,7 +83,7 @@ def _whole(tree: ast.expr, inside: int) -> list[Product]:
 
 
 def _constants(tree: ast.expr, variables: int) -> list[int]:
-    return sorted(each for each in columns_in(ast.unparse(tree)) if each >= variables)
+    return sorted(each for each in columns_in(tree) if each >= variables)
 
 
 def _addends(tree: ast.expr, sign: int) -> list[tuple[int, ast.expr]]:

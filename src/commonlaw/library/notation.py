@@ -1,17 +1,67 @@
-"""What the grammar reads in other notations: LaTeX and SymPy."""
+"""How names and expressions are written: in a text, in LaTeX, in SymPy."""
 
 import ast
-from collections.abc import Callable, Sequence
+import operator
+import re
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
-from commonlaw.library.grammar import FUNCTIONS, LARGEST_NUMBER, Algebra, compiled
-from commonlaw.library.naming import latex_name
+from commonlaw.library.grammar import FUNCTIONS, LARGEST_NUMBER, Algebra, evaluate
+from commonlaw.names import in_latex
 
 if TYPE_CHECKING:
     import sympy
+
+
+_WORD = re.compile(r"[^\W\d]\w*")
+_GREEK = re.compile(
+    "alpha|beta|(var)?epsilon|zeta|eta|iota|kappa|mu|nu|rho|tau|chi|[Gg]amma|[Dd]elta|[Tt]heta|[Ll]ambda|[Xx]i|[Pp]i"
+    "|[Ss]igma|[Uu]psilon|(var)?[Pp]hi|[Pp]si|[Oo]mega"
+)
+
+
+def quoted(name: str) -> str:
+    """Return the name as an expression holds it: between backticks unless it is a plain word.
+
+    >>> quoted("v_x"), quoted("wind speed")
+    ('v_x', '`wind speed`')
+    """
+    return name if _WORD.fullmatch(name) else "`" + name.replace("`", "``") + "`"
+
+
+def powered(name: str, power: int, sign: str = "^") -> str:
+    """Return a power of a variable, in parentheses where its name is neither plain nor quoted.
+
+    >>> powered("v", 1), powered("v", 2), powered("dx/dt", 2), powered("`dx/dt`", 2, "**")
+    ('v', 'v^2', '(dx/dt)^2', '`dx/dt`**2')
+    """
+    if power == 1:
+        return name
+    plain = _WORD.fullmatch(name.rstrip("'")) or name.startswith("`")
+    return f"{name}{sign}{power}" if plain else f"({name}){sign}{power}"
+
+
+def latex_name(name: str) -> str:
+    r"""Return the name in LaTeX: Greek letters by their name, what follows a letter's underscore or is a digit below.
+
+    >>> print(latex_name("theta"), latex_name("x1"), latex_name("v_x"), latex_name("height"))
+    \theta x_{1} v_{x} \mathrm{height}
+    """
+    match = re.fullmatch(r"([^\W\d_]+)(?:_?(\d+)|_([^\W_]+))?('*)", name)
+    if match is None:
+        return rf"\mathrm{{{in_latex(name)}}}"
+    stem, number, index, primes = match.groups()
+    below = number or (_stem(index) if index else "")
+    return _stem(stem) + (f"_{{{below}}}" if below else "") + primes
+
+
+def _stem(word: str) -> str:
+    if _GREEK.fullmatch(word):
+        return f"\\{word}"
+    return word if len(word) == 1 else rf"\mathrm{{{word}}}"
 
 
 class _Binding(IntEnum):
@@ -23,6 +73,14 @@ class _Binding(IntEnum):
     WHOLE = 4
 
 
+_OPERATORS: Mapping[str, Callable[..., Any]] = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+    "power": operator.pow,
+    "negate": operator.neg,
+}
 _Formula = tuple[str, _Binding]
 _FORMS = {
     "abs": (r"\left|{{{}}}\right|", _Binding.WHOLE),
@@ -90,7 +148,7 @@ def sympy_form(code: str, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
     sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
     renamed = {"abs": "Abs", "arctan": "atan"}
     functions = {name: _guarded(getattr(sympy, renamed.get(name, name))) for name in FUNCTIONS}
-    return compiled(code)(symbols, Algebra(sympy.sympify, functions))
+    return evaluate(code, symbols, Algebra(sympy.sympify, {**_OPERATORS, **functions}))
 
 
 def _guarded(function: Callable[[Any], Any]) -> Callable[[Any], Any]:

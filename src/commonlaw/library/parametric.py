@@ -1,4 +1,4 @@
-"""Terms with constants inside that are to be found, such as ``s/(K + s)``, and families of them by name.
+"""Terms with constants inside that are to be found: ``s/(K + s)``, families of them by name, and ratios of sums.
 
 Terms may share a constant: of ``A cos(w t + p) = a cos(w t) + b sin(w t)`` w alone is inside, and a and b are linear.
 """
@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import chain, combinations, count
 
+import numpy as np
+
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.library.equation import split_equations, with_constants
-from commonlaw.library.parse import parse_term
-from commonlaw.library.term import AbstractTerm
-from commonlaw.library.terms import Variables
+from commonlaw.library.term import Term, parse_term
+from commonlaw.library.variables import Variables
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class ParametricTerm:
         Their names.
     """
 
-    term: AbstractTerm
+    term: Term
     constants: tuple[str, ...]
 
     def text(self, variables: Variables) -> str:
@@ -58,7 +60,7 @@ class ParametricTerm:
         """Return its terms, see `Ratio`: the one."""
         return [self.expression(variables, constants)]
 
-    def times(self, factor: AbstractTerm, variables: Variables) -> "ParametricTerm":
+    def times(self, factor: Term, variables: Variables) -> "ParametricTerm":
         """Return the product with a plain term."""
         return parametric_term(f"({factor.expression(variables.names)})*({self.expression(variables)})", variables)
 
@@ -97,10 +99,114 @@ class TiedTerms:
         """Return its terms, see `Ratio`."""
         return [part.expression(variables, constants) for part in self.parts]
 
-    def times(self, factor: AbstractTerm, variables: Variables) -> "TiedTerms":
+    def times(self, factor: Term, variables: Variables) -> "TiedTerms":
         """Return the products with a plain term."""
         parts = tuple(part.times(factor, variables) for part in self.parts)
         return TiedTerms(self.whole.times(factor, variables), parts)
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """One ratio of two sums: a coefficient before each term above and below, but for one below, which is one.
+
+    As terms with constants inside these are ``s/(K + s)``, ``s^2/(K + s)``: they share the constants.
+
+    Parameters
+    ----------
+    above
+        The terms of the numerator.
+    below
+        Those of the denominator.
+    reference
+        Which term below has the coefficient one, by its index.
+    constants
+        The names of the coefficients below, in the order of their terms, but for that of `reference`.
+    """
+
+    above: tuple[Term, ...]
+    below: tuple[Term, ...]
+    reference: int
+    constants: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """How many terms it is: as many as there are above."""
+        return len(self.above)
+
+    @property
+    def degree(self) -> int:
+        """The power of a constant beside one term below: 2 in ``K^2 + s^2``, so that K is a value of s."""
+        other = self.below[self.reference]
+        pure = other.exponents is not None and len(other.columns()) == 1 and len(self.below) == 2
+        return int(other.complexity()) if pure else 1
+
+    def expressions(self, variables: Variables, constants: Sequence[str]) -> list[str]:
+        """Return each of its terms for `parse_term`, with these names of its constants."""
+        names, left, written = variables.measured, list(constants), list[str]()
+        for i, each in enumerate(self.below):
+            text = each.expression(names)
+            if i == self.reference:
+                written.append(text)
+            elif each.columns():
+                written.append(f"{left.pop(0)}*{text}")
+            else:
+                written.append(f"{left.pop(0)}**{self.degree}" if self.degree > 1 else left.pop(0))
+        return [f"({each.expression(names)})/({' + '.join(written)})" for each in self.above]
+
+    def values_of_constants(self, below: Floats) -> list[float] | None:
+        """Return the values of the constants from coefficients below, shape (terms below,).
+
+        There are none if the coefficient of `reference` is zero, or an even power would have to be below zero.
+        """
+        with np.errstate(all="ignore"):
+            scaled = below / below[self.reference]
+        found = []
+        for i, (each, value) in enumerate(zip(self.below, scaled.tolist(), strict=True)):
+            if i != self.reference:
+                power = 1 if each.columns() else self.degree
+                if not np.isfinite(value) or (value <= 0 and power % 2 == 0):
+                    return None
+                found.append(float(np.sign(value) * abs(value) ** (1 / power)))
+        return found
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """The ratios among which that of an equation is sought.
+
+    Parameters
+    ----------
+    above, below
+        The terms from which numerators and denominators are made.
+    beside
+        Plain terms that an equation may have besides.
+    """
+
+    above: tuple[Term, ...]
+    below: tuple[Term, ...]
+    beside: tuple[Term, ...] = ()
+
+    def ratio(
+        self, above: Sequence[int], below: Sequence[int], variables: Variables, sizes: Floats | None = None
+    ) -> Ratio:
+        """Return the ratio of sums of some terms above and some below, by their indices.
+
+        Of those below that hold a variable, the one that is largest by these sizes has the coefficient one, so that no
+        other is far from being of its size; without sizes it is the first.
+        """
+        terms, letters = tuple(self.below[i] for i in below), list[str]()
+        sizes = np.ones(len(terms)) if sizes is None else sizes
+        reference = max((i for i, each in enumerate(terms) if each.columns()), key=lambda i: float(sizes[i]))
+        for letter in _LETTERS[: len(below) - 1]:
+            letters.append(free_name(letter, (*variables.measured, *letters)))
+        return Ratio(tuple(self.above[i] for i in above), terms, reference, tuple(letters))
+
+    def is_reduced(self, above: Sequence[int], below: Sequence[int]) -> bool:
+        """Whether no variable cancels in a ratio: ``s/(K + s)``, but not ``s^2/(K s + s^2)``."""
+        terms = (*(self.above[i] for i in above), *(self.below[i] for i in below))
+        exponents = [each.exponents for each in terms]
+        columns = [each.keys() for each in exponents if each is not None]
+        return len(columns) < len(terms) or not set(columns[0]).intersection(*columns)
 
 
 def constants_in(expression: str, variables: Variables) -> tuple[str, ...]:
@@ -226,6 +332,7 @@ def terms_of_family(
     return (*found, *(TiedTerms(whole, tuple(parts)) for whole, *parts in tied), *of_pairs)
 
 
+_LETTERS = "KLMNPQRSTUVW"
 _ANY = Variables(("u_", "w_"))
 
 

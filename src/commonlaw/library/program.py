@@ -1,41 +1,52 @@
-"""Terms as a program of single operations on registers, which any machine can run: the compiled kernel does."""
+"""Terms as a program of single operations on registers, with its derivatives; NumPy runs it, and so does the kernel."""
 
-import ast
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
-from commonlaw.library.constant import Constant
-from commonlaw.library.evaluation import Plan
-from commonlaw.library.grammar import constant
-from commonlaw.library.monomial import Monomial
-from commonlaw.library.term import AbstractTerm
-from commonlaw.library.trigonometric import Trigonometric
+from commonlaw.library.grammar import OPERATIONS, Algebra, evaluate
 
-OPERATIONS = (
-    "add", "subtract", "multiply", "divide", "power", "negate", "abs", "sqrt", "exp", "log", "sin", "cos", "tan",
-    "sinh", "cosh", "tanh", "arctan", "sign",
-)  # fmt: skip
-"""The operations by their numbers; the first five have two operands."""
-
-_BINARY: dict[type[ast.operator], str] = {
-    ast.Add: "add",
-    ast.Sub: "subtract",
-    ast.Mult: "multiply",
-    ast.Div: "divide",
-}
+_NAMES = tuple(OPERATIONS)
 _LONGEST_CHAIN = 16
 """Whole powers up to this are products."""
+
+_Slope = Callable[[Any, Any, Any], Any]
+_SLOPES: Mapping[str, tuple[_Slope, ...]] = {
+    "add": (lambda *_: 1.0, lambda *_: 1.0),
+    "subtract": (lambda *_: 1.0, lambda *_: -1.0),
+    "multiply": (lambda _x, y, _: y, lambda x, *_: x),
+    "divide": (lambda _x, y, _: 1 / y, lambda _x, y, value: -value / y),
+    # That of a power of zero by its exponent is zero whatever stands above
+    "power": (lambda x, y, _: y * x ** (y - 1), lambda x, _, value: np.where(value == 0, 0.0, value * np.log(x))),
+    "negate": (lambda *_: -1.0,),
+    "abs": (lambda x, *_: np.sign(x),),
+    "sqrt": (lambda _x, _, value: 0.5 / value,),
+    "exp": (lambda _x, _, value: value,),
+    "log": (lambda x, *_: 1 / x,),
+    "sin": (lambda x, *_: np.cos(x),),
+    "cos": (lambda x, *_: -np.sin(x),),
+    "tan": (lambda _x, _, value: 1 + value**2,),
+    "sinh": (lambda x, *_: np.cosh(x),),
+    "cosh": (lambda x, *_: np.sinh(x),),
+    "tanh": (lambda x, *_: 1 / np.cosh(x) ** 2,),
+    "arctan": (lambda x, *_: 1 / (1 + x**2),),
+    "sign": (lambda x, *_: 0.0 * x,),
+}
+"""The derivatives of each operation by its operands x and y, given its value."""
 
 
 @dataclass(frozen=True, eq=False)
 class Program:
     """Operations in order, each on earlier registers; common parts are computed once.
 
-    Registers hold the variables, then the constants, then the result of each operation.
+    A polynomial then costs one multiplication a term: ``x^2 v`` is ``x^2`` times v. A term has one way of being
+    computed, so its value does not depend on the others. Registers hold the variables, then the constants, then the
+    result of each operation.
 
     Parameters
     ----------
@@ -56,108 +67,132 @@ class Program:
     outputs: NDArray[np.int64]
 
     @classmethod
-    def of(cls, plan: Plan, variables: int) -> "Program | None":
-        """Return the program that computes the terms of a plan; None where a term has operations that it cannot say."""
+    def of(cls, products: Sequence[Sequence[tuple[str, int]] | None], variables: int) -> "Program":
+        """Return the program of products of powers of expressions over ``v<i>``; None stands for the number zero."""
         writer = _Writer(variables)
-        try:
-            registers: list[int] = []
-            for term, operation in plan.steps:
-                if operation is None:
-                    registers.append(writer.term(term))
+        outputs = [writer.constant(0.0) if each is None else writer.product(each) for each in products]
+
+        def place(register: int) -> int:
+            if register < 0:
+                return variables - 1 - register
+            return register if register < variables else register + len(writer.constants)
+
+        code = [(_NAMES.index(name), place(left), place(right)) for name, left, right in writer.code]
+        return cls(
+            variables,
+            np.array(list(writer.constants), dtype=np.float64),
+            np.array(code, dtype=np.int64).reshape(-1, 3),
+            np.array([place(each) for each in outputs], dtype=np.int64),
+        )
+
+    def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
+        """Return the terms as the columns of a matrix in Fortran order, shape (n, terms), at rows of variables."""
+        matrix = np.empty((len(values), len(self.outputs)), order="F") if out is None else out
+        columns = list(matrix.T)
+        registers = self._run(values, columns)
+        for column, register in zip(columns, self._outputs, strict=True):
+            if registers[register] is not column:
+                column[:] = registers[register]
+        return matrix
+
+    def jacobian(self, values: Floats) -> Floats:
+        """Return the derivatives of the terms by every variable, shape (n, terms, variables)."""
+        registers = self._run(values)
+        slopes: list[dict[int, Any]] = [{i: 1.0} for i in range(self.variables)]
+        slopes += [{} for _ in self.constants]
+        with np.errstate(all="ignore"):
+            for place, (name, operands) in enumerate(self._steps, len(slopes)):
+                found = dict[int, Any]()
+                for by_operand, operand in zip(_SLOPES[name], operands, strict=True):
+                    if slopes[operand]:
+                        outer = by_operand(registers[operands[0]], registers[operands[-1]], registers[place])
+                        for i, inner in slopes[operand].items():
+                            found[i] = found[i] + outer * inner if i in found else outer * inner
+                slopes.append(found)
+        result = np.zeros((len(self.outputs), self.variables, len(values)))
+        for block, register in zip(result, self._outputs, strict=True):
+            for i, slope in slopes[register].items():
+                block[i] = slope
+        return result.transpose(2, 0, 1)
+
+    @cached_property
+    def _steps(self) -> list[tuple[str, tuple[int, ...]]]:
+        """The operations by their names, with the registers of their operands."""
+        named = ((_NAMES[number], left, right) for number, left, right in self.code.tolist())
+        return [(name, (left, right)[: len(_SLOPES[name])]) for name, left, right in named]
+
+    @cached_property
+    def _outputs(self) -> list[int]:
+        return [int(register) for register in self.outputs]
+
+    @cached_property
+    def _calls(self) -> list[tuple[np.ufunc, int, int | None, int | None]]:
+        """The operations, the registers of their operands, and the term that each is the first to be."""
+        first, terms = self.variables + len(self.constants), dict[int, int]()
+        for k, register in enumerate(self._outputs):
+            terms.setdefault(register, k)
+        return [
+            (OPERATIONS[name], operands[0], operands[1] if len(operands) > 1 else None, terms.get(place))
+            for place, (name, operands) in enumerate(self._steps, first)
+        ]
+
+    def _run(self, values: Floats, columns: Sequence[Floats] | None = None) -> list[Any]:
+        """Return what is in each register; results that are terms are in the columns that are given for them."""
+        registers: list[Any] = [*np.ascontiguousarray(values.T), *self.constants.tolist()]
+        with np.errstate(all="ignore"):
+            for operation, left, right, term in self._calls:
+                out = None if term is None or columns is None else columns[term]
+                if right is None:
+                    registers.append(operation(registers[left], out))
                 else:
-                    kind, left, right = operation
-                    registers.append(writer.emit(kind.__name__, registers[left], registers[right]))
-            return writer.program([registers[step] for step in plan.indices])
-        except _UnsaidError:
-            return None
+                    registers.append(operation(registers[left], registers[right], out))
+        return registers
 
 
-class _UnsaidError(Exception):
-    """A term has an operation that programs do not have."""
-
-
-@dataclass
 class _Writer:
     """A program that is being written; constants count from -1 downwards until their number is known."""
 
-    variables: int
-    constants: dict[float, int] = field(default_factory=dict)
-    code: dict[tuple[str, int, int], int] = field(default_factory=dict)
-
-    def emit(self, operation: str, left: int, right: int) -> int:
-        """Return the register of an operation's result."""
-        if operation not in OPERATIONS:
-            raise _UnsaidError
-        return self.code.setdefault((operation, left, right), self.variables + len(self.code))
+    def __init__(self, variables: int) -> None:
+        self.variables = range(variables)
+        self.constants: dict[float, int] = {}
+        self.code: dict[tuple[str, int, int], int] = {}
+        self.algebra = Algebra(self.constant, {name: partial(self.emit, name) for name in OPERATIONS})
 
     def constant(self, value: float) -> int:
         """Return the place of a constant."""
-        return self.constants.setdefault(value, -1 - len(self.constants))
+        return self.constants.setdefault(float(value), -1 - len(self.constants))
 
-    def term(self, term: AbstractTerm) -> int:
-        """Return the register of a term that a plan does not take apart."""
-        if isinstance(term, Constant):
-            return self.constant(0.0)
-        if isinstance(term, Monomial):
-            return next(iter(term.columns())) if term.degree else self.constant(1.0)
-        if isinstance(term, Trigonometric):
-            angle = term.variable
-            if term.frequency != 1:
-                angle = self.emit("multiply", self.constant(term.frequency), angle)
-            return self.emit(term.function, angle, angle)
-        return self.tree(ast.parse(term.expression([f"v{i}" for i in range(self.variables)]), mode="eval").body)
-
-    def tree(self, tree: ast.expr) -> int:
-        """Return the register of an expression in the grammar's form."""
-        number = constant(tree)
-        if number is not None:
-            return self.constant(number)
-        match tree:
-            case ast.Name(id=name):
-                return int(name[1:])
-            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-                return self.tree(operand)
-            case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return self.function("negate", self.tree(operand))
-            case ast.Call(func=ast.Name(id=name), args=[operand]):
-                return self.function(name, self.tree(operand))
-            case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
-                return self.power(self.tree(base), exponent)
-            case ast.BinOp(op=op, left=left, right=right) if type(op) in _BINARY:
-                return self.emit(_BINARY[type(op)], self.tree(left), self.tree(right))
-        raise _UnsaidError
-
-    def function(self, name: str, operand: int) -> int:
-        """Return the register of a function of one register."""
-        return self.emit(name, operand, operand)
-
-    def power(self, base: int, above: ast.expr) -> int:
-        """Return the register of a power; small whole ones are products."""
-        exponent = constant(above)
-        if exponent is None:
-            return self.emit("power", base, self.tree(above))
-        if exponent == 0:
-            return self.constant(1.0)
-        size = abs(exponent)
-        if not (size == int(size) and size <= _LONGEST_CHAIN):
-            return self.emit("power", base, self.constant(exponent))
-        found = base
-        for _ in range(int(size) - 1):
-            found = self.emit("multiply", found, base)
-        return found if exponent > 0 else self.emit("divide", self.constant(1.0), found)
-
-    def program(self, outputs: Sequence[int]) -> Program:
-        """Return the program, registers being counted as it says."""
-        code = [(OPERATIONS.index(name), self._place(left), self._place(right)) for name, left, right in self.code]
-        return Program(
-            self.variables,
-            np.array(list(self.constants), dtype=np.float64),
-            np.array(code, dtype=np.int64).reshape(-1, 3),
-            np.array([self._place(each) for each in outputs], dtype=np.int64),
+    def product(self, powers: Sequence[tuple[str, int]]) -> int:
+        """Return the register of a product of powers."""
+        above, below = (
+            [evaluate(code, self.variables, self.algebra) for code, power in powers for _ in range(side * power)]
+            for side in (1, -1)
         )
+        return self.chain(above) if not below else self.emit("divide", self.chain(above), self.chain(below))
 
-    def _place(self, register: int) -> int:
-        """Return where a register is when the number of constants is known."""
-        if register < 0:
-            return self.variables - 1 - register
-        return register if register < self.variables else register + len(self.constants)
+    def chain(self, registers: Sequence[int]) -> int:
+        """Return the register of a product, from the left to the right."""
+        if not registers:
+            return self.constant(1.0)
+        found, *others = registers
+        for register in others:
+            found = self.emit("multiply", found, register)
+        return found
+
+    def emit(self, name: str, left: int, right: int | None = None) -> int:
+        """Return the register of an operation's result; that of constants is a constant."""
+        operands = (left,) if right is None else (left, right)
+        if max(operands) < 0:
+            values = list(self.constants)
+            with np.errstate(all="ignore"):
+                return self.constant(OPERATIONS[name](*(np.float64(values[-1 - each]) for each in operands)))
+        if name == "power" and right is not None and right < 0:
+            exponent = list(self.constants)[-1 - right]
+            if exponent.is_integer() and abs(exponent) <= _LONGEST_CHAIN:
+                size = int(abs(exponent))
+                return (
+                    self.chain([left] * size)
+                    if exponent >= 0
+                    else self.emit("divide", self.constant(1.0), self.chain([left] * size))
+                )
+        return self.code.setdefault((name, left, operands[-1]), len(self.variables) + len(self.code))

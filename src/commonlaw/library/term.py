@@ -1,70 +1,212 @@
-"""What a candidate function is."""
+"""Terms: products of whole powers of variables and of functions of them, in one form each."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+import ast
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from commonlaw.array_types import Floats
-from commonlaw.library.notation import expression_latex, sympy_form
+from commonlaw.errors import CommonlawError
+from commonlaw.library.grammar import (
+    HIGHEST_POWER,
+    columns_in,
+    constant,
+    factors_in,
+    read,
+    tree_of,
+    with_names,
+    write,
+)
+from commonlaw.library.notation import expression_latex, powered, quoted, sympy_form
+from commonlaw.library.program import Program
+from commonlaw.library.variables import Variables
 
 if TYPE_CHECKING:
     import sympy
 
 
-class AbstractTerm(ABC):
-    """A function of the variables: it evaluates, differentiates, prints, and has a SymPy form.
+class Factor(str):
+    """A factor of a term: ``v<i>`` for variable i, the sine or cosine of a multiple of one, or any other function.
 
-    Terms know variables by their column; names come in as arguments. Terms are values: equal terms compare equal.
+    Its text is that of `commonlaw.library.grammar.write`.
     """
 
-    @abstractmethod
-    def evaluate(self, values: Floats) -> Floats:
-        """Return the term's values, shape (n,), at the rows of `values`, shape (n, number of variables).
+    __slots__ = ()
 
-        Where the term is not defined, it is infinite or not a number; no warning is given.
-        """
+    @property
+    def column(self) -> int | None:
+        """The column, if it is a variable."""
+        return int(self[1:]) if self[0] == "v" and self[1:].isdecimal() else None
 
-    @abstractmethod
-    def gradient(self, values: Floats) -> Floats:
-        """Return the exact partial derivatives by every variable, shape (n, number of variables)."""
+    @property
+    def is_sinusoid(self) -> bool:
+        """Whether it is the sine or cosine of a multiple of one variable."""
+        return _sinusoid(self) is not None
 
-    def parts(self) -> tuple[np.ufunc, "AbstractTerm", "AbstractTerm"] | None:
-        """Return `numpy.multiply` or `numpy.divide` and the two simpler terms that it makes into this one, if any."""
-        return None
+    @property
+    def is_function(self) -> bool:
+        """Whether it is neither a variable nor a sinusoid."""
+        return self.column is None and not self.is_sinusoid
 
-    def below(self) -> tuple["AbstractTerm", ...]:
-        """Return what it is divided by."""
-        return ()
+    @property
+    def is_sum(self) -> bool:
+        """Whether it is a sum or a difference."""
+        tree = tree_of(self)
+        return isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Add | ast.Sub)
 
-    @abstractmethod
-    def columns(self) -> frozenset[int]:
-        """Return the columns of the variables that the term depends on."""
+    @property
+    def order(self) -> tuple[int, int, str]:
+        """By what factors of a product are sorted: variables, then sinusoids, then other functions."""
+        if self.column is not None:
+            return 0, self.column, ""
+        if (found := _sinusoid(self)) is not None:
+            function, frequency, column = found
+            return 1, 0, f"{function} {frequency}, {column})"
+        return 2, 0, f"{self}'"
+
+    def complexity(self) -> float:
+        """Return how many variables and functions it is written with."""
+        return 1.0 if self.column is not None else 2.0 if self.is_sinusoid else factors_in(self)
+
+    def text(self, names: Sequence[str]) -> str:
+        """Return it as the field writes it."""
+        text = self.replace("**", "^")
+        return with_names(text.replace("*", " ") if self.is_sinusoid else text, names)
+
+    def raised(self, text: str, power: int, sign: str) -> str:
+        """Return a power of it in a product, given how it is written itself."""
+        if self.column is not None:
+            return powered(text, power, sign)
+        if self.is_sum or (power > 1 and not isinstance(tree_of(self), ast.Call)):
+            text = f"({text})"
+        return text if power == 1 else f"{text}{sign}{power}"
+
+
+@dataclass(frozen=True)
+class Term:
+    """A function of variables that can be multiplied by a coefficient: ``x^2 v``, ``v*abs(v)``, ``x/(1 + x^2)``.
+
+    It knows variables by their columns; names come in as arguments. Equal terms compare equal however they were
+    written. `parse_term`, `monomial` and `product` make terms.
+
+    Parameters
+    ----------
+    powers
+        The factors with their powers, variables first and then functions; negative powers divide, and without any
+        factor it is the constant 1.
+    parameter
+        The column of a nonlinear parameter, such as K in ``s/(K + s)``: the term is the place of that parameter among
+        the terms of a law, and its coefficient the value. By itself it is zero, and has no factors.
+    """
+
+    powers: tuple[tuple[Factor, int], ...] = ()
+    parameter: int | None = None
+
+    @property
+    def numerator(self) -> "Term":
+        """What stands above."""
+        return Term(tuple((factor, power) for factor, power in self.powers if power > 0))
+
+    @property
+    def denominator(self) -> "Term":
+        """What it is divided by."""
+        return Term(tuple((factor, -power) for factor, power in self.powers if power < 0))
+
+    @property
+    def divisors(self) -> "frozenset[Term]":
+        """What it is divided by: a monomial, and functions."""
+        below = self.denominator.powers
+        variables = tuple(each for each in below if each[0].column is not None)
+        functions = {Term(((factor, 1),)) for factor, _ in below if factor.column is None}
+        return frozenset(functions | ({Term(variables)} if variables else set()))
+
+    @property
+    def exponents(self) -> dict[int, int] | None:
+        """The powers of variables by their columns, if it is a monomial."""
+        if self.parameter is not None or any(factor.column is None or power < 0 for factor, power in self.powers):
+            return None
+        return {factor.column: power for factor, power in self.powers if factor.column is not None}
 
     @property
     def is_sum(self) -> bool:
         """Whether it needs parentheses behind a coefficient."""
-        return False
+        return len(self.powers) == 1 and self.powers[0][1] == 1 and self.powers[0][0].is_sum
 
-    @abstractmethod
+    def power(self, exponent: int) -> "Term":
+        """Return a whole power of the term."""
+        return Term(tuple((factor, power * exponent) for factor, power in self.powers) if exponent else ())
+
+    def columns(self) -> frozenset[int]:
+        """Return the columns of the variables that the term depends on."""
+        return self._columns
+
+    @cached_property
+    def _columns(self) -> frozenset[int]:
+        inside = frozenset[int]() if self.parameter is None else frozenset((self.parameter,))
+        return inside.union(*(columns_in(factor) for factor, _ in self.powers))
+
     def complexity(self) -> float:
         """Return how many factors it takes to write the term: variables and functions, but no numbers.
 
         Three for ``x^2 v``, two for ``sin(2 x)``, none for ``1``.
         """
+        return sum(factor.complexity() * abs(power) for factor, power in self.powers)
 
-    @abstractmethod
+    def evaluate(self, values: Floats) -> Floats:
+        """Return the term's values, shape (n,), at the rows of `values`, shape (n, number of variables).
+
+        Where the term is not defined, it is infinite or not a number; no warning is given.
+        """
+        return Program.of((self._product,), values.shape[1]).evaluate(values)[:, 0]
+
+    def gradient(self, values: Floats) -> Floats:
+        """Return the exact partial derivatives by every variable, shape (n, number of variables)."""
+        return Program.of((self._product,), values.shape[1]).jacobian(values)[:, 0]
+
+    @property
+    def _product(self) -> tuple[tuple[str, int], ...] | None:
+        return None if self.parameter is not None else self.powers
+
     def text(self, names: Sequence[str]) -> str:
-        """Return the term as the field writes it: ``x^2 v``, ``sin(2 x)``."""
+        """Return the term as the field writes it: ``x^2 v``, ``sin(2 x)``, ``v*abs(v)``."""
+        if self.parameter is not None:
+            return names[self.parameter]
+        spaced = not any(factor.is_function for factor, power in self.powers if power > 0)
+        return self._written([factor.text(names) for factor, _ in self.powers], "^", " " if spaced else "*")
 
-    @abstractmethod
     def expression(self, names: Sequence[str]) -> str:
         """Return the term as an expression that `parse_term` reads back: ``x**2*v``."""
+        return with_names(self.code, [quoted(name) for name in names])
+
+    @cached_property
+    def code(self) -> str:
+        """The expression over ``v0``, ``v1``, ..., as the grammar writes it."""
+        if self.parameter is not None:
+            return f"v{self.parameter}"
+        return self._written([str(factor) for factor, _ in self.powers], "**", "*")
+
+    def _written(self, texts: Sequence[str], sign: str, separator: str) -> str:
+        """Return the product, given the texts of its factors, the sign of powers, and what stands between factors."""
+        if len(texts) == 1 and self.powers[0][1] == 1:
+            return texts[0]
+        above, below = (
+            [
+                factor.raised(text, side * power, sign)
+                for text, (factor, power) in zip(texts, self.powers, strict=True)
+                if side * power > 0
+            ]
+            for side in (1, -1)
+        )
+        numerator = separator.join(above) or "1"
+        if not below:
+            return numerator
+        return f"{numerator}/{below[0]}" if len(below) == 1 else f"{numerator}/({separator.join(below)})"
 
     def latex(self, names: Sequence[str]) -> str:
         """Return the term as LaTeX, without dollar signs."""
-        return expression_latex(self._code(len(names)), names)
+        return expression_latex(self.code, names)
 
     def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
         """Return the term as a SymPy expression in the given symbols, one for each variable.
@@ -77,8 +219,107 @@ class AbstractTerm(ABC):
             If SymPy is not installed, or the variables cancel out, as in ``exp((x - x + 9)**99)``, and leave a number
             beyond all bounds.
         """
-        return sympy_form(self._code(len(symbols)), symbols)
+        return sympy_form(self.code, symbols)
 
-    def _code(self, count: int) -> str:
-        """Return the expression as the grammar writes it, over the names of its columns."""
-        return self.expression([f"v{i}" for i in range(count)])
+
+def monomial(exponents: Mapping[int, int]) -> Term:
+    """Return the product of powers of variables, by their columns."""
+    return Term(tuple((Factor(f"v{i}"), power) for i, power in sorted(exponents.items()) if power))
+
+
+def sinusoid(function: str, frequency: float, column: int) -> Term:
+    """Return the sine or cosine (``"sin"``, ``"cos"``) of a multiple of a variable."""
+    inside = f"v{column}" if frequency == 1 else f"{frequency}*v{column}"
+    return Term(((Factor(f"{function}({inside})"), 1),))
+
+
+def product(*terms: Term) -> Term:
+    """Return the product of terms; what stands above and below is cancelled.
+
+    Raises
+    ------
+    CommonlawError
+        If the powers are larger than any law has.
+    """
+    found = Counter[Factor]()
+    for term in terms:
+        for factor, power in term.powers:
+            found[factor] += power
+    if sum(map(abs, found.values())) > HIGHEST_POWER:
+        raise CommonlawError("term-powers-too-high", limit=HIGHEST_POWER)
+    ordered = sorted((factor for factor, power in found.items() if power), key=lambda factor: factor.order)
+    return Term(tuple((factor, found[factor]) for factor in ordered))
+
+
+def parse_term(text: str, variables: Variables) -> Term:
+    """Return the term that an expression stands for; the inverse of ``term.expression(variables.names)``.
+
+    Products and whole powers are taken apart, so that equal terms compare equal however they are written. A name that
+    is not a plain word stands between backticks.
+
+    Parameters
+    ----------
+    text
+        Numbers, variables, ``+ - * /``, ``**`` or ``^`` with a number or constants above, and the functions abs, sqrt,
+        exp, log, sin, cos, tan, sinh, cosh, tanh, arctan (or atan) and sign.
+    variables
+        What the term may be a function of.
+
+    Raises
+    ------
+    CommonlawError
+        If the text is not an expression, names an unknown variable or function, has a numeric factor (a term has no
+        coefficient of its own), or is too long or too large.
+
+    Examples
+    --------
+    >>> variables = Variables(("x", "v"))
+    >>> parse_term("v*x*x", variables) == parse_term("x^2*v", variables)
+    True
+    >>> parse_term("sin(2*x)/x", variables).text(variables.names)
+    'sin(2 x)/x'
+    """
+    tree = read(text, variables.names, len(variables.constants))
+    try:
+        return _term(tree)
+    except CommonlawError as error:
+        raise CommonlawError("term-unusable", term=text[:60], error=error) from None
+
+
+def _term(tree: ast.expr) -> Term:
+    """Return the term that a tree is."""
+    number = constant(tree)
+    if number == 1:
+        return Term()
+    if number is not None:
+        raise CommonlawError("term-with-factor", factor=write(tree))
+    match tree:
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return _term(operand)
+        case ast.UnaryOp():
+            raise CommonlawError("term-with-factor", factor="minus sign")
+        case ast.BinOp(op=ast.Mult() | ast.Div() as op, left=left, right=right):
+            return product(_term(left), _term(right).power(1 if isinstance(op, ast.Mult) else -1))
+        case ast.BinOp(op=ast.Pow(), left=base, right=exponent) if (power := constant(exponent)) is not None:
+            if power.is_integer():
+                return product(_term(base).power(int(power)))
+    factor = Factor(write(tree))
+    found = _sinusoid(factor)
+    return Term(((factor, 1),)) if found is None else sinusoid(*found)
+
+
+@lru_cache(maxsize=4096)
+def _sinusoid(code: str) -> tuple[str, float, int] | None:
+    """Return the function, the positive frequency and the column of the sine or cosine of a multiple of a variable."""
+    match tree_of(code):
+        case ast.Call(func=ast.Name(id="sin" | "cos" as function), args=[ast.Name(id=name)]):
+            return function, 1, int(name[1:])
+        case ast.Call(
+            func=ast.Name(id="sin" | "cos" as function),
+            args=[
+                ast.BinOp(op=ast.Mult(), left=ast.Constant(value=int() | float() as number), right=ast.Name(id=name))
+                | ast.BinOp(op=ast.Mult(), left=ast.Name(id=name), right=ast.Constant(value=int() | float() as number))
+            ],
+        ) if number > 0:
+            return function, int(number) if number == int(number) else number, int(name[1:])
+    return None

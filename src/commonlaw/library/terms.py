@@ -1,99 +1,73 @@
-"""Named variables, and terms over them, evaluated together."""
+"""Terms over named variables, evaluated together."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.library.constant import Constant
-from commonlaw.library.evaluation import Plan
-from commonlaw.library.fraction import LATEX, PLAIN, fraction
-from commonlaw.library.order import Order
 from commonlaw.library.program import Program
-from commonlaw.library.term import AbstractTerm
+from commonlaw.library.term import Term, parse_term
+from commonlaw.library.variables import Variables
 
 
-@dataclass(frozen=True)
-class Variables:
-    """The names that terms may use, in the order of the columns of the array that terms are evaluated on.
+class Fraction(str):
+    """The name of a term behind its coefficient, ``s/(K + s)``, with what stands above and below.
 
     Parameters
     ----------
-    states
-        The state variables, followed by the rates of those of second order.
-    inputs
-        Measured inputs.
-    time
-        The name of time, the column after states and inputs.
-    logarithmic
-        The states that vector fields follow by their logarithms; terms are of the states themselves.
-    constants
-        Numbers inside of terms that are to be found, such as K in ``s/(K + s)``: the last columns.
-    orders
-        The order of each state's equation, if they differ: else there are rates of all states, or of none.
+    whole
+        The name.
+    above, below
+        Of the numerator and the denominator.
+    form
+        How these are joined.
     """
 
-    states: tuple[str, ...]
-    inputs: tuple[str, ...] = ()
-    time: str = "t"
-    logarithmic: tuple[str, ...] = ()
-    constants: tuple[str, ...] = ()
-    orders: tuple[int, ...] = ()
+    __slots__ = ("above", "below", "form")
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All names: states, inputs, time, constants."""
-        return (*self.measured, *self.constants)
+    above: str
+    below: str
+    form: str
 
-    @property
-    def measured(self) -> tuple[str, ...]:
-        """The names of what has a value at any time: states, inputs, time."""
-        return (*self.states, *self.inputs, self.time)
-
-    def order_of(self, equations: int) -> Order:
-        """Return the order of a law over these variables, 1 or 2 or that of each of so many equations."""
-        return self.orders or len(self.states) // equations
-
-    def index(self, name: str) -> int:
-        """Return the column of a variable.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no variable of that name.
-        """
-        if name not in self.names:
-            raise unknown("variable", name, self.names)
-        return self.names.index(name)
-
-    def natural(self, values: Floats) -> Floats:
-        """Return values of the variables, shape (n, variables), of which some were given by their logarithms."""
-        if not self.logarithmic:
-            return values
-        found, columns = values.copy(), self.logarithmic_columns
-        with np.errstate(over="ignore"):
-            found[:, columns] = np.exp(found[:, columns])
+    def __new__(cls, whole: str, above: str, below: str, form: str) -> Self:
+        found = super().__new__(cls, whole)
+        found.above, found.below, found.form = above, below, form
         return found
 
-    @cached_property
-    def logarithmic_columns(self) -> tuple[int, ...]:
-        """The columns of the states that are followed by their logarithms."""
-        return self.columns(self.logarithmic)
+    def over(self, above: str) -> str:
+        """Return the fraction of another numerator, ``(a s + b s^2)/(K + s)``."""
+        return self.form.format(above, self.below)
 
-    def columns(self, names: Sequence[str] | None = None) -> tuple[int, ...]:
-        """Return the columns of the named variables; without names those of all states and inputs, but not time.
+    def behind(self, number: str, times: str) -> str:
+        """Return it behind a coefficient: ``a s/(K + s)``, ``a/(K + s)``."""
+        if self.startswith("1/"):
+            return f"{number}{self[1:]}"
+        return f"{number}{times}{self}"
 
-        Raises
-        ------
-        CommonlawError
-            If there is no variable of some name.
-        """
-        if names is None:
-            return tuple(range(len(self.states) + len(self.inputs)))
-        return tuple(self.index(name) for name in names)
+
+def _fraction(term: Term, write: Callable[[Term], str], form: str, measured: int) -> Fraction | None:
+    """Return the name of a term that is divided by something with constants in it; none for any other.
+
+    Parameters
+    ----------
+    term
+        The term.
+    write
+        Returns its name, and those of its parts.
+    form
+        How these are joined.
+    measured
+        How many variables are no constants.
+    """
+    below = term.denominator
+    if max(below.columns(), default=0) < measured:
+        return None
+    above = term.numerator
+    return Fraction(write(term), f"({write(above)})" if above.is_sum else write(above), write(below), form)
 
 
 @dataclass(frozen=True)
@@ -109,7 +83,7 @@ class Terms:
     """
 
     variables: Variables
-    terms: tuple[AbstractTerm, ...]
+    terms: tuple[Term, ...]
 
     def __len__(self) -> int:
         return len(self.terms)
@@ -126,50 +100,47 @@ class Terms:
 
     def factors_over(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return them over other names of the variables, or numbers in place of constants."""
-        return self._factors(lambda term: term.text(names), "({})", PLAIN)
+        return self._factors(lambda term: term.text(names), "({})", "({})/({})")
 
     def latex_factors(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return them as LaTeX."""
-        return self._factors(lambda term: term.latex(names), r"\left({}\right)", LATEX)
+        return self._factors(lambda term: term.latex(names), r"\left({}\right)", r"\frac{{{}}}{{{}}}")
 
-    def _factors(self, write: Callable[[AbstractTerm], str], brackets: str, form: str) -> tuple[str, ...]:
+    def _factors(self, write: Callable[[Term], str], brackets: str, form: str) -> tuple[str, ...]:
         measured = len(self.variables.measured)
         plain = (brackets.format(write(term)) if term.is_sum else write(term) for term in self.terms)
         pairs = zip(self.terms, plain, strict=True)
-        return tuple(fraction(term, write, form, measured) or name for term, name in pairs)
+        return tuple(_fraction(term, write, form, measured) or name for term, name in pairs)
 
     @cached_property
     def complexities(self) -> Floats:
-        """How many factors it takes to write each term, see `AbstractTerm.complexity`, shape (number of terms,).
+        """How many factors it takes to write each term, see `Term.complexity`, shape (number of terms,).
 
         What terms are divided by counts once if there are constants in it: it is written below all of them.
         """
-        first, seen, found = len(self.variables.measured), set[AbstractTerm](), list[float]()
+        first, seen, found = len(self.variables.measured), set[Term](), list[float]()
         for term in self.terms:
-            below = {each for each in term.below() if any(column >= first for column in each.columns())}
+            below = {each for each in term.divisors if any(column >= first for column in each.columns())}
             found.append(term.complexity() - sum(each.complexity() for each in below & seen))
             seen |= below
         return np.array(found)
 
     @cached_property
-    def _plan(self) -> Plan:
-        return Plan.of(self.terms)
-
-    @cached_property
-    def program(self) -> Program | None:
-        """The terms as a program of single operations; None if one has operations that programs do not have."""
-        return Program.of(self._plan, len(self.variables.names))
+    def program(self) -> Program:
+        """The terms as a program of single operations."""
+        products = [term.powers if term.parameter is None else None for term in self.terms]
+        return Program.of(products, len(self.variables.names))
 
     @cached_property
     def constants(self) -> tuple[int, ...]:
-        """The index of each constant's own term, see `Constant`: they come last.
+        """The index of each constant's own term, see `Term`: they come last.
 
         Raises
         ------
         CommonlawError
             If the last terms are not those of the constants.
         """
-        own = tuple(Constant(self.variables.index(name)) for name in self.variables.constants)
+        own = tuple(Term(parameter=self.variables.index(name)) for name in self.variables.constants)
         first = len(self.terms) - len(own)
         if self.terms[max(first, 0) :] != own:
             names = ", ".join(self.variables.constants)
@@ -229,11 +200,11 @@ class Terms:
 
         A value does not depend on which other terms there are, to the last bit. If `out` is given, it is filled.
         """
-        return self._plan.evaluate(values, out)
+        return self.program.evaluate(values, out)
 
     def jacobian(self, values: Floats) -> Floats:
         """Return the exact derivatives of every term by every variable, shape (n, terms, variables)."""
-        return self._plan.jacobian(values)
+        return self.program.jacobian(values)
 
     def check_finite(self, matrix: Floats, values: Floats, where: str = "", before: int = 0) -> None:
         """Refuse a matrix of terms that holds a value that is not finite.
@@ -265,6 +236,13 @@ class Terms:
         raise CommonlawError(
             "term-not-finite", where, term=self.names[column], value=state, sample=before + row + 1, point=point
         )
+
+
+def parse_terms(texts: Sequence[str], variables: Variables) -> Terms:
+    """Return the terms that expressions stand for, see `parse_term`; the last are those of constants."""
+    first = len(texts) - len(variables.constants)
+    own = (Term(parameter=variables.index(name)) for name in variables.constants)
+    return Terms(variables, (*(parse_term(text, variables) for text in texts[:first]), *own))
 
 
 def _folded(name: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.library.grammar import FUNCTIONS, OTHER_NAMES, constant, read, with_names, write
-from commonlaw.library.naming import quoted
+from commonlaw.library.notation import quoted
 
 _MOST = 200
 """Summands of a function."""

@@ -1,25 +1,22 @@
-"""The unit of a term."""
+"""The unit of a term, and of constants inside of terms."""
 
+import ast
 from collections.abc import Mapping
-from functools import reduce
-from operator import mul
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.library.expression import Expression
-from commonlaw.library.grammar import NUMPY, compiled
-from commonlaw.library.monomial import Monomial
-from commonlaw.library.product import Product
-from commonlaw.library.term import AbstractTerm
-from commonlaw.library.terms import Variables
+from commonlaw.library.grammar import columns_in, constant, evaluate, tree_of
+from commonlaw.library.term import Term
+from commonlaw.library.terms import Terms
+from commonlaw.library.variables import Variables
 from commonlaw.trials.units import check_unit, parse_unit, registry
 
 if TYPE_CHECKING:
     import pint
 
 
-def term_unit(term: AbstractTerm, variables: Variables, units: "Mapping[str, str | pint.Unit]") -> "pint.Unit | None":
+def term_unit(term: Term, variables: Variables, units: "Mapping[str, str | pint.Unit]") -> "pint.Unit | None":
     """Return the unit of a term, from the units of the variables in it.
 
     There is none (`None`) when a variable in the term has no unit in `units`, and when the term joins what cannot be
@@ -56,29 +53,89 @@ def _of_variable(name: str, unit: "str | pint.Unit") -> "pint.Unit":
     return parse_unit(check_unit(unit, f"variable {name!r}")) if isinstance(unit, str) else unit
 
 
-def _unit(term: AbstractTerm, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":
-    none = registry().dimensionless
-    match term:
-        case Monomial(exponents=exponents):
-            return reduce(mul, (units[i] ** power for i, power in enumerate(exponents) if power), none)
-        case Product(factors=factors, divisors=divisors):
-            above, below = [_unit(each, units) for each in factors], [_unit(each, units) for each in divisors]
-            if any(each is None for each in (*above, *below)):
-                return None
-            quotient: pint.Unit = reduce(mul, above, none) / reduce(mul, below, none)
-            return quotient
-        case Expression(code=code):
-            return expression_unit(code, units)
-    return none if all(units[i].dimensionless for i in term.columns()) else None
+def _unit(term: Term, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":
+    found = registry().dimensionless
+    for factor, power in term.powers:
+        unit = units[factor.column] if factor.column is not None else _expression_unit(factor, units)
+        if unit is None:
+            return None
+        found = found * unit**power
+    return found
 
 
-def expression_unit(code: str, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":
+def _expression_unit(code: str, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":
     """Return the unit of an expression by computing it for quantities of these units."""
     import pint
 
     quantities = [registry().Quantity(np.ones(1), units.get(i)) for i in range(max(units) + 1)]
     try:
         with np.errstate(all="ignore"):
-            return registry().Unit(registry().Quantity(compiled(code)(quantities, NUMPY)).units)
+            return registry().Unit(registry().Quantity(evaluate(code, quantities)).units)
     except (pint.PintError, TypeError):
         return None
+
+
+_OF_ANY_UNIT = ("abs", "sqrt", "sign")
+"""Functions whose argument may have a unit."""
+
+
+def units_of_constants(terms: Terms, units: "Mapping[str, pint.Unit]") -> "dict[str, pint.Unit]":
+    """Return the units of constants, from those of variables by their names, as far as these tell them.
+
+    K of ``s/(K + s)`` has the unit of s, U of ``exp(u/U)`` that of u, and a power none.
+    """
+    names, first = terms.variables.names, len(terms.variables.measured)
+    known = {i: units[name] for i, name in enumerate(names[:first]) if name in units}
+    trees = [tree_of(term.code) for term in terms.terms]
+    count = -1
+    while count < len(known):  # What one term tells of a constant may tell another's unit
+        count = len(known)
+        for tree in trees:
+            _look(tree, None, known, first)
+    return {names[i]: unit for i, unit in known.items() if i >= first}
+
+
+def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Unit]", first: int) -> None:
+    """Note the units of constants in a tree that has a unit, if it is known which."""
+    none = registry().dimensionless
+    match tree:
+        case ast.Name(id=name) if (column := int(name[1:])) >= first and wanted is not None:
+            known.setdefault(column, wanted)
+        case ast.UnaryOp(operand=operand):
+            _look(operand, wanted, known, first)
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            _look(argument, None if name in _OF_ANY_UNIT else none, known, first)
+        case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
+            number = constant(exponent)
+            root = None if wanted is None or not number else registry().Unit(wanted ** (1 / number))
+            _look(base, root, known, first)
+            _look(exponent, none, known, first)
+        case ast.BinOp(op=op, left=left, right=right):
+            units = [_tree_unit(each, known) for each in (left, right)]
+            if isinstance(op, ast.Add | ast.Sub):
+                own = next((each for each in (*units, wanted) if each is not None), None)
+                sides = own, own
+            else:
+                sides = _units_of_operands(isinstance(op, ast.Mult), wanted, *units)
+            _look(left, sides[0], known, first)
+            _look(right, sides[1], known, first)
+
+
+def _units_of_operands(
+    is_product: bool, wanted: "pint.Unit | None", left: "pint.Unit | None", right: "pint.Unit | None"
+) -> "tuple[pint.Unit | None, pint.Unit | None]":
+    """Return the units of the operands of a product or a quotient, from that of the result and of the other one."""
+    if wanted is None:
+        return None, None
+    of_left = None if right is None else wanted / right if is_product else wanted * right
+    of_right = None if left is None else wanted / left if is_product else left / wanted
+    return of_left, of_right
+
+
+def _tree_unit(tree: ast.expr, known: "Mapping[int, pint.Unit]") -> "pint.Unit | None":
+    """Return the unit of a tree all of whose names have a known one."""
+    code = ast.unparse(tree)
+    columns = columns_in(code)
+    if not columns:
+        return registry().dimensionless
+    return _expression_unit(code, known) if columns <= known.keys() else None

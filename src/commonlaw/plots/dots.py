@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.law import Law
 from commonlaw.law.numbers import with_error
-from commonlaw.library.naming import latex_name
+from commonlaw.library.notation import latex_name
 from commonlaw.plots.coefficients import absent_as_nan, true_values
 from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
 from commonlaw.plots.style import COLORS, key, math, number_text, plain, powers_of_ten, unit_text

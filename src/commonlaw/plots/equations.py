@@ -5,7 +5,7 @@ import numpy as np
 from commonlaw.law import Law
 from commonlaw.law.text import latex_left_hand_sides
 from commonlaw.library import Terms
-from commonlaw.library.naming import latex_name
+from commonlaw.library.notation import latex_name
 from commonlaw.plots.style import math
 
 _LINE = 90

@@ -15,7 +15,7 @@ from commonlaw.inference.fit.parameter_grid import divisors
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.settings import MAX_STANDARDIZED_RESIDUAL
 from commonlaw.integration import InitialValueProblem, Inputs, OutputOptions, VectorField, simulate_each
-from commonlaw.library.grammar import NUMPY, compiled
+from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import Estimate, Mesh, jacobians
 from commonlaw.spacing import evenly_spaced
 
@@ -166,7 +166,7 @@ def has_pole(problem: SearchProblem, index: int, estimate: Estimate) -> bool:
     values = with_points_between(values_along(problem, index, estimate))
     columns = problem.models[index].terms.at(values, estimate.coefficients).T
     with np.errstate(all="ignore"):
-        return any(np.ptp(np.sign(compiled(code)(columns, NUMPY))) != 0 for code in codes)
+        return any(np.ptp(np.sign(evaluate(code, columns))) != 0 for code in codes)
 
 
 def values_along(problem: SearchProblem, index: int, estimate: Estimate) -> Floats:

@@ -13,8 +13,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference import settings
-from commonlaw.library import Constant, ParametricTerm, Terms, Variables
-from commonlaw.library.grammar import NUMPY, columns_in, compiled, constant
+from commonlaw.library import ParametricTerm, Term, Terms, Variables
+from commonlaw.library.grammar import columns_in, constant, evaluate
 
 
 def powers_of_ten(per_decade: int, decades: float = settings.MAX_DECADES) -> Floats:
@@ -87,7 +87,7 @@ def _look(
     tree: ast.expr, size: float | None, values: Floats, near: Floats, found: dict[int, Floats], angle: bool = False
 ) -> None:
     """Note values for the constants in a tree that is about so large, or the angle of a sine."""
-    inside = {each for each in columns_in(ast.unparse(tree)) if each >= values.shape[1]}
+    inside = {each for each in columns_in(tree) if each >= values.shape[1]}
     if inside <= found.keys():
         return
     match tree:
@@ -129,21 +129,20 @@ def _operand_size(op: ast.operator, size: float | None, other: float | None, fir
 
 def _size(tree: ast.expr, values: Floats) -> float | None:
     """Return the root mean square of a tree; None if it has constants in it, is zero or is not finite."""
-    code = ast.unparse(tree)
-    if any(each >= values.shape[1] for each in columns_in(code)):
+    if any(each >= values.shape[1] for each in columns_in(tree)):
         return None
-    found = float(np.sqrt(np.mean(_along(code, values) ** 2)))
+    found = float(np.sqrt(np.mean(_along(tree, values) ** 2)))
     return found if 0 < found < np.inf else None
 
 
-def _along(code: str, values: Floats) -> Floats:
+def _along(tree: ast.expr, values: Floats) -> Floats:
     with np.errstate(all="ignore"):
-        return np.asarray(compiled(code)(values.T, NUMPY) + np.zeros(len(values)))
+        return np.asarray(evaluate(tree, values.T) + np.zeros(len(values)))
 
 
 def _frequencies(tree: ast.expr, values: Floats) -> Floats:
     """Return the frequencies that an angle may have of what is multiplied with them."""
-    along = _along(ast.unparse(tree), values)
+    along = _along(tree, values)
     count = min(settings.PER_CYCLE * len(np.unique(along)) // 2, settings.MAX_COMBINATIONS)
     return np.asarray(2 * np.pi / (settings.PER_CYCLE * np.ptp(along)) * np.arange(1, count + 1))
 
@@ -227,13 +226,14 @@ def _bank(other: ParametricTerm, variables: Variables, values: Floats, sampled: 
     """Return values of the constants of a term that are tried, without a pole along the curves or between points."""
     first = len(variables.measured)
     columns = range(first, first + len(other.constants))
-    terms = Terms(replace(variables, constants=other.constants), (other.term, *map(Constant, columns)))
+    places = (Term(parameter=column) for column in columns)
+    terms = Terms(replace(variables, constants=other.constants), (other.term, *places))
     bank = combined(values_of_each(terms, values[sampled], columns)) if other.constants else np.empty((1, 0))
     every = [*values.T[:, :, np.newaxis], *bank.T[:, np.newaxis, :]]
     whole = np.ones(len(bank), dtype=bool)
     for code in divisors(terms, 0):
         with np.errstate(all="ignore"):
-            whole &= np.ptp(np.sign(compiled(code)(every, NUMPY)) + np.zeros((len(values), len(bank))), axis=0) == 0
+            whole &= np.ptp(np.sign(evaluate(code, every)) + np.zeros((len(values), len(bank))), axis=0) == 0
     return np.asarray(bank[whole])
 
 

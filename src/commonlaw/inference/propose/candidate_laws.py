@@ -19,7 +19,7 @@ from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_
 from commonlaw.inference.fit.parameter_grid import frequencies_in_time
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.integral_ranking import Start, TermSet
-from commonlaw.library import Constant, Offer, Terms, parse_term
+from commonlaw.library import Offer, Term, Terms, parse_term
 from commonlaw.library.parametric import free_name
 from commonlaw.likelihood import Estimate
 from commonlaw.parallel import in_parallel
@@ -270,7 +270,7 @@ def terms_of_sets(problem: SearchProblem, rows: Sequence[TermSet]) -> TermsOfSet
         dict.fromkeys(text for own in written for listed, _ in own for text in listed)
     )  # Equations share those without constants
     texts = [*(whole.terms[i].expression(whole.variables.names) for i in plain), *texts]
-    constants = (Constant(variables.index(name)) for name in names)
+    constants = (Term(parameter=variables.index(name)) for name in names)
     terms = Terms(variables, (*(parse_term(each, variables) for each in texts), *constants))
     known = np.zeros((*certain.shape[:2], len(terms)))
     known[:, :, : len(plain)] = certain[:, :, plain]

@@ -26,7 +26,7 @@ from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Step
 from commonlaw.law.text import structure
 from commonlaw.library import ParametricTerm, Terms, TiedTerms, Variables, parse_term
-from commonlaw.library.naming import quoted
+from commonlaw.library.notation import quoted
 from commonlaw.library.parametric import free_name, parametric_term, terms_of_family
 from commonlaw.outcomes import Outcome, note
 from commonlaw.progress import ProgressCallback, Stage

@@ -28,7 +28,7 @@ from commonlaw.integration import VectorField
 from commonlaw.law import Law
 from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound, limits_of
-from commonlaw.library.grammar import NUMPY, compiled
+from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import HUBER_THRESHOLD, Estimate
 from commonlaw.outcomes import Outcome, note
 from commonlaw.parallel import in_parallel, threads
@@ -85,7 +85,7 @@ class _Profile:
         found[self.inside] = constants
         columns = self.terms.at(self.values, found).T
         with np.errstate(all="ignore"):
-            return any(np.ptp(np.sign(compiled(code)(columns, NUMPY))) for code in self.divisors)
+            return any(np.ptp(np.sign(evaluate(code, columns))) for code in self.divisors)
 
     def derivatives(self, constants: Floats, order: Order) -> Floats:
         """Return the derivatives of rates by everything that is to be found, of unit norm, shape (m, parameters)."""

@@ -22,7 +22,7 @@ from commonlaw.inference.propose.rational import matching_ratios
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import resolved
 from commonlaw.inference.search.pool import Pool
-from commonlaw.library import Monomial, Offer
+from commonlaw.library import Offer
 from commonlaw.likelihood import ErrorModel, Estimate
 from commonlaw.progress import ProgressCallback, Stage
 
@@ -80,14 +80,16 @@ def may_be_series(fit: Fit) -> bool:
     sine) up to the highest degree that is offered: a function with a constant inside says as much in two numbers.
     """
     terms = fit.problem.terms
-    highest = max((each.degree for each in terms.terms if isinstance(each, Monomial)), default=0)
+    monomials = [each.exponents for each in terms.terms]
+    highest = max((sum(each.values()) for each in monomials if each is not None), default=0)
     for support in fit.supports & terms.is_factor:
-        exponents = {each.exponents for k in np.flatnonzero(support) if isinstance(each := terms.terms[k], Monomial)}
-        for last in (each for each in exponents if sum(each) == highest):
-            for column, power in enumerate(last):
-                before = [(*last[:column], each, *last[column + 1 :]) for each in range(power)]
+        chosen = [each for k in np.flatnonzero(support) if (each := monomials[k]) is not None]
+        for last in (each for each in chosen if sum(each.values()) == highest):
+            for column, power in last.items():
+                others = {i: each for i, each in last.items() if i != column}
+                before = [others | ({column: each} if each else {}) for each in range(power)]
                 steps = range(1, power // 2 + 1)
-                if any({before[power - step], before[power - 2 * step]} <= exponents for step in steps):
+                if any(before[power - step] in chosen and before[power - 2 * step] in chosen for step in steps):
                     return True
     return False
 

@@ -13,7 +13,7 @@ from commonlaw.integration.event import EventFunctions
 from commonlaw.integration.heyoka.translation import translated
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.vector_field import VectorField
-from commonlaw.library import AbstractTerm
+from commonlaw.library import Term
 
 # A home that cannot be written to costs heyoka its cache on disk, and is nothing to tell a user of each time.
 heyoka.set_logger_level_error()
@@ -35,7 +35,7 @@ class Structure:
     whether it is terminal.
     """
 
-    terms: tuple[AbstractTerm, ...]
+    terms: tuple[Term, ...]
     pairs: tuple[tuple[int, int], ...]
     free: tuple[int, ...]
     inside: tuple[int | None, ...]
@@ -44,7 +44,7 @@ class Structure:
     inputs: int
     logarithmic: tuple[int, ...]
     powers: int
-    events: tuple[tuple[AbstractTerm, int, bool], ...]
+    events: tuple[tuple[Term, int, bool], ...]
     tolerance: float
     sensitivities: bool
 

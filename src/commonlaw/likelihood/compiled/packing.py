@@ -46,13 +46,13 @@ _MODELS: "WeakKeyDictionary[TrajectoryModel, Packed | None]" = WeakKeyDictionary
 def packed(model: TrajectoryModel) -> Packed | None:
     """Return the structures of a model, None if it has what the kernel does not do."""
     if model not in _MODELS:
-        program = model.terms.program
         suits = model.order == 1 or not model.terms.variables.logarithmic
-        _MODELS[model] = _packed(model, program) if program is not None and suits else None
+        _MODELS[model] = _packed(model) if suits else None
     return _MODELS[model]
 
 
-def _packed(model: TrajectoryModel, program: Program) -> Packed:
+def _packed(model: TrajectoryModel) -> Packed:
+    program = model.terms.program
     noise = model.observation.noise
     meshes = [_mesh(mesh, noise, steps) for mesh, steps in zip(model.meshes, model.latent_steps, strict=True)]
     unit, logarithmic = contiguous(model.unit), np.zeros(model.width, dtype=np.uint8)

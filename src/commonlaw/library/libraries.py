@@ -1,0 +1,651 @@
+"""Libraries: families of candidate terms, their sums and products, and how they are written."""
+
+import math
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial, reduce
+from itertools import combinations_with_replacement, islice
+from operator import add, mul
+
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.library.grammar import HIGHEST_POWER
+from commonlaw.library.parametric import (
+    FAMILIES,
+    ParametricTerm,
+    Ratios,
+    TiedTerms,
+    constants_in,
+    parametric_term,
+    terms_of_family,
+)
+from commonlaw.library.term import Term, monomial, parse_term, product, sinusoid
+from commonlaw.library.terms import Terms
+from commonlaw.library.variables import Variables
+from commonlaw.spec import parse_spec
+from commonlaw.validation import check_whole_number
+
+_MOST_TERMS = 100_000
+
+
+def check_count(what: str, count: int) -> None:
+    """Refuse to make more terms than any law could be chosen from."""
+    if count > _MOST_TERMS:
+        raise CommonlawError("library-too-large", library=what, count=count, limit=_MOST_TERMS)
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What is offered beside plain terms of a law.
+
+    Parameters
+    ----------
+    terms
+        With constants inside that are to be found, or that a law takes few of.
+    ratios
+        Of sums of terms.
+    """
+
+    terms: tuple[ParametricTerm | TiedTerms, ...]
+    ratios: tuple[Ratios, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """How many terms there are to choose from."""
+        return len(self.terms) + sum(len(each.above) + len(each.below) for each in self.ratios)
+
+
+class AbstractLibrary(ABC):
+    """A family of candidate terms, not yet bound to variables.
+
+    Libraries form an algebra: ``a + b`` has the terms of both, ``a * b`` every product of a term of one with a term
+    of the other, and ``a.select("1", "v")`` and ``a.without("x^3")`` keep or drop terms by name.
+    """
+
+    @abstractmethod
+    def bind(self, variables: Variables) -> Terms:
+        """Return the family's terms over these variables, but for those with constants inside that are to be found."""
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+        """Return the family's terms that are offered besides: with constants inside that are to be found."""
+        return ()
+
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        """Return ratios of sums of terms that are offered besides."""
+        return ()
+
+    def offers(self, variables: Variables) -> Iterator[Offer]:
+        """Yield what is offered besides, the next where a law of those before may be wrong or could be simpler.
+
+        The first is tried in any equation. Offers are many terms: each is made when it is asked for.
+        """
+        yield Offer(self.parametric(variables), self.ratios(variables))
+
+    @property
+    def higher(self) -> "AbstractLibrary | None":
+        """The library with more plain terms, for data that a law of these may not explain; None if it has no more."""
+        return None
+
+    @property
+    def seeks_unmeasured(self) -> bool:
+        """Whether it stands for laws with a state that nobody measured, too."""
+        return False
+
+    def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
+        return SumLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented
+
+    def __mul__(self, other: "AbstractLibrary") -> "AbstractLibrary":
+        return ProductLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented
+
+    def select(self, *names: str) -> "AbstractLibrary":
+        """Return the library of these terms only, in the order given; spaces in the names do not count."""
+        return SelectedLibrary(self, names)
+
+    def without(self, *names: str) -> "AbstractLibrary":
+        """Return the library without these terms; spaces in the names do not count."""
+        return ReducedLibrary(self, names)
+
+
+@dataclass(frozen=True)
+class SumLibrary(AbstractLibrary):
+    """The terms of one library and then those of another; a term of both is there once."""
+
+    left: AbstractLibrary
+    right: AbstractLibrary
+
+    def bind(self, variables: Variables) -> Terms:
+        left, right = self.left.bind(variables), self.right.bind(variables)
+        return Terms(variables, tuple(dict.fromkeys(left.terms + right.terms)))
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+        return tuple(dict.fromkeys((*self.left.parametric(variables), *self.right.parametric(variables))))
+
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        return tuple(
+            each for own, other in self._sides() for each in _with_plain(own.ratios(variables), other.bind(variables))
+        )
+
+    def offers(self, variables: Variables) -> Iterator[Offer]:
+        yield from super().offers(variables)
+        for own, other in self._sides():
+            for each in islice(own.offers(variables), 1, None):
+                yield replace(each, ratios=_with_plain(each.ratios, other.bind(variables)))
+
+    @property
+    def higher(self) -> AbstractLibrary | None:
+        left, right = self.left.higher, self.right.higher
+        return SumLibrary(left or self.left, right or self.right) if left or right else None
+
+    @property
+    def seeks_unmeasured(self) -> bool:
+        return self.left.seeks_unmeasured or self.right.seeks_unmeasured
+
+    def _sides(self) -> tuple[tuple[AbstractLibrary, AbstractLibrary], ...]:
+        """Return each of both libraries, with the other."""
+        return (self.left, self.right), (self.right, self.left)
+
+
+def _with_plain(ratios: Sequence[Ratios], terms: Terms) -> tuple[Ratios, ...]:
+    """Return ratios with more terms beside them."""
+    return tuple(replace(each, beside=tuple(dict.fromkeys((*each.beside, *terms.terms)))) for each in ratios)
+
+
+@dataclass(frozen=True)
+class ProductLibrary(AbstractLibrary):
+    """Every product of a term of one library and a term of another; equal products are there once."""
+
+    left: AbstractLibrary
+    right: AbstractLibrary
+
+    def bind(self, variables: Variables) -> Terms:
+        left, right = self.left.bind(variables), self.right.bind(variables)
+        check_count("a product of libraries", len(left) * len(right))
+        products = (product(a, b) for a in left.terms for b in right.terms)
+        return Terms(variables, tuple(dict.fromkeys(products)))
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+        products = (
+            other.times(term, variables)
+            for plain, others in ((self.left, self.right), (self.right, self.left))
+            for other in others.parametric(variables)
+            for term in plain.bind(variables).terms
+        )
+        return tuple(dict.fromkeys(products))
+
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        above = self.bind(variables).terms
+        return tuple(Ratios(above, each.below) for own in (self.left, self.right) for each in own.ratios(variables))
+
+
+@dataclass(frozen=True)
+class SelectedLibrary(AbstractLibrary):
+    """Some terms of a library, in the order in which they are named."""
+
+    library: AbstractLibrary
+    names: tuple[str, ...]
+
+    def bind(self, variables: Variables) -> Terms:
+        terms = self.library.bind(variables)
+        if not self.names:
+            raise CommonlawError("no-term-selected", terms=terms.names)
+        return terms.take(tuple(dict.fromkeys(terms.index(name) for name in self.names)))
+
+
+@dataclass(frozen=True)
+class ReducedLibrary(AbstractLibrary):
+    """The terms of a library but some."""
+
+    library: AbstractLibrary
+    names: tuple[str, ...]
+
+    def bind(self, variables: Variables) -> Terms:
+        terms = self.library.bind(variables)
+        dropped = {terms.index(name) for name in self.names}
+        if len(dropped) == len(terms):
+            raise CommonlawError("no-term-left", names=self.names)
+        return terms.take([i for i in range(len(terms)) if i not in dropped])
+
+
+@dataclass(frozen=True)
+class CappedLibrary(AbstractLibrary):
+    """A library without powers of variables that take few values.
+
+    At n values the n-th power of a variable is a sum of its lower powers, so no measurement tells them apart. Such a
+    term goes where the library has these.
+
+    Parameters
+    ----------
+    library
+        Which terms there are.
+    levels
+        How many values a variable takes, by name.
+    """
+
+    library: AbstractLibrary
+    levels: tuple[tuple[str, int], ...]
+
+    def bind(self, variables: Variables) -> Terms:
+        terms = self.library.bind(variables)
+        columns = [(variables.index(name), count) for name, count in self.levels]
+        return terms.take([i for i, term in enumerate(terms.terms) if not _is_sum_of_lower(term, columns, terms.terms)])
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+        return self.library.parametric(variables)
+
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        return self.library.ratios(variables)
+
+    def offers(self, variables: Variables) -> Iterator[Offer]:
+        return self.library.offers(variables)
+
+    @property
+    def higher(self) -> AbstractLibrary | None:
+        return replace(self, library=higher) if (higher := self.library.higher) else None
+
+    @property
+    def seeks_unmeasured(self) -> bool:
+        return self.library.seeks_unmeasured
+
+
+def _is_sum_of_lower(term: Term, columns: Sequence[tuple[int, int]], among: Sequence[Term]) -> bool:
+    """Return whether a term has as high a power of a column as that has values, and all lower powers are there."""
+    powers = term.exponents or {}
+    return any(
+        powers.get(i, 0) >= count and all(monomial(powers | {i: k}) in among for k in range(count))
+        for i, count in columns
+    )
+
+
+@dataclass(frozen=True)
+class ConstantLibrary(AbstractLibrary):
+    """The constant term 1.
+
+    Examples
+    --------
+    >>> ConstantLibrary().bind(Variables(("x",))).names
+    ('1',)
+    """
+
+    def bind(self, variables: Variables) -> Terms:
+        return Terms(variables, (Term(),))
+
+
+@dataclass(frozen=True)
+class PolynomialLibrary(AbstractLibrary):
+    """All monomials up to a degree, lower degrees first: 1, x, v, x^2, x v, v^2, x^3, ...
+
+    Parameters
+    ----------
+    degree
+        The highest degree.
+    variables
+        Names of the variables; without them all states (and rates) and inputs, but not time.
+    constant
+        Whether the constant term 1 is in.
+    interactions
+        Whether products of different variables are in.
+
+    Raises
+    ------
+    CommonlawError
+        If the degree is no whole number from 0 to 100, no term is left, or a variable is named twice.
+
+    Examples
+    --------
+    >>> PolynomialLibrary(2).bind(Variables(("x", "v"))).names
+    ('1', 'x', 'v', 'x^2', 'x v', 'v^2')
+    """
+
+    degree: int = 2
+    variables: Sequence[str] | None = None
+    constant: bool = True
+    interactions: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variables", _checked_names(self.variables))
+        check_whole_number("the degree of a library", self.degree, 0, HIGHEST_POWER)
+        if self.degree == 0 and not self.constant:
+            raise CommonlawError("polynomial-empty")
+
+    def bind(self, variables: Variables) -> Terms:
+        terms = _monomials(variables.columns(self.variables), self.degree, self.interactions)
+        return Terms(variables, tuple(terms[not self.constant :]))
+
+
+@dataclass(frozen=True)
+class FourierLibrary(AbstractLibrary):
+    """Sines and cosines of whole multiples of each variable, lower multiples first.
+
+    Parameters
+    ----------
+    frequencies
+        The highest multiple.
+    variables
+        Names of the variables; without them all states (and rates) and inputs, but not time.
+
+    Raises
+    ------
+    CommonlawError
+        If there are not 1 to 1000 frequencies, or a variable is named twice.
+
+    Examples
+    --------
+    >>> FourierLibrary(2).bind(Variables(("x",))).names
+    ('sin(x)', 'cos(x)', 'sin(2 x)', 'cos(2 x)')
+    """
+
+    frequencies: int = 1
+    variables: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variables", _checked_names(self.variables))
+        check_whole_number("the number of frequencies of a Fourier library", self.frequencies, 1, 1000)
+
+    def bind(self, variables: Variables) -> Terms:
+        columns = variables.columns(self.variables)
+        check_count(f"a Fourier library of {len(columns)} variables", 2 * self.frequencies * len(columns))
+        terms = (
+            sinusoid(function, frequency, column)
+            for frequency in range(1, self.frequencies + 1)
+            for column in columns
+            for function in ("sin", "cos")
+        )
+        return Terms(variables, tuple(terms))
+
+
+@dataclass(frozen=True)
+class RationalLibrary(AbstractLibrary):
+    """All monomials up to a degree, each divided by the same expression.
+
+    Parameters
+    ----------
+    degree
+        The highest degree of the numerators.
+    denominator
+        An expression: ``"1 + x^2"``.
+    variables
+        Names of the variables of the numerators; without them all states (and rates) and inputs, but not time.
+
+    Raises
+    ------
+    CommonlawError
+        If the degree is no whole number from 0 to 100, or a variable is named twice.
+
+    Examples
+    --------
+    >>> RationalLibrary(1, "1 + x^2").bind(Variables(("x",))).names
+    ('1/(1 + x^2)', 'x/(1 + x^2)')
+    """
+
+    degree: int
+    denominator: str
+    variables: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variables", _checked_names(self.variables))
+        object.__setattr__(self, "denominator", str(self.denominator))
+        check_whole_number("the degree of a library", self.degree, 0, HIGHEST_POWER)
+
+    def bind(self, variables: Variables) -> Terms:
+        inverse = parse_term(self.denominator, variables).power(-1)
+        above = _monomials(variables.columns(self.variables), self.degree)
+        return Terms(variables, tuple(product(each, inverse) for each in above))
+
+
+@dataclass(frozen=True)
+class RatioLibrary(AbstractLibrary):
+    """Ratios of two sums of terms, such as ``V s/(K + s)`` and ``V s^2/(K^2 + s^2)`` of enzymes.
+
+    An equation is a sum of some terms of the numerator divided by a sum of some of the denominator. The coefficients of
+    both are found with the law, each object's own; one in the denominator is 1. Nothing that is a factor of all terms
+    stays, and the denominator has no zero where trials have been, nor between. Without a denominator, an equation is a
+    sum of terms of the numerator.
+
+    Parameters
+    ----------
+    numerator
+        The library of the terms above.
+    denominator
+        That of the terms below.
+
+    Examples
+    --------
+    >>> (ratios,) = RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2)).ratios(Variables(("s",)))
+    >>> len(ratios.above), len(ratios.below)
+    (3, 3)
+    """
+
+    numerator: AbstractLibrary
+    denominator: AbstractLibrary
+
+    def bind(self, variables: Variables) -> Terms:
+        return self.numerator.bind(variables)
+
+    def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
+        below = self.denominator.bind(variables).terms
+        if not len(below) > 1:
+            raise CommonlawError("denominator-one-term")
+        return (Ratios(self.bind(variables).terms, below),)
+
+
+@dataclass(frozen=True, init=False)
+class ExpressionLibrary(AbstractLibrary):
+    """The terms that are written, in that order.
+
+    Names inside that are no variables are constants, which are found with the law: K in ``"s/(K + s)"``.
+
+    Parameters
+    ----------
+    *expressions
+        What `parse_term` reads: ``"v*abs(v)"``, ``"sin(x)"``, ``"s/(K + s)"``.
+
+    Raises
+    ------
+    CommonlawError
+        If there is none.
+
+    Examples
+    --------
+    >>> ExpressionLibrary("1", "v*abs(v)").bind(Variables(("x", "v"))).names
+    ('1', 'v*abs(v)')
+    """
+
+    expressions: tuple[str, ...]
+
+    def __init__(self, *expressions: str) -> None:
+        if not expressions:
+            raise CommonlawError("expressions-empty")
+        object.__setattr__(self, "expressions", expressions)
+
+    def bind(self, variables: Variables) -> Terms:
+        plain = (parse_term(each, variables) for each in self.expressions if not constants_in(each, variables))
+        return Terms(variables, tuple(dict.fromkeys(plain)))
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+        inside = (each for each in self.expressions if constants_in(each, variables))
+        return tuple(dict.fromkeys(parametric_term(each, variables) for each in inside))
+
+
+@dataclass(frozen=True)
+class FamilyLibrary(AbstractLibrary):
+    """Functions that occur in laws and go by a name, such as saturation: see `FAMILIES`.
+
+    A law takes few of them, beside plain terms; constants inside are found with the law, each object's own.
+
+    Parameters
+    ----------
+    name
+        Of the family.
+    variables
+        Names of the variables; without them all states (and rates) and inputs, and time for periodic functions.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such family, or a variable is named twice.
+
+    Examples
+    --------
+    >>> variables = Variables(("s", "x"))
+    >>> [each.text(variables) for each in FamilyLibrary("saturating", "s").parametric(variables)]
+    ['s/(K + s)', '1/(K + s)']
+    """
+
+    name: str
+    variables: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        check_choice("family", self.name, FAMILIES)
+        object.__setattr__(self, "variables", _checked_names(self.variables))
+
+    def bind(self, variables: Variables) -> Terms:
+        return Terms(variables, ())
+
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+        return terms_of_family(self.name, variables, self.variables)
+
+
+def _monomials(columns: Sequence[int], degree: int, interactions: bool = True) -> list[Term]:
+    """Return the monomials up to a degree in some variables, 100 000 at most."""
+    count = math.comb(len(columns) + degree, degree) if interactions else 1 + len(columns) * degree
+    check_count(f"a polynomial of degree {degree} in {len(columns)} variables", count)
+    return [
+        monomial(Counter(choice))
+        for total in range(degree + 1)
+        for choice in combinations_with_replacement(columns, total)
+        if interactions or len(set(choice)) <= 1
+    ]
+
+
+def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
+    """Return names as a tuple, hashable; a text is names between commas; refuse none and names that are there twice."""
+    if names is None:
+        return None
+    listed = tuple(each.strip() for each in names.split(",")) if isinstance(names, str) else tuple(names)
+    if not listed or len(set(listed)) < len(listed):
+        raise CommonlawError("library-variables", variables=", ".join(listed) or "none")
+    return listed
+
+
+_HIGHEST_DEGREE = 4
+"""Of the polynomials that are tried before terms with constants inside."""
+
+
+@dataclass(frozen=True)
+class AutoLibrary(AbstractLibrary):
+    """All that commonlaw knows to occur in laws: a library for whom none comes to mind.
+
+    Polynomials of degree 3 first, and of degree 4 where the best of these laws leaves more than noise, or needs many
+    numbers. Where the better of both leaves more than noise, or may be the beginning of a series, with three powers of
+    one variable in equal steps up to the highest: beside few of these, functions of all families, alone and as factors
+    of a state or an input. Where these laws leave something, or need many numbers, ratios of sums of terms up to degree
+    2, beside linear terms; then, in laws of first order of several trials of at most ten objects,
+    a state that nobody measured. A law takes them where its evidence pays for the larger choice.
+
+    Parameters
+    ----------
+    degree
+        Of the polynomials that are tried first.
+
+    Examples
+    --------
+    >>> library, variables = AutoLibrary(), Variables(("x", "v"))
+    >>> len(library.bind(variables)), [each.count for each in library.offers(variables)]
+    (10, [0, 98, 12])
+    """
+
+    degree: int = 3
+
+    def bind(self, variables: Variables) -> Terms:
+        return PolynomialLibrary(self.degree).bind(variables)
+
+    @property
+    def higher(self) -> AbstractLibrary | None:
+        return replace(self, degree=_HIGHEST_DEGREE) if self.degree < _HIGHEST_DEGREE else None
+
+    def offers(self, variables: Variables) -> Iterator[Offer]:
+        yield Offer(())
+        yield Offer(self._families(variables))
+        yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
+
+    def _families(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+        alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid", "polar")]
+        of_states = [FamilyLibrary(name, variables.states) for name in ("friction", "morse")]
+        factors = [
+            FamilyLibrary(name)
+            for name in ("saturating", "hill", "exponential", "logarithm", "trigonometric", "contact")
+        ]
+        driven = FamilyLibrary("periodic", (variables.time,))
+        several = (*alone, *(PolynomialLibrary(1) * each for each in factors), *of_states, driven)
+        return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))
+
+    @property
+    def seeks_unmeasured(self) -> bool:
+        return True
+
+
+def parse_library(text: str) -> AbstractLibrary:
+    """Return the library that a text names.
+
+    Parameters
+    ----------
+    text
+        ``poly:3``, ``fourier:2``, ``rational:2:1+x**2``, ``terms:1,v,v*abs(v)`` or ``constant``, a family of `FAMILIES`
+        such as ``saturating``, or several of them joined by ``+`` and ``*`` with spaces around: ``poly:2 + fourier:1``,
+        ``poly:1 * saturating:s``. Inside a library there are no such spaces, but for parentheses: ``terms:1+x``, not
+        ``terms:1 + x``. ``ratio(poly:2, poly:2)`` are ratios of sums of terms of two libraries.
+        Variables are listed with commas: ``poly:3:x,v``. Names in terms that are no variables are constants, which are
+        found with the law: ``poly:1 + terms:s/(K+s)``. ``auto``: see `AutoLibrary`.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such library or its arguments do not fit.
+
+    Examples
+    --------
+    >>> parse_library("poly:1 + terms:v*abs(v)").bind(Variables(("x", "v"))).names
+    ('1', 'x', 'v', 'v*abs(v)')
+    """
+    makers: dict[str, Callable[..., AbstractLibrary]] = {
+        "poly": PolynomialLibrary,
+        "fourier": FourierLibrary,
+        "rational": RationalLibrary,
+        "terms": _listed,
+        "constant": ConstantLibrary,
+        "auto": AutoLibrary,
+        **{name: partial(FamilyLibrary, name) for name in FAMILIES},
+    }
+
+    def one(part: str) -> AbstractLibrary:
+        if not part.startswith("ratio("):
+            return parse_spec("library", part, makers)
+        sides = _pieces(part[len("ratio(") : -1], ",")
+        if not part.endswith(")") or len(sides) != 2:
+            raise CommonlawError("ratio-syntax", library=part)
+        return RatioLibrary(*map(parse_library, sides))
+
+    sums = [[one(each) for each in _pieces(part, " * ")] for part in _pieces(text, " + ")]
+    return reduce(add, (reduce(mul, factors) for factors in sums))
+
+
+def _listed(expressions: str) -> AbstractLibrary:
+    """Return the library of expressions between commas."""
+    return ExpressionLibrary(*_pieces(str(expressions), ","))
+
+
+def _pieces(text: str, separator: str) -> list[str]:
+    """Return what stands between separators; those in parentheses or backticks do not count."""
+    pieces, depth, quoted, position = [""], 0, False, 0
+    while position < len(text):
+        if depth == 0 and not quoted and text.startswith(separator, position):
+            pieces.append("")
+            position += len(separator)
+            continue
+        each = text[position]
+        quoted ^= each == "`"
+        depth += 0 if quoted else (each == "(") - (each == ")")
+        pieces[-1] += each
+        position += 1
+    return [each.strip() for each in pieces]

@@ -1,0 +1,152 @@
+"""Named variables, the order of a law, and which states have rates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.array_types import Floats, Indices
+from commonlaw.errors import unknown
+
+Order = int | tuple[int, ...]
+"""0 in discrete time, 1 or 2; where equations differ, 1 or 2 for each state.
+
+States and rates stand side by side in one vector: all states, and then the rates of those of second order.
+"""
+
+
+@dataclass(frozen=True)
+class Variables:
+    """The names that terms may use, in the order of the columns of the array that terms are evaluated on.
+
+    Parameters
+    ----------
+    states
+        The state variables, followed by the rates of those of second order.
+    inputs
+        Measured inputs.
+    time
+        The name of time, the column after states and inputs.
+    logarithmic
+        The states that vector fields follow by their logarithms; terms are of the states themselves.
+    constants
+        Numbers inside of terms that are to be found, such as K in ``s/(K + s)``: the last columns.
+    orders
+        The order of each state's equation, if they differ: else there are rates of all states, or of none.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...] = ()
+    time: str = "t"
+    logarithmic: tuple[str, ...] = ()
+    constants: tuple[str, ...] = ()
+    orders: tuple[int, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names: states, inputs, time, constants."""
+        return (*self.measured, *self.constants)
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The names of what has a value at any time: states, inputs, time."""
+        return (*self.states, *self.inputs, self.time)
+
+    def order_of(self, equations: int) -> Order:
+        """Return the order of a law over these variables, 1 or 2 or that of each of so many equations."""
+        return self.orders or len(self.states) // equations
+
+    def index(self, name: str) -> int:
+        """Return the column of a variable.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no variable of that name.
+        """
+        if name not in self.names:
+            raise unknown("variable", name, self.names)
+        return self.names.index(name)
+
+    def natural(self, values: Floats) -> Floats:
+        """Return values of the variables, shape (n, variables), of which some were given by their logarithms."""
+        if not self.logarithmic:
+            return values
+        found, columns = values.copy(), self.logarithmic_columns
+        with np.errstate(over="ignore"):
+            found[:, columns] = np.exp(found[:, columns])
+        return found
+
+    @cached_property
+    def logarithmic_columns(self) -> tuple[int, ...]:
+        """The columns of the states that are followed by their logarithms."""
+        return self.columns(self.logarithmic)
+
+    def columns(self, names: Sequence[str] | None = None) -> tuple[int, ...]:
+        """Return the columns of the named variables; without names those of all states and inputs, but not time.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no variable of some name.
+        """
+        if names is None:
+            return tuple(range(len(self.states) + len(self.inputs)))
+        return tuple(self.index(name) for name in names)
+
+
+def order_of_each(order: Order, states: int) -> tuple[int, ...]:
+    """Return the order of each equation.
+
+    >>> order_of_each(2, 3), order_of_each((2, 1), 2)
+    ((2, 2, 2), (2, 1))
+    """
+    return order if isinstance(order, tuple) else (order,) * states
+
+
+def one_order(orders: Sequence[int]) -> Order:
+    """Return the order of a law by those of its equations.
+
+    >>> one_order([2, 2]), one_order([2, 1])
+    (2, (2, 1))
+    """
+    return orders[0] if len({*orders}) == 1 else tuple(orders)
+
+
+def highest_order(order: Order) -> int:
+    """Return the largest order of an equation."""
+    return max(order) if isinstance(order, tuple) else order
+
+
+def with_rates(order: Order, states: int) -> Indices:
+    """Return the indices of the states of second order, whose rates follow all states in this sequence.
+
+    >>> with_rates((1, 2, 2), 3)
+    array([1, 2])
+    """
+    return np.flatnonzero(np.array(order_of_each(order, states)) == 2)
+
+
+def highest_columns(order: Order, states: int) -> Indices:
+    """Return where the highest derivative of each state stands among the derivatives of states and rates.
+
+    >>> highest_columns((1, 2, 2), 3), highest_columns(1, 2)
+    (array([0, 3, 4]), array([0, 1]))
+    """
+    found = np.arange(states)
+    second = with_rates(order, states)
+    found[second] = states + np.arange(len(second))
+    return found
+
+
+def split_derivatives(derivatives: Sequence[Floats], order: Order) -> tuple[Floats, Floats]:
+    """Return rates and highest derivatives from the first (and second) derivatives of all states.
+
+    The rates are those of the states of second order, shape (n, rates); highest derivatives have the shape (n, states).
+    """
+    states = derivatives[0].shape[1]
+    if not isinstance(order, tuple):
+        return derivatives[0][:, : states * (order - 1)], derivatives[order - 1]
+    highest = [derivatives[own - 1][:, j] for j, own in enumerate(order)]
+    return derivatives[0][:, with_rates(order, states)], np.stack(highest, axis=1)
