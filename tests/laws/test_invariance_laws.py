@@ -139,7 +139,7 @@ def test_the_unit_of_the_states_changes_coefficients_by_its_powers_only(name, sc
     law, other = law_of(name), law_of(name, scale=scale)
     assert supports(other) == supports(law)
     ratios = other.coefficients[:, law.support] / law.coefficients[:, law.support]
-    powers = [1 - term.degree for _, k in np.argwhere(law.support) for term in [law.terms.terms[k]]]
+    powers = [1 - sum(term.exponents.values()) for _, k in np.argwhere(law.support) for term in [law.terms.terms[k]]]
     np.testing.assert_allclose(ratios, np.tile(scale ** np.array(powers, float), (len(ratios), 1)), rtol=1e-4)
 
 

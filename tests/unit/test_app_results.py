@@ -17,8 +17,7 @@ from commonlaw.app.searching import answer
 from commonlaw.app.suggested import Budget, suggested
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.forecast import fitted
-from commonlaw.report.formulas import law_latex
-from commonlaw.report.markup import formula
+from commonlaw.report.markup import formula, law_latex
 from commonlaw.wording import r_squared
 from tests.refusals import refused
 

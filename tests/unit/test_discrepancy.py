@@ -11,8 +11,7 @@ from commonlaw.datasets.sphere_drag import drag_force, reynolds_number
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.posterior import SharedRows, posterior
-from commonlaw.discrepancy.prior import Samples, factors, meaning
-from commonlaw.discrepancy.smooth_basis import SmoothBasis
+from commonlaw.discrepancy.smooth_basis import Samples, SmoothBasis, factors, meaning
 from tests.refusals import refused
 
 BASIS = SmoothBasis("v", "1", 0.0, 5.0)

@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_normal, norm
 
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
-from commonlaw.experiments.refitting import Point, refitted
+from commonlaw.experiments.predictive import Point, refitted
 
 NOTHING = np.zeros((1, 0))
 

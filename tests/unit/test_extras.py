@@ -12,7 +12,7 @@ from commonlaw.cluster import connected
 from commonlaw.extras import optional_import
 from commonlaw.library import Variables, parse_term
 from commonlaw.report.document import Report
-from commonlaw.report.html import to_html
+from commonlaw.report.write import to_html
 from tests.refusals import refused
 
 OPTIONAL = {

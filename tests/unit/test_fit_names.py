@@ -157,7 +157,7 @@ def test_intervals_have_units(law):
 
 
 def test_letters_of_equations_are_in_every_form_of_the_law(law):
-    from commonlaw.plots.dots import DotPlot
+    from commonlaw.plots.coefficients import DotPlot
     from commonlaw.plots.equations import equation_lines
 
     for each in (law, cl.Law.from_json(law.to_json())):

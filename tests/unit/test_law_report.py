@@ -12,10 +12,8 @@ from commonlaw.law import Provenance
 from commonlaw.report import curves, law_report, to_page
 from commonlaw.report.curves import Curves, forecasts
 from commonlaw.report.document import Fold, Gallery, Table, Text
-from commonlaw.report.formulas import law_latex
-from commonlaw.report.law_case import LawCase
-from commonlaw.report.law_sections import coefficients
-from commonlaw.report.markup import formula
+from commonlaw.report.law_sections import LawCase, coefficients
+from commonlaw.report.markup import formula, law_latex
 from commonlaw.verdict import find
 from commonlaw.wording import r_squared
 

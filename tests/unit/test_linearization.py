@@ -10,7 +10,7 @@ from benchmarks.variational import cramer_rao, solve
 from commonlaw.library import with_rates
 from commonlaw.likelihood import Estimate, ObservationModel, TrajectoryModel, fit, linearize, meshes
 from commonlaw.likelihood.collocation import jacobians
-from commonlaw.likelihood.normal_equations import eliminate_states
+from commonlaw.likelihood.fitting import eliminate_states
 from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, information, of_prey, prey, terms_of, trial
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from commonlaw.likelihood import Estimate, NotPositiveError, ObservationModel, TrajectoryModel, fit, linearize
 from commonlaw.likelihood.collocation import jacobians
-from commonlaw.likelihood.normal_equations import eliminate_states
+from commonlaw.likelihood.fitting import eliminate_states
 from tests.unit.trajectories import DIFFICULT, difficult
 
 

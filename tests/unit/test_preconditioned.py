@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from commonlaw.formulation import LeastSquaresProblem, merge, redrawn, redrawn_rows
-from commonlaw.formulation.least_squares_problem import BLOCK
-from commonlaw.formulation.preconditioned import PreconditionedGram, can_precondition
+from commonlaw.formulation.least_squares_problem import BLOCK, PreconditionedGram, can_precondition
 
 TERMS = 70
 

@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from commonlaw.hierarchy import PropertyTable, RelationKind, explain
-from commonlaw.hierarchy.exponents import exponent_sets
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
+from commonlaw.hierarchy.relation import exponent_sets
 
 NAMES = ("diameter", "mass", "temperature")
 

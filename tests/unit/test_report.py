@@ -31,8 +31,8 @@ from commonlaw.report import (
     to_page,
     write_report,
 )
+from commonlaw.report.document import to_json
 from commonlaw.report.markup import formula, inline, markdown, plain
-from commonlaw.report.values import to_json
 from tests.refusals import refused
 
 FRAME = pd.DataFrame({"ball": ["Golf <Ball>", None], "drag": [-0.123456789, np.nan], "printed": ["-0.120", ""]})

@@ -8,8 +8,7 @@ from scipy import stats
 
 import commonlaw as cl
 from commonlaw import Law, Trials
-from commonlaw.discrepancy.patterns import correlations
-from commonlaw.discrepancy.residual_tests import patterns
+from commonlaw.discrepancy.residual_tests import correlations, patterns
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.plots import plot_residuals, render
 from tests.refusals import refused

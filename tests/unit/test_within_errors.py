@@ -8,7 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.law import Uncertainty
 from commonlaw.law.simplifying import within_errors
-from commonlaw.report.formulas import law_markdown
+from commonlaw.report.markup import law_markdown
 
 
 def law(

@@ -21,8 +21,7 @@ from commonlaw.law.simplifying import within_errors
 from commonlaw.law.text import said_within_errors
 from commonlaw.library import order_of_each
 from commonlaw.progress import Stage, part
-from commonlaw.report.formulas import coefficient_names, equation_parts
-from commonlaw.report.markup import formula
+from commonlaw.report.markup import coefficient_names, equation_parts, formula
 from commonlaw.trials import Trials
 from commonlaw.verdict import Findings, find
 from commonlaw.wording import counted, r_squared

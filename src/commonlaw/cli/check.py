@@ -16,7 +16,7 @@ from commonlaw.cli.working import working
 
 if TYPE_CHECKING:
     from commonlaw.discrepancy import StreamResiduals
-    from commonlaw.discrepancy.patterns import Pattern
+    from commonlaw.discrepancy.residual_tests import Pattern
     from commonlaw.law import Law
 
 _STRANGEST = 10

@@ -5,12 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.discrepancy.candidates import CandidateFunction, candidates, equations_of
-from commonlaw.discrepancy.coordinates import expression, with_known_properties
-from commonlaw.discrepancy.describe import descriptions
 from commonlaw.discrepancy.function import Compared, Discrepancy
-from commonlaw.discrepancy.setting import Setting
-from commonlaw.discrepancy.shares import shares
+from commonlaw.discrepancy.setting import (
+    CandidateFunction,
+    Setting,
+    candidates,
+    descriptions,
+    equations_of,
+    expression,
+    shares,
+    with_known_properties,
+)
 from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, converged
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.covariance import errors_of

@@ -1,4 +1,4 @@
-"""What a law leaves unexplained, as a function that all objects share: what `Law.discrepancy` gives."""
+"""The function that a law lacks, with its errors."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ from commonlaw.trials.trial import as_numbers
 
 if TYPE_CHECKING:
     import pandas as pd
+
 
 LawType = TypeVar("LawType")
 

@@ -8,9 +8,16 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.cluster import done_in_parts, on_cluster
-from commonlaw.discrepancy.patterns import AbstractPatterns, Pattern, Residuals
-from commonlaw.discrepancy.residual_sums import StateSums, correlation_of_neighbours, neighbours
-from commonlaw.discrepancy.residual_tests import patterns_of, size_over_noise
+from commonlaw.discrepancy.residual_tests import (
+    AbstractPatterns,
+    Pattern,
+    Residuals,
+    StateSums,
+    correlation_of_neighbours,
+    neighbours,
+    patterns_of,
+    size_over_noise,
+)
 from commonlaw.discrepancy.residuals import noise_of, noise_squares, refuse_discrete_time, untested
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError

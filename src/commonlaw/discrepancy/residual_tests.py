@@ -1,13 +1,339 @@
-"""Tests of residuals: which patterns are significant, and what these usually mean."""
+"""Tests of residuals for patterns, from sums over parts of them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.discrepancy.patterns import FALSE_DISCOVERY_RATE, Pattern
-from commonlaw.discrepancy.residual_sums import StateSums, Trend, ranks
+from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.trials import Trials
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+FALSE_DISCOVERY_RATE = 0.01
+"""Share of false alarms among the patterns that count as significant."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """What a test of residuals looked for in those of a state, and found.
+
+    Parameters
+    ----------
+    state
+        Whose residuals.
+    pattern
+        What was looked for, in words.
+    statistic
+        Its size: what it is, the pattern's name says.
+    p_value
+        How probable as much is where only white noise is left.
+    adjusted
+        The same with all patterns of the table in mind: the share of false alarms among those as sure as this.
+    meaning
+        What the pattern usually means; empty where it is not significant.
+    """
+
+    state: str
+    pattern: str
+    statistic: float
+    p_value: float
+    adjusted: float
+    meaning: str
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is more than chance, by `adjusted`."""
+        return self.adjusted < FALSE_DISCOVERY_RATE
+
+
+class AbstractPatterns(ShownInNotebooks):
+    """What tests say of residuals; it prints as sentences."""
+
+    patterns: tuple[Pattern, ...]
+
+    @property
+    def significant(self) -> tuple[Pattern, ...]:
+        """The patterns that are significant."""
+        return tuple(each for each in self.patterns if each.significant)
+
+    def tests(self) -> "pd.DataFrame":
+        """Return a table of all patterns that were looked for: statistic, p-values, what the significant ones mean."""
+        import pandas as pd
+
+        columns = ["state", "pattern", "statistic", "p-value", "adjusted", "meaning"]
+        rows = [(p.state, p.pattern, p.statistic, p.p_value, p.adjusted, p.meaning) for p in self.patterns]
+        return pd.DataFrame(rows, columns=columns)
+
+    def __str__(self) -> str:
+        if not self.patterns:
+            return "There are too few residuals to test."
+        if not self.significant:
+            return "The residuals look like white noise: no pattern is significant."
+        return "\n".join(f"Residuals of {each.state}, {each.pattern}: {each.meaning}." for each in self.significant)
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals(AbstractPatterns):
+    """Measured less fitted states of trials, in standard deviations of the noise; it prints as sentences.
+
+    Parameters
+    ----------
+    trials
+        What was measured, on the scale that the law follows states by.
+    fitted
+        Each trial's states by the law, and the rates of those of second order, shape (n, D).
+    standardized
+        Measured less fitted states over their noise, shape (n, states); NaN where nothing was measured.
+    rates
+        Names of the rates.
+    patterns
+        What tests say of them.
+    """
+
+    trials: Trials
+    fitted: tuple[Floats, ...]
+    standardized: tuple[Floats, ...]
+    rates: tuple[str, ...]
+    patterns: tuple[Pattern, ...]
+
+    @cached_property
+    def columns(self) -> dict[str, Floats]:
+        """What residuals are held against, at all samples, shape (n,): time since the start, states, rates, inputs."""
+        schema = self.trials.schema
+        since = np.concatenate([each.times - each.times[0] for each in self.trials])
+        states = np.concatenate(self.fitted).T
+        inputs = np.concatenate([each.inputs for each in self.trials]).T
+        names = (*schema.states, *self.rates, *schema.inputs)
+        return {schema.time: since, **dict(zip(names, (*states, *inputs), strict=True))}
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return a long table: object, trial, time, and of each state the fitted value and the residual over noise."""
+        import pandas as pd
+
+        schema, parts = self.trials.schema, []
+        for trial, fitted, residuals in zip(self.trials, self.fitted, self.standardized, strict=True):
+            part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times}
+            for j, name in enumerate(schema.states):
+                part[name], part[f"{name} fitted"] = trial.states[:, j], fitted[:, j]
+                part[f"{name} residual/noise"] = residuals[:, j]
+            parts.append(pd.DataFrame(part))
+        return pd.concat(parts, ignore_index=True)
+
+    def __repr__(self) -> str:
+        among = f"{len(self.significant)} of {len(self.patterns)} patterns are significant"
+        return f"<Residuals of {len(self.trials)} trials: {among}>"
+
+    def correlations(self, state: int, lags: int = 20) -> Floats:
+        """Return the correlation of a state's residuals with those so many samples later, shape (lags,), in trials."""
+        return correlations([each[:, state] for each in self.standardized], lags)[0]
+
+
+def correlations(series: Sequence[Floats], lags: int) -> tuple[Floats, Floats]:
+    """Return correlations at lags from 1 on, and how many pairs of values each is from, shape (lags,).
+
+    Values that are NaN have no pairs, and no pair is of two series.
+    """
+    level = np.concatenate(series)
+    mean, variance = np.nanmean(level), np.nanvar(level)
+    found, counts = np.zeros(lags), np.zeros(lags)
+    for k in range(1, lags + 1):
+        pairs = [(own[k:] - mean) * (own[:-k] - mean) for own in series if len(own) > k]
+        products = np.concatenate([np.empty(0), *pairs])
+        products = products[np.isfinite(products)]
+        counts[k - 1] = len(products)
+        found[k - 1] = products.mean() / variance if len(products) and variance > 0 else 0.0
+    return found, counts
+
+
+MOST = 5000
+"""Residuals that are kept themselves; of more there are sums only."""
+
+_POWERS = 3
+"""Residuals are held against polynomials of this degree."""
+
+_CELLS = 16
+"""Cells of sizes for each factor of two, in which more residuals are ranked."""
+
+_NODES = np.polynomial.legendre.leggauss(_POWERS + 1)[0]
+
+_NO_SIZE = -(1 << 14)
+"""The cell of zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """Residuals against a polynomial of a variable.
+
+    Parameters
+    ----------
+    low, high
+        The range of the variable.
+    values
+        Different values of it, as many as a polynomial has coefficients at most.
+    factor
+        Triangular factor of ``[Legendre polynomials over the range | residuals]``.
+    """
+
+    low: float
+    high: float
+    values: Floats
+    factor: Floats
+
+    @classmethod
+    def of(cls, values: Floats, residuals: Floats) -> "Trend":
+        """Return that of some samples, at least one."""
+        low, high = float(values.min()), float(values.max())
+        span = high - low
+        scaled = 2 * (values - low) / span - 1 if span > 0 else np.zeros_like(values)
+        design = np.polynomial.legendre.legvander(scaled, _POWERS)
+        return cls(low, high, _first_of(values), triangular(np.column_stack([design, residuals])))
+
+    def __add__(self, other: "Trend") -> "Trend":
+        low, high = min(self.low, other.low), max(self.high, other.high)
+        factors = [each._over(low, high) for each in (self, other)]
+        return Trend(low, high, _first_of(np.concatenate([self.values, other.values])), triangular(np.vstack(factors)))
+
+    def explained(self) -> tuple[int, float, float]:
+        """Return the degree of the polynomial, the squares that it leaves, and those that a constant leaves."""
+        powers = len(self.values) - 1
+        factor = triangular(self.factor[:, [*range(powers + 1), -1]])
+        return powers, float(factor[-1, -1] ** 2), float(np.sum(factor[1:, -1] ** 2))
+
+    def _over(self, low: float, high: float) -> Floats:
+        """Return the factor with the polynomials over a wider range."""
+        middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
+        nodes = middle + half * _NODES
+        scaled = 2 * (nodes - low) / (high - low) - 1 if high > low else np.zeros_like(nodes)
+        vander = np.polynomial.legendre.legvander
+        changed = np.linalg.solve(vander(_NODES, _POWERS), vander(scaled, _POWERS))
+        return np.column_stack([self.factor[:, :-1] @ changed, self.factor[:, -1]])
+
+
+@dataclass(frozen=True, eq=False)
+class StateSums:
+    """Sums over the residuals of a state.
+
+    Parameters
+    ----------
+    powers
+        Sums of the residuals, their squares, third and fourth powers.
+    trends
+        By the name of the variable.
+    together
+        Triangular factors of ``[1 | residuals of an earlier state | residuals]``, and how many samples have both.
+    pairs
+        Of neighbours: how many, sums of their products and of both; and how many trials have residuals.
+    cells, counts
+        Which cells of the sizes of residuals and states samples are in, shape (k, 2), and how many, shape (k,).
+    kept
+        Residuals and states, shape (count, 2), of at most `MOST`.
+    """
+
+    count: int
+    powers: Floats
+    trends: Mapping[str, Trend]
+    together: tuple[tuple[int, Floats], ...]
+    pairs: Floats
+    cells: Floats
+    counts: Floats
+    kept: Floats | None
+
+    @classmethod
+    def of(cls, j: int, residuals: Sequence[Floats], against: Mapping[str, Floats], state: str) -> "StateSums | None":
+        """Return those of a state in some trials, see `patterns`; None if it has no residual."""
+        whole = np.concatenate(residuals)
+        seen = np.isfinite(whole[:, j])
+        if not seen.any():
+            return None
+        own, sizes = whole[seen, j], np.abs(against[state][seen])
+        cells, counts = np.unique(np.column_stack([_cell(np.abs(own)), _cell(sizes)]), axis=0, return_counts=True)
+        return cls(
+            len(own),
+            np.array([np.sum(own**k) for k in (1, 2, 3, 4)]),
+            {name: Trend.of(values[seen], own) for name, values in against.items()},
+            tuple(_both(whole[:, other], whole[:, j]) for other in range(j)),
+            sum((neighbours(each[:, j]) for each in residuals), np.zeros(4)),
+            cells,
+            np.asarray(counts, dtype=np.float64),
+            np.column_stack([own, sizes]) if len(own) <= MOST else None,
+        )
+
+    def __add__(self, other: "StateSums") -> "StateSums":
+        cells, where = np.unique(np.concatenate([self.cells, other.cells]), axis=0, return_inverse=True)
+        kept = None
+        if self.kept is not None and other.kept is not None and self.count + other.count <= MOST:
+            kept = np.concatenate([self.kept, other.kept])
+        return StateSums(
+            self.count + other.count,
+            self.powers + other.powers,
+            {name: own + other.trends[name] for name, own in self.trends.items()},
+            tuple(
+                (a + b, triangular(np.vstack([one, two])))
+                for (a, one), (b, two) in zip(self.together, other.together, strict=True)
+            ),
+            self.pairs + other.pairs,
+            cells,
+            np.bincount(where.ravel(), np.concatenate([self.counts, other.counts])).astype(np.float64),
+            kept,
+        )
+
+    @property
+    def correlation_of_neighbours(self) -> float:
+        """The correlation of residuals with the next in the same trial."""
+        return float(correlation_of_neighbours(self.count, *self.powers[:2], *self.pairs[:3]))
+
+
+def correlation_of_neighbours(count: Any, total: Any, squares: Any, pairs: Any, products: Any, sums: Any) -> Any:
+    """Return the correlation of neighbours from sums of residuals and their squares, and of pairs; zero of none."""
+    mean = total / count
+    variance = squares / count - mean**2
+    known = (pairs > 0) & (variance > 0)
+    covariance = (products - mean * sums) / np.where(known, pairs, 1) + mean**2
+    return np.where(known, covariance / np.where(known, variance, 1), 0.0)
+
+
+def neighbours(own: Floats) -> Floats:
+    """Return how many pairs of neighbours a series has, sums of their products and of both, and one."""
+    first, second = own[:-1], own[1:]
+    both = np.isfinite(first) & np.isfinite(second)
+    first, second = first[both], second[both]
+    return np.array([len(first), first @ second, first.sum() + second.sum(), 1.0])
+
+
+def triangular(rows: Floats) -> Floats:
+    """Return the square triangular factor of rows."""
+    factor = np.linalg.qr(rows, mode="r")
+    return np.pad(factor, ((0, rows.shape[1] - len(factor)), (0, 0)))
+
+
+def ranks(cells: Floats, counts: Floats) -> Floats:
+    """Return the mean rank of what is in each cell, whose order is that of numbers, shape (k,)."""
+    _, where = np.unique(cells, return_inverse=True)
+    inside = np.bincount(where, counts)
+    return np.asarray((np.cumsum(inside) - (inside - 1) / 2)[where])
+
+
+def _first_of(values: Floats) -> Floats:
+    return np.unique(values)[: _POWERS + 1]
+
+
+def _cell(sizes: Floats) -> Floats:
+    """Return the cell of each size."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.maximum(np.floor(np.log2(sizes) * _CELLS), _NO_SIZE), dtype=np.int16)
+
+
+def _both(other: Floats, own: Floats) -> tuple[int, Floats]:
+    both = np.isfinite(other) & np.isfinite(own)
+    rows = np.column_stack([np.ones(both.sum()), other[both], own[both]])
+    return int(both.sum()), triangular(rows) if len(rows) else np.zeros((3, 3))
+
 
 _MOST_SPENT = 0.9
 """Share of the residuals that fits take, at most."""

@@ -7,8 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
-from commonlaw.discrepancy.patterns import Residuals
-from commonlaw.discrepancy.residual_tests import patterns
+from commonlaw.discrepancy.residual_tests import Residuals, patterns
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.meeting import matched

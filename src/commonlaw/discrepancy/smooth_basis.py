@@ -1,7 +1,9 @@
-"""Smooth functions of one coordinate as sums of terms: bumps at even knots and a straight line."""
+"""Smooth functions: their basis, the coordinates they depend on, and what is probable of them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,3 +67,128 @@ class SmoothBasis:
         """Return the functions, without what they are multiplied with, shape (n, functions)."""
         bumps = np.exp(-(((coordinate[:, np.newaxis] - self.knots) / self.width) ** 2) / 2)
         return np.column_stack([coordinate - self.centre, bumps])
+
+
+LENGTHS = (0.5, 1.0, 2.0)
+"""Over which weights hang together, in units of the range that was visited."""
+
+_ALIKE = 0.05
+"""Share of a function, or of a term, below which what the others leave of it is nothing."""
+
+_ZERO = 0.05
+"""Share of a function's largest value below which it is zero."""
+
+_VANISHED = 0.3
+"""The same of a term, whose function is known from one object only, for what is said of it."""
+
+_RESOLVED = 1e-6
+"""Singular values below this share of the largest tell nothing."""
+
+_ROUNDING = 1e-9
+"""Variances below this share of the largest are rounding."""
+
+
+def factors(basis: SmoothBasis, constraints: Floats) -> list[Floats]:
+    """Return what makes the weights of independent standard normal numbers, for each of the `LENGTHS`.
+
+    The variance of the bumps' sum is one, and that of the line one at both ends of twice the visited range. Linear
+    combinations of the weights, shape (constraints, functions), are zero.
+    """
+    return [_conditioned(_covariance(basis, length * basis.range), constraints) for length in LENGTHS]
+
+
+def _covariance(basis: SmoothBasis, length: float) -> Floats:
+    found = np.zeros((len(basis), len(basis)))
+    distances = np.subtract.outer(basis.knots, basis.knots) / length
+    bumps = basis.values(np.array([basis.centre]))[0, 1:]
+    found[1:, 1:] = np.exp(-(distances**2) / 2)
+    found /= bumps @ found[1:, 1:] @ bumps
+    found[0, 0] = 1 / basis.range**2
+    return found
+
+
+def _conditioned(covariance: Floats, constraints: Floats) -> Floats:
+    """Return a factor, shape (functions, rank), of a covariance given that combinations are zero."""
+    if len(constraints):
+        across = covariance @ constraints.T
+        covariance = covariance - across @ np.linalg.pinv(constraints @ across, rcond=1e-10, hermitian=True) @ across.T
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    kept = values > _ROUNDING * values[-1]
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+class Samples(NamedTuple):
+    """Of one object the coordinate, what the function is multiplied with, shape (n,), and terms, shape (n, terms)."""
+
+    coordinate: Floats
+    times: Floats
+    terms: Floats
+
+
+class Meaning(NamedTuple):
+    """What leaves a law's coefficients their meaning.
+
+    Constraints on the weights, shape (constraints, functions); where the function is zero, if anywhere; and the indices
+    of the terms that it holds nothing of.
+    """
+
+    constraints: Floats
+    zero_at: float | None
+    held: tuple[int, ...]
+
+
+def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | None) -> Meaning:
+    """Return what leaves a law's coefficients their meaning beside a function of a coordinate.
+
+    What matters is what both could say: functions of the coordinate that are combinations of the law's terms on each
+    object, with coefficients of its own. At a point where the function is to be zero the law alone holds; the function
+    holds nothing of such combinations that are zero there too (it is orthogonal to them over the visited samples).
+    Without such a point it holds nothing of any of them.
+
+    Parameters
+    ----------
+    basis
+        Of the function.
+    samples
+        Of each object.
+    zero_at
+        Where the function is to be zero, if that is needed.
+    """
+    own = [basis.values(each.coordinate) * each.times[:, np.newaxis] for each in samples]
+    whole = np.concatenate(own)
+    left, singular, right = np.linalg.svd(whole, full_matrices=False)
+    resolved = singular > _RESOLVED * singular[0]
+    parts = np.split(left[:, resolved], np.cumsum([len(each) for each in own])[:-1])
+    rests = [part - _said(each.terms, part) for part, each in zip(parts, samples, strict=True)]
+    _, sizes, directions = np.linalg.svd(np.concatenate(rests), full_matrices=False)
+    both = directions[sizes < _ALIKE]
+    weights = (both / singular[resolved]) @ right[resolved]
+    constraints = both @ left[:, resolved].T @ whole
+    pairs, first = list(zip(samples, own, strict=True)), samples[0]
+    count = first.terms.shape[1]
+    held = [k for k in range(count) if all(_is_said(each.terms[:, k], part) for each, part in pairs)]
+    at = basis.values(np.array([0.0 if zero_at is None else zero_at]))
+    there = (at @ weights.T)[0]
+    largest = np.abs(basis.values(np.concatenate([each.coordinate for each in samples])) @ weights.T).max(initial=0.0)
+    if zero_at is None or not np.any(np.abs(there) > _ZERO * largest):
+        return Meaning(constraints, None, tuple(held))
+    from scipy.linalg import null_space
+
+    kept = null_space(there[np.newaxis]).T @ constraints
+    said = np.linalg.lstsq(own[0], first.terms[:, held], rcond=_RESOLVED)[0]
+    alive = np.abs(at @ said)[0] >= _VANISHED * np.abs(basis.values(first.coordinate) @ said).max(axis=0)
+    vanishing = [k for k, living in zip(held, alive, strict=True) if not living]
+    return Meaning(np.concatenate([at, kept]), zero_at, tuple(vanishing))
+
+
+def _said(terms: Floats, values: Floats) -> Floats:
+    """Return what terms, shape (n, terms), say of values, shape (n, columns), at best."""
+    scale = np.linalg.norm(terms, axis=0)
+    relative = terms / np.where(scale > 0, scale, 1.0)
+    return np.asarray(relative @ np.linalg.lstsq(relative, values, rcond=_RESOLVED)[0])
+
+
+def _is_said(term: Floats, functions: Floats) -> bool:
+    """Return whether functions of the coordinate, shape (n, functions), can say a term, shape (n,)."""
+    rest = term - functions @ np.linalg.lstsq(functions, term, rcond=_RESOLVED)[0]
+    return bool(np.linalg.norm(rest) < _ALIKE * np.linalg.norm(term))

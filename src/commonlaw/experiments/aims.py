@@ -1,14 +1,154 @@
-"""What an experiment is for: which law is right, what the coefficients are, or one number that follows from them."""
+"""What one wants to know of a law, and its value after an experiment."""
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError, unknown
 from commonlaw.experiments.gaussian import Evidence
 from commonlaw.experiments.predictive import Hypothesis
-from commonlaw.experiments.quantities import Quantity, quantity
+from commonlaw.integration import InitialValueProblem, simulate
+
+_FORECAST = re.compile(r"(?P<state>\S+) at (?:\S+ *= *)?(?P<time>\S+) from (?P<start>.+?)(?: of (?P<object>.+))?")
+_COEFFICIENT = re.compile(r"(?P<name>.+?)(?: of (?P<object>.+))?")
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A number that follows from coefficients, under each of K hypotheses.
+
+    Parameters
+    ----------
+    name
+        As it was asked for.
+    values
+        Shape (K,).
+    slopes
+        Of each hypothesis its derivatives by the unknowns, shape (p,).
+    """
+
+    name: str
+    values: Floats
+    slopes: tuple[Floats, ...]
+
+    def std(self, prior: Floats) -> float:
+        """Return how far off it may be now, as a standard deviation over all hypotheses."""
+        variances = np.array([own @ own for own in self.slopes])
+        return float(np.sqrt(prior @ (variances + (self.values - prior @ self.values) ** 2)))
+
+    def expected_std(self, prior: Floats, evidence: Evidence) -> float:
+        """Return how far off it may be after measurements, on average over what these may be."""
+        parts = zip(self.values, self.slopes, evidence.estimates, strict=True)
+        means = np.stack([value + estimates @ slopes for value, slopes, estimates in parts], axis=2)
+        known = zip(self.slopes, evidence.covariances, strict=True)
+        own = np.stack([np.einsum("p,...pq,q->...", slopes, each, slopes) for slopes, each in known], axis=-1)
+        weights = evidence.probabilities(prior)
+        middle = np.sum(weights * means, axis=2, keepdims=True)
+        variances = np.sum(weights * (own + (means - middle) ** 2), axis=2)
+        return float(np.sqrt(prior @ variances.mean(axis=1)))
+
+
+def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
+    """Return the quantity that a text names.
+
+    ``"x at t=10 from 100"`` is a forecast of a state, from values of all states (and rates), with commas between them;
+    rates that are left out are zero. ``"c"`` is a coefficient by its letter in the law, or by its term. Of one object
+    with `` of Ball 3`` behind it, else the mean over all objects.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such state, coefficient or object, or a number cannot be read.
+    """
+    forecast, coefficient = (form.fullmatch(text.strip()) for form in (_FORECAST, _COEFFICIENT))
+    found = forecast or coefficient
+    if found is None:
+        raise CommonlawError("design-without-target")
+    chosen, objects = found["object"], hypotheses[0].objects
+    if chosen is not None and chosen not in objects:
+        raise unknown("object of this law", chosen, objects)
+    names = objects if chosen is None else (chosen,)
+    made = [
+        _forecast(found, each, names) if forecast else _coefficient(found["name"], hypotheses[0], each, names)
+        for each in hypotheses
+    ]
+    return Quantity(text, np.array([value for value, _ in made]), tuple(slopes for _, slopes in made))
+
+
+def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:
+    """Return the mean of a coefficient of the first law over objects as another law has it, and its derivatives."""
+    law, terms = first.law, each.law.terms.names
+    named = {own.name: own for own in law.named_coefficients}
+    named = {law.terms.names[own.term]: own for own in law.named_coefficients} | named
+    if name not in named:
+        raise unknown("coefficient of this law", name, named)
+    parts = [part._replace(term=_index(law.terms.names[part.term], terms)) for part in named[name].parts]
+    there = [part.term >= 0 and bool(each.law.support[part.equation, part.term]) for part in parts]
+    if not all(there):
+        return 0.0, np.zeros(each.unknowns)
+    coefficient = named[name]._replace(parts=tuple(parts))
+    own = each.law.coefficients[[each.law.index(own) for own in names]]
+    slopes, places = np.zeros((len(names), each.roots.shape[1])), np.argwhere(each.law.support).tolist()
+    for part, gradient in zip(parts, coefficient.gradient(own).T, strict=True):
+        slopes[:, places.index([part.equation, part.term])] = gradient
+    return float(coefficient.of(own).mean()), _by_unknowns(slopes, each, names)
+
+
+def _index(name: str, names: Sequence[str]) -> int:
+    return names.index(name) if name in names else -1
+
+
+def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:
+    law = each.law
+    states = law.terms.variables.states
+    if parts["state"] not in states:
+        raise unknown("state", parts["state"], states)
+    if law.schema.inputs:
+        raise CommonlawError("design-forecast-with-inputs")
+    try:
+        time, start = float(parts["time"]), [float(own) for own in parts["start"].split(",")]
+    except ValueError as error:
+        raise CommonlawError("design-forecast-syntax", error=error) from None
+    if not (time > 0 and len(law.states) <= len(start) <= len(states)):
+        raise CommonlawError(
+            "design-forecast-numbers",
+            time=time,
+            given=len(start),
+            least=len(law.states),
+            most=len(states),
+            states=states,
+        )
+    initial = np.pad(np.array(start), (0, len(states) - len(start)))
+    logs, column = list(law.terms.variables.logarithmic_columns), states.index(parts["state"])
+    initial[logs] = np.log(initial[logs])
+    times = np.array([0.0, time])
+    found = simulate(
+        [
+            InitialValueProblem(replace(law.vector_field(name), free=law.support), initial, times, name)
+            for name in names
+        ],
+        sensitivities=True,
+    )
+    if any(own.outcome is not None for own in found):
+        raise CommonlawError(
+            "design-forecast-diverges", structure=law.structure(), time_name=law.schema.time, time=time
+        )
+    values = np.array([own.states[-1, column] for own in found])
+    slopes = np.array([own.sensitivities[-1, column, : -len(states)] for own in found if own.sensitivities is not None])
+    if column in logs:
+        values = np.exp(values)
+        slopes = slopes * values[:, np.newaxis]
+    return float(values.mean()), _by_unknowns(slopes, each, names)
+
+
+def _by_unknowns(slopes: Floats, each: Hypothesis, names: Sequence[str]) -> Floats:
+    """Return the derivatives of a mean over objects from those by their parameters, shape (unknowns,)."""
+    roots = each.roots[[each.objects.index(name) for name in names]]
+    return np.asarray(np.einsum("op,opu->u", slopes, roots) / len(names))
+
 
 LAW, COEFFICIENTS = "law", "coefficients"
 

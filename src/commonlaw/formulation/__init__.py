@@ -1,6 +1,6 @@
 """From trials and candidate terms to regression rows, and from rows to compressed problems."""
 
-from commonlaw.formulation.base import AbstractFormulation
+from commonlaw.formulation.base import AbstractFormulation, law_variables, plain_rates
 from commonlaw.formulation.compress import (
     MOST_GROUPS,
     CompressedTrials,
@@ -11,12 +11,10 @@ from commonlaw.formulation.compress import (
     rows_by_object,
     some_trials,
 )
-from commonlaw.formulation.discrete import DiscreteForm
-from commonlaw.formulation.explained import explained
-from commonlaw.formulation.irls import reweight
 from commonlaw.formulation.least_squares_problem import (
     LeastSquaresProblem,
     column_scales,
+    explained,
     least_squares_of_each,
     leave_one_out,
     merge,
@@ -24,9 +22,8 @@ from commonlaw.formulation.least_squares_problem import (
     redrawn_rows,
 )
 from commonlaw.formulation.row_accuracy import differentiation_bias, effective_share
-from commonlaw.formulation.strong import StrongForm
-from commonlaw.formulation.variables import law_variables, plain_rates
-from commonlaw.formulation.weak import WeakForm
+from commonlaw.formulation.sampled import DiscreteForm, StrongForm
+from commonlaw.formulation.weak import WeakForm, reweight
 
 __all__ = [
     "MOST_GROUPS",

@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.strong import StrongForm
+from commonlaw.formulation.sampled import StrongForm
 from commonlaw.library import Terms, highest_order, order_of_each, split_derivatives
 from commonlaw.trials import Trial
 

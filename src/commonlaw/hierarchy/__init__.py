@@ -1,6 +1,5 @@
 """Coefficients over objects: how alike they are, what that says for a law, and what the objects learn from it."""
 
-from commonlaw.hierarchy.dimensions import Dimensions
 from commonlaw.hierarchy.explain import Explained, explain
 from commonlaw.hierarchy.random_effects import (
     LIKELIEST_SWEEPS,
@@ -12,7 +11,7 @@ from commonlaw.hierarchy.random_effects import (
     relative_variances,
     shrink,
 )
-from commonlaw.hierarchy.relation import PropertyTable, Relation, RelationKind
+from commonlaw.hierarchy.relation import Dimensions, PropertyTable, Relation, RelationKind
 
 __all__ = [
     "LIKELIEST_SWEEPS",

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from commonlaw.discrepancy.function import Discrepancy
-    from commonlaw.discrepancy.patterns import Residuals
+    from commonlaw.discrepancy.residual_tests import Residuals
     from commonlaw.inference.diagnose.coefficient_limits import Bounds
     from commonlaw.verdict.law_verdict import LawVerdict
 

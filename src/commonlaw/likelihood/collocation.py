@@ -14,8 +14,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.integration import LinearizedField, VectorField
-from commonlaw.likelihood.latent import LatentSteps
 from commonlaw.likelihood.mesh import Mesh
+from commonlaw.likelihood.observation_model import LatentSteps
 
 
 @dataclass(frozen=True, eq=False)

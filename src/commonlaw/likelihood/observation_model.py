@@ -1,11 +1,210 @@
-"""What measurements are worth: the noise of each state, and what counts as an outlier."""
+"""What samples are worth: models of errors, their levels, and latent processes."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.likelihood.mesh import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class LatentSteps:
+    """The processes along one mesh, in units of what each step adds.
+
+    With their values at two points, shape (w,), ``start @ before + end @ after`` is standard normal; both have shape
+    (n - 1, w, w), zero between segments. At the first point of each segment the values are independent with the
+    precision `anchors`, shape (n, w), which is zero elsewhere; their stationary standard deviations have shape (w,).
+    Columns with forces begin at `force`, if there are any.
+    """
+
+    start: Floats
+    end: Floats
+    anchors: Floats
+    std: Floats
+    force: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class LatentProcesses:
+    """What is added to the measurements, and to the law, beside white noise; None for neither.
+
+    In this order: the error of each measured state, then the force on each equation, then the rates of the forces.
+
+    Parameters
+    ----------
+    correlated
+        Standard deviation of an error of the measurement with an exponential memory (Ornstein-Uhlenbeck), shape (d,).
+    memory
+        Time after which the error has lost all but 1/e of itself.
+    force
+        Standard deviation of what is added to the highest derivatives, a Matern process of smoothness 3/2, shape (d,).
+    force_time
+        Its length scale in time.
+    """
+
+    correlated: Floats | None = None
+    memory: float = np.inf
+    force: Floats | None = None
+    force_time: float = np.inf
+
+    @property
+    def width(self) -> int:
+        """How many processes there are."""
+        errors, forces = (0 if each is None else len(each) for each in (self.correlated, self.force))
+        return errors + 2 * forces
+
+    @property
+    def hyperparameters(self) -> int:
+        """How many numbers describe the processes: a level for each state, and a time for all."""
+        return sum(0 if each is None else len(each) + 1 for each in (self.correlated, self.force))
+
+    def along(self, mesh: Mesh) -> LatentSteps:
+        """Return the processes along a mesh."""
+        starts, ends, deviations = [], [], []
+        if self.correlated is not None:
+            kept = mesh.steps / self.memory
+            added = self.correlated * np.sqrt(-np.expm1(-2 * kept))[:, np.newaxis]
+            starts.append(_diagonal(-np.exp(-kept)[:, np.newaxis], added, mesh))
+            ends.append(_diagonal(np.ones((1, 1)), added, mesh))
+            deviations.append(self.correlated)
+        if self.force is not None:
+            start, end = _matern(self.force, self.force_time, mesh)
+            starts.append(start)
+            ends.append(end)
+            deviations.append(np.concatenate([self.force, np.sqrt(3) / self.force_time * self.force]))
+        std = np.concatenate(deviations)
+        first = mesh.first[:, np.newaxis]
+        force = None if self.force is None else len(std) - 2 * len(self.force)
+        return LatentSteps(_joined(starts), _joined(ends), first / std**2, std, force)
+
+
+NO_PROCESSES = LatentProcesses()
+"""White noise alone."""
+
+
+def _diagonal(values: Floats, added: Floats, mesh: Mesh) -> Floats:
+    """Return diagonal matrices of values over what each step adds, shape (n - 1, d, d), zero between segments."""
+    found = np.zeros((*added.shape, added.shape[1]))
+    scaled = np.divide(values, added, out=np.zeros_like(added), where=mesh.contiguous[:, np.newaxis])
+    found[:, range(added.shape[1]), range(added.shape[1])] = scaled
+    return found
+
+
+def _matern(std: Floats, time: float, mesh: Mesh) -> tuple[Floats, Floats]:
+    """Return the steps of forces and their rates, each of shape (n - 1, 2 d, 2 d), zero between segments.
+
+    What a step of a = sqrt(3) h / time adds has the covariance P - F P F', with F the transition and P the stationary
+    covariance, here by incomplete gamma functions, which keep their digits for short steps.
+    """
+    from scipy.special import gammainc
+
+    rate = np.sqrt(3) / time
+    a = np.where(mesh.contiguous, rate * mesh.steps, 1.0)
+    decay, short = np.exp(-a), gammainc(3, 2 * a)
+    variance, across, of_rates = short, 2 * (a * decay) ** 2, short + 4 * a * decay**2
+    # The inverse of the lower factor of the covariance, for a force of unit variance and a rate of unit time
+    first = 1 / np.sqrt(variance)
+    last = 1 / np.sqrt(of_rates - across**2 / variance)
+    inverse = np.array([[first, np.zeros_like(a)], [-across / variance * last, last]]).transpose(2, 0, 1)
+    transition = decay[:, np.newaxis, np.newaxis] * np.array([[1 + a, a], [-a, 1 - a]]).transpose(2, 0, 1)
+    found = []
+    for matrices in (-inverse @ transition, inverse):
+        wide = np.zeros((len(a), 2, len(std), 2, len(std)))
+        for j, own in enumerate(std):
+            wide[:, :, j, :, j] = matrices / np.array([own, rate * own]) * mesh.contiguous[:, np.newaxis, np.newaxis]
+        found.append(wide.reshape(len(a), 2 * len(std), 2 * len(std)))
+    return found[0], found[1]
+
+
+def _joined(blocks: list[Floats]) -> Floats:
+    """Return block-diagonal matrices, shape (n - 1, w, w)."""
+    width = sum(each.shape[1] for each in blocks)
+    found, at = np.zeros((len(blocks[0]), width, width)), 0
+    for each in blocks:
+        stop = at + each.shape[1]
+        found[:, at:stop, at:stop] = each
+        at = stop
+    return found
+
+
+ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
+"""White noise; white noise that also grows with the state; autocorrelated errors of the measurements; a law with a
+random walk, or with a smooth force."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """The standard deviations of all errors beside white noise, in the units of the states and of time.
+
+    Each is None if there is none of its kind.
+
+    Parameters
+    ----------
+    proportional
+        White noise of a measurement in proportion to the state: its share of each, shape (d,).
+    correlated, memory
+        An error of the measurement with a memory, see `LatentProcesses`, shape (d,), and a time.
+    force, force_time
+        A smooth force on each equation, see `LatentProcesses`, shape (d,), and a time.
+    walk
+        A random walk of the states (and their rates) that the law is added to, for a unit of time, shape (D,).
+    """
+
+    proportional: Floats | None = None
+    correlated: Floats | None = None
+    memory: float = np.inf
+    force: Floats | None = None
+    force_time: float = np.inf
+    walk: Floats | None = None
+
+    @property
+    def kind(self) -> ErrorKind:
+        """Of which kind these errors are."""
+        kinds: tuple[ErrorKind, ...] = ("force", "correlated", "proportional", "walk")
+        return next((kind for kind in kinds if getattr(self, kind) is not None), "white")
+
+    @property
+    def latent(self) -> LatentProcesses:
+        """What is eliminated with the states."""
+        return LatentProcesses(self.correlated, self.memory, self.force, self.force_time)
+
+    @property
+    def hyperparameters(self) -> int:
+        """How many numbers there are, but for the random walk."""
+        return self.latent.hyperparameters + (0 if self.proportional is None else len(self.proportional))
+
+    def __bool__(self) -> bool:
+        return any(each is not None for each in (self.proportional, self.correlated, self.force, self.walk))
+
+    @property
+    def of_law(self) -> bool:
+        """Whether the law itself errs, and not the measurements alone."""
+        return self.force is not None or self.walk is not None
+
+    @property
+    def rounds(self) -> int:
+        """How often noise at the states, and the states, are found in turn: noise in proportion is so to fitted ones.
+
+        Where states cross zero, those of a curve through the measurements would be far off.
+        """
+        return 1 if self.proportional is None else 2
+
+    def white_std(self, states: Floats, noise: Floats) -> Floats:
+        """Return the white noise at states, shape (n, d), from that at zero, shape (n, d) or (d,)."""
+        return noise if self.proportional is None else noise * np.hypot(1.0, self.proportional / noise * states)
+
+    def measurement_std(self, states: Floats, noise: Floats) -> Floats:
+        """Return the standard deviation of a measurement about states, shape (n, d), see `white_std`."""
+        correlated = 0.0 if self.correlated is None else self.correlated
+        return np.hypot(self.white_std(states, noise), correlated) + np.zeros_like(states)
+
+
+NO_ERRORS = ErrorModel()
+"""White noise alone."""
+
 
 HUBER_THRESHOLD = 4.0
 """Standard deviations from which a measurement is an outlier: of normal noise, one in 16 000 is."""

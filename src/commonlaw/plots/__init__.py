@@ -13,20 +13,15 @@ except ValueError as error:
     raise CommonlawError("matplotlib-failed", error=error) from None
 
 from commonlaw.notebooks import show_type
-from commonlaw.plots.coefficients import plot_coefficients
+from commonlaw.plots.coefficients import IntervalPanels, plot_coefficients, plot_intervals
 from commonlaw.plots.design import plot_design
-from commonlaw.plots.discrepancy import plot_discrepancy
-from commonlaw.plots.errors import plot_errors
 from commonlaw.plots.forecast import plot_forecast
-from commonlaw.plots.intervals import IntervalPanels, plot_intervals
 from commonlaw.plots.law import plot_law
-from commonlaw.plots.library import plot_library
-from commonlaw.plots.panels import ForecastPanels
-from commonlaw.plots.path import plot_path
+from commonlaw.plots.library import plot_library, plot_path
+from commonlaw.plots.panels import ForecastPanels, plot_trials
 from commonlaw.plots.relations import plot_relations
-from commonlaw.plots.render import figure_format, render, save_figure
-from commonlaw.plots.residuals import ResidualPanels, plot_residuals
-from commonlaw.plots.trials import plot_trials
+from commonlaw.plots.residuals import ResidualPanels, plot_discrepancy, plot_errors, plot_residuals
+from commonlaw.plots.style import figure_format, render, save_figure
 
 __all__ = [
     "Figure",

@@ -5,8 +5,7 @@ from matplotlib.figure import Figure
 
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.law import Law
-from commonlaw.plots.coefficients import HeatMaps
-from commonlaw.plots.dots import DotPlot
+from commonlaw.plots.coefficients import DotPlot, HeatMaps
 from commonlaw.plots.equations import equation_lines
 from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys
 from commonlaw.plots.style import add_legend, frozen_layout, styled

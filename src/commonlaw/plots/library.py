@@ -1,18 +1,36 @@
-"""Candidate functions along a trial."""
+"""Candidate terms: their path, and what they are."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
+from commonlaw.array_types import Floats
 from commonlaw.formulation import StrongForm
+from commonlaw.law import Law
 from commonlaw.library import Order, Terms, Variables, term_unit, with_rates
-from commonlaw.plots.style import COLORS, axis_label, columns_for, frozen_layout, math, plain, show_lowest_ticks, styled
+from commonlaw.plots.equations import left_hand_sides
+from commonlaw.plots.style import (
+    COLORS,
+    DASHES,
+    add_legend,
+    axis_label,
+    columns_for,
+    frozen_layout,
+    key,
+    math,
+    plain,
+    show_lowest_ticks,
+    styled,
+)
 from commonlaw.trials import Trial
 from commonlaw.trials.units import parse_unit
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pint
 
 
@@ -67,3 +85,73 @@ def _with_rates(
         if {state, time} <= units.keys():
             known[rate] = parse_unit(units[state]) / parse_unit(units[time])
     return known
+
+
+_ERROR, _DEVIATION = "held-out error", "standard error"
+
+
+@styled()
+def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str, float] | None = None) -> Figure:
+    """Plot the number of terms and the held-out error against the solver's hyperparameter, for each equation.
+
+    A band shows one standard error to both sides; the interval of the chosen equation is shaded.
+
+    Parameters
+    ----------
+    law
+        A law that was chosen from the path of one solver.
+    hyperparameter
+        What the solver's hyperparameter is called.
+    marks
+        Values to be marked by a line, by name.
+
+    Raises
+    ------
+    CommonlawError
+        If the law was not chosen from the path of one solver.
+    """
+    path = law.path()
+    marks, columns = marks or {}, len(law.states)
+    lined = [(name, DASHES[1:][i % 3]) for i, name in enumerate(marks)]
+    figure = Figure(figsize=(1.2 + 5 * columns, 5.2), layout="constrained")
+    panels = figure.subplots(2, columns, sharex="col", sharey="row", squeeze=False)
+    for (above, below), equation, label in zip(panels.T, law.left_hand_sides, left_hand_sides(law), strict=True):
+        own = path[path["equation"] == equation]
+        edges = _edges(own, marks)
+        size, error, deviation = own[["size", _ERROR, _DEVIATION]].to_numpy(dtype=np.float64).T
+        above.step(edges, _closed(size), where="post", color=COLORS[0])
+        below.step(edges, _closed(error), where="post", color=COLORS[1])
+        # A band that went down to zero would have no end on a logarithmic axis
+        low, high = np.maximum(error - deviation, error / 10), error + deviation
+        below.fill_between(edges, _closed(low), _closed(high), step="post", color=COLORS[1], alpha=0.2, linewidth=0)
+        for panel in (above, below):
+            for i in np.flatnonzero(own["chosen"]):
+                panel.axvspan(edges[i], edges[i + 1], color=COLORS[2], alpha=0.15, linewidth=0)
+            for name, dash in lined:
+                panel.axvline(marks[name], color="black", linestyle=dash)
+        above.set_title(f"equation of {label}" if columns > 1 else "")
+        below.set_xscale("log")
+        below.set_xlim(edges[0], edges[-1])
+        below.set_xlabel(plain(hyperparameter, 60))
+    panels[0, 0].set_ylabel("number of terms")
+    panels[0, 0].yaxis.set_major_locator(MaxNLocator(integer=True))
+    panels[1, 0].set_ylabel(f"{_ERROR}\n± one {_DEVIATION}")
+    panels[1, 0].set_yscale("log")
+    chosen = key("chosen", color=COLORS[2], alpha=0.3, linewidth=8)
+    lines = [key(plain(name, 40), color="black", linestyle=dash) for name, dash in lined]
+    add_legend(figure, [chosen, *lines], above=True)
+    return frozen_layout(figure)
+
+
+def _edges(path: "pd.DataFrame", marks: Mapping[str, float]) -> Floats:
+    """Return where the intervals begin, and where the last is cut off, shape (intervals + 1,); all above zero."""
+    begins = path["from"].to_numpy(dtype=np.float64)
+    inner = np.array([*begins[begins > 0], *marks.values()])
+    low, high = (inner.min(), inner.max()) if inner.size else (1.0, 1.0)
+    margin = max((high / low) ** 0.08, 1.5)
+    return np.array([*np.maximum(begins, low / margin), high * margin])
+
+
+def _closed(values: Floats) -> Floats:
+    """Return the values with the last once more, for the end of its interval."""
+    return np.append(values, values[-1])

@@ -1,4 +1,4 @@
-"""What measurements are off the trajectories of a law."""
+"""Residuals and errors of a law, and its discrepancy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from commonlaw.array_types import Floats
-from commonlaw.discrepancy.patterns import Residuals
-from commonlaw.plots.style import COLORS, GREY, axis_label, frozen_layout, plain, styled
+from commonlaw.discrepancy.function import Discrepancy
+from commonlaw.discrepancy.residual_tests import Residuals
+from commonlaw.forecast import Forecast
+from commonlaw.law import Law
+from commonlaw.law.quantiles import two_sided
+from commonlaw.plots.forecast import Curve, curves_of
+from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, plain, styled
 
 _MOST = 1500
 """Residuals that are drawn in a panel."""
@@ -135,3 +140,97 @@ def _quantiles(panel: Axes, own: Floats) -> None:
 def _parts(count: int) -> tuple[slice, slice, slice]:
     """Return which of many sorted values are drawn: all at the ends, and some between."""
     return slice(_AT_ENDS), slice(None, None, -(-count // _MOST) or 1), slice(-_AT_ENDS, None)
+
+
+_MOST_POINTS = 1500
+"""Of a panel; of more, each but every so many is drawn."""
+
+_FAR = 3
+"""Times the errors that all but a hundredth are below; those farther off are not shown."""
+
+
+@styled()
+def plot_errors(forecast: Forecast) -> Figure:
+    """Plot forecast minus measured states against time, a panel for each state, all trials together.
+
+    Errors outside of the 95 % band of their forecast, where it has one, are orange; axes show all but those of the
+    farthest hundredth that are three times as large as all others.
+
+    Parameters
+    ----------
+    forecast
+        What `Law.predict` returned.
+    """
+    schema = forecast.trials.schema
+    states, curves = schema.states, curves_of(forecast, forecast)
+    figure = Figure(figsize=(5.2, 0.8 + 2.2 * len(states)), layout="constrained")
+    panels = figure.subplots(len(states), 1, sharex=True, squeeze=False)[:, 0]
+    some_outside = False
+    for j, (panel, state) in enumerate(zip(panels, states, strict=True)):
+        own = [curve for name in forecast.trials.objects for curve in curves[name, j]]
+        times, errors, outside = np.concatenate([_errors(each) for each in own], axis=1)
+        some_outside |= bool(outside.any())
+        every = -(-len(times) // _MOST_POINTS) or 1
+        panel.axhline(0, color=GREY, linewidth=0.8)
+        for kind, color in ((outside == 0, COLORS[0]), (outside == 1, COLORS[1])):
+            panel.plot(times[kind][::every], errors[kind][::every], "o", color=color, markersize=3, alpha=0.5, mew=0)
+        if len(errors):
+            usual, largest = np.quantile(np.abs(errors), [0.99, 1.0])
+            bound = 1.1 * min(_FAR * usual, largest) or 1.0
+            panel.set_ylim(-bound, bound)
+        panel.set_ylabel(axis_label(f"error of {state}", schema.units.get(state, "")))
+    panels[-1].set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
+    if forecast.std is not None:
+        dot = {"marker": "o", "linestyle": "", "markersize": 4}
+        keys = [key("within the 95 % band", color=COLORS[0], **dot), key("outside", color=COLORS[1], **dot)]
+        add_legend(figure, keys if some_outside else keys[:1], above=True)
+    return frozen_layout(figure)
+
+
+def _errors(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, errors and whether the band did not hold them, each of shape (n,)."""
+    low, high = (np.interp(curve.compared, curve.at, end - curve.forecast) for end in (curve.low, curve.high))
+    known = bool((curve.high > curve.low).any())
+    outside = ((-curve.error < low) | (-curve.error > high)) if known else np.zeros(len(curve.error))
+    return curve.compared, curve.error, outside.astype(np.float64)
+
+
+_POINTS = 200
+_BINS = 40
+_BEYOND = 0.15
+"""Share of the visited range that is drawn on both sides of it."""
+
+
+@styled()
+def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
+    """Plot the function with its 95 % band, and below it how many samples are where.
+
+    Beyond what was visited, between the dotted lines, the band is that of a forecast.
+
+    Parameters
+    ----------
+    found
+        What `Law.discrepancy` returned.
+    """
+    basis, more = found.basis, _BEYOND * found.basis.range
+    along = np.linspace(basis.low - more, basis.high + more, _POINTS)
+    function, half = found(along), two_sided(0.95) * found.std(along)
+    figure = Figure(figsize=(5.4, 4.4), layout="constrained")
+    grid = figure.add_gridspec(2, 1, height_ratios=(4, 1))
+    upper = figure.add_subplot(grid[0])
+    lower = figure.add_subplot(grid[1], sharex=upper)
+    upper.fill_between(along, function - half, function + half, color=COLORS[0], alpha=0.18, linewidth=0)
+    upper.plot(along, function, color=COLORS[0])
+    upper.axhline(0.0, color=GREY, linewidth=0.8)
+    for end in (basis.low, basis.high):
+        upper.axvline(end, color=GREY, linestyle=":", linewidth=0.8)
+    upper.tick_params(labelbottom=False)
+    left = found.equation if basis.times == "1" else f"{found.equation} over {basis.times}"
+    upper.set_ylabel(plain(f"discrepancy of {left}", 40))
+    upper.set_title(plain(f"2 log B = {found.evidence:.1f} against the law alone", 60), loc="left")
+    lower.hist(found.visited, bins=_BINS, color=GREY)
+    lower.set_ylabel("samples")
+    lower.set_xlabel(plain(basis.coordinate, 60))
+    keys = [key("function", color=COLORS[0]), key("95 % band", color=COLORS[0], linewidth=6, alpha=0.3)]
+    add_legend(figure, keys, above=True)
+    return frozen_layout(figure)

@@ -1,11 +1,9 @@
 """Reports: what was asked, done and found, as one self-contained page with its figures and numbers beside it."""
 
-from commonlaw.report.document import Block, Fold, Gallery, Picture, Report, Section, Table, Text, Verdict
-from commonlaw.report.html import check_packages
+from commonlaw.report.document import Block, Fold, Gallery, Picture, Report, Section, Table, Text, Verdict, to_json
 from commonlaw.report.law_report import law_page, law_report
 from commonlaw.report.notebook import notebook_html
-from commonlaw.report.values import to_json
-from commonlaw.report.write import contents, to_page, write_report
+from commonlaw.report.write import check_packages, contents, to_page, write_report
 
 __all__ = [
     "Block",

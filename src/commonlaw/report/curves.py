@@ -10,7 +10,7 @@ import pandas as pd
 from commonlaw.law import Forecast
 from commonlaw.plots import ForecastPanels, plot_errors
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
-from commonlaw.report.law_case import LawCase, folded, listed
+from commonlaw.report.law_sections import LawCase, folded, listed
 from commonlaw.report.markup import literal
 from commonlaw.wording import counted, r_squared
 

@@ -1,24 +1,235 @@
-"""The parts of a law's report that say what it says and how well it holds."""
+"""A law with all that a report says of it, and the sections that say it."""
 
-from collections.abc import Iterator, Sequence
+import platform
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 import pandas as pd
 
+from commonlaw import __version__
+from commonlaw.discrepancy.function import CLAIMED
+from commonlaw.discrepancy.residual_tests import Residuals
+from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import fitted
-from commonlaw.inference import CandidateLaw, candidate_laws
-from commonlaw.law import Law
+from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
+from commonlaw.law import Forecast, Law
 from commonlaw.law.domain import Domain
+from commonlaw.law.script import Source
 from commonlaw.law.tables import MEANINGS, readable_candidates
-from commonlaw.plots import IntervalPanels, plot_intervals, plot_relations
+from commonlaw.plots import IntervalPanels, ResidualPanels, plot_discrepancy, plot_intervals, plot_relations
 from commonlaw.plots.style import unit_text
-from commonlaw.report.document import Block, Gallery, Picture, Section, Table, Text
-from commonlaw.report.formulas import coefficient_names
-from commonlaw.report.law_case import LawCase, folded, listed
-from commonlaw.report.markup import literal
+from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
+from commonlaw.report.markup import code, coefficient_names, literal
+from commonlaw.trials import Trials
+from commonlaw.verdict import Findings
 from commonlaw.wording import counted
+
+_LONG = 12
+"""Rows from which on a table is folded."""
+
+
+@dataclass(frozen=True, eq=False)
+class LawCase:
+    """What a report is made of.
+
+    Parameters
+    ----------
+    findings
+        The law, with what it is good for.
+    words
+        Turns messages of the library into the words of whoever asked for the report.
+    rivals
+        Candidates that were fitted before, the law among them.
+    """
+
+    findings: Findings
+    words: Callable[[str], str]
+    rivals: tuple[CandidateLaw, ...] = ()
+
+    @property
+    def law(self) -> Law:
+        """The law."""
+        return self.findings.law
+
+    @property
+    def trials(self) -> Trials:
+        """All that was measured."""
+        return self.findings.trials
+
+    @property
+    def forecast(self) -> Forecast | None:
+        """Forecasts that check the law; None if there are none."""
+        return self.findings.forecast
+
+    @property
+    def forecast_of(self) -> str:
+        """What the forecasts are of, in words."""
+        if not self.law.provenance.is_learned:
+            return "that it is compared with"
+        if self.findings.is_held_out:
+            return "that were held out"
+        return f"that it was learned from{', later samples included' if self.findings.has_later_samples else ''}"
+
+    def said(self, text: object) -> str:
+        """Return a message as Markdown that shows it as it stands, in the words of whoever asked."""
+        return literal(self.words(str(text)))
+
+
+def folded(table: Table, title: str) -> Block:
+    """Return a table, behind a line that opens it if it is long."""
+    return table if len(table.frame) <= _LONG else Fold(f"{title} ({len(table.frame)} rows)", (table,))
+
+
+def listed(lines: "list[str] | tuple[str, ...]") -> str:
+    """Return a Markdown list."""
+    return "\n\n" + "\n".join(f"- {line}" for line in lines) + "\n\n"
+
+
+_SPOKEN = {"median_step": "median step", "largest_deviation": "largest deviation"}
+_PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "heyoka")
+
+
+def data_checks(case: LawCase) -> Section:
+    """Return the part on what the data checks found."""
+    found = case.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
+    remarks = [*found.lines(), *dict.fromkeys(found.notes), *map(str, case.law.outcomes)]
+    said = "The data checks found nothing." if not remarks else listed([case.said(each) for each in remarks])
+    trials = case.trials
+    objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
+    counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
+    learned, some = sum(map(len, case.findings.training)), counted(len(case.findings.training), "trial")
+    held_out = "" if case.findings.training is trials else f" Learned from {learned} samples of {some}."
+    frame = found.to_frame().drop(columns="clipped")
+    frame.columns = [_SPOKEN.get(name, name) for name in frame.columns]
+    table = Table("trials", "All trials.", frame)
+    return Section("data-checks", "Data checks", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))
+
+
+def choices(case: LawCase) -> Section:
+    """Return the part on every choice on the way."""
+    rows = [
+        {"stage": each.stage, "choice": each.choice, "reason": case.words(each.reason)} for each in case.law.history
+    ]
+    block: Block = Text("No choices are on record.")
+    if rows:
+        block = Table("history", "Every choice on the way to the law, and why.", pd.DataFrame(rows))
+    return Section("choices", "How it was found", (block,))
+
+
+def again(case: LawCase, command: str, table: str | Source) -> Section:
+    """Return the part that says how to make the law again."""
+    asked = f"The command:{code(command, 'sh')}" if command else ""
+    text = asked
+    if table:
+        is_said = isinstance(table, Source) and not table.stream
+        is_whole = case.findings.training is case.trials or is_said
+        some = "" if is_whole else ", which learns from all trials of the table"
+        text += f"In Python{some}:{code(case.law.to_script(table), 'python')}"
+    made_with = ", ".join([f"Python {platform.python_version()}", *_versions()])
+    return Section("again", "How to make it again", (Text(f"{text}Made with {made_with}."),))
+
+
+def _versions() -> Iterator[str]:
+    yield f"commonlaw {__version__}"
+    for name in _PACKAGES:
+        with suppress(PackageNotFoundError):
+            yield f"{name} {version(name)}"
+
+
+_MOST_OBJECTS = 100
+"""Objects up to which a discrepancy is looked for, as it takes long."""
+
+_FAILURES = (CommonlawError, ArithmeticError, np.linalg.LinAlgError)
+
+
+def residuals(case: LawCase) -> Section:
+    """Return the part on what the law leaves unexplained."""
+    blocks = (*_patterns(case), *_discrepancy(case), *_errors(case))
+    return Section("residuals", "Residuals and discrepancy", blocks)
+
+
+def _patterns(case: LawCase) -> Iterator[Block]:
+    """Yield what measurements are off the law's trajectories, and which patterns that has."""
+    try:
+        found = case.law.residuals(case.trials)
+    except _FAILURES as error:
+        yield Text(f"What measurements are off the law's trajectories could not be tested: {case.said(error)}.")
+        return
+    meaning = "Residuals are measurements less the law's trajectories, whose starts were fitted, over the noise. "
+    meaning += "In the figures, orange are means of neighbouring ones with 95 % intervals."
+    if len(found.significant) > 1:
+        meaning += " Patterns often have one cause: look into the one with the smallest p-value first, see the tests."
+    yield Text(meaning + listed([case.said(line) for line in str(found).splitlines()]))
+    yield from _residual_panels(found)
+    tests = found.tests()
+    if len(tests):
+        yield Fold("Tests of the residuals", (Table("tests", "P-values are adjusted for their number.", tests),))
+
+
+def _residual_panels(found: Residuals) -> Iterator[Block]:
+    """Yield small figures of residuals, those of the first state at once."""
+    panels = ResidualPanels(found)
+    for j, state in enumerate(found.trials.schema.states):
+        pictures = [
+            Picture(f"residuals-{j + 1}-{k + 1}", f"**Residuals of {literal(state)}.** {literal(caption)}", draw)
+            for k, caption in enumerate(panels.captions(j))
+            for draw in [partial(panels.draw, j, k)]
+        ]
+        gallery = Gallery(tuple(pictures))
+        yield Fold(f"Residuals of {literal(state)}", (gallery,)) if j else gallery
+
+
+def _discrepancy(case: LawCase) -> Iterator[Block]:
+    """Yield what the law leaves as a function that objects share."""
+    if len(case.law.objects) > _MOST_OBJECTS:
+        yield Text("A function that all objects lack was not looked for, as there are many objects.")
+        return
+    try:
+        found = case.law.discrepancy(case.findings.training)
+    except _FAILURES as error:
+        yield Text(f"A function that all objects lack could not be looked for: {case.said(error)}.")
+        return
+    of, strength = (
+        literal(f"{found.basis.coordinate} in {found.equation}"),
+        f"2 log B of {found.evidence:.1f} for it".replace("-", "−"),
+    )
+    if found.claimed:
+        yield Text(f"The law lacks a function that all objects share, of {of}: there is strong evidence, {strength}.")
+    else:
+        yield Text(
+            f"No function that all objects share is sure to be missing. The likeliest is one of {of}, with {strength}; "
+            f"above {CLAIMED:.0f} the evidence would be strong."
+        )
+    picture = Picture("discrepancy", "The function, with its 95 % band.", partial(plot_discrepancy, found))
+    lines = Text(listed([case.said(line) for line in str(found).splitlines()]))
+    yield Fold("This function", (picture, lines))
+
+
+def _errors(case: LawCase) -> Iterator[Block]:
+    """Yield the errors of measurement, and whether the law itself errs."""
+    if case.law.noise is not None:
+        yield Text(f"Errors of measurement, by the law: {literal('; '.join(_of_measurement(case)))}.")
+    if case.law.uncertainty.error_model.of_law:
+        yield Text("The law is not exact: it has process noise besides, which the bands of forecasts hold.")
+
+
+def _of_measurement(case: LawCase) -> Iterator[str]:
+    """Yield the levels of the errors of measurement of each kind."""
+    law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.schema
+    time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
+    kinds = (("noise", law.noise), (f"errors with a memory ({time})", errors.correlated))
+    for kind, levels in kinds:
+        if levels is not None:
+            yield f"{kind} of {levels_in_words(levels, schema)}"
+    if errors.proportional is not None:
+        shares = [f"{100 * each:.3g} % of {name}" for name, each in zip(law.states, errors.proportional, strict=True)]
+        yield f"noise of {', '.join(shares)}"
+
 
 _TOGETHER = 2
 """Coefficients of several objects in one figure."""

@@ -1,19 +1,141 @@
-"""Markdown with mathematics as HTML."""
+"""From Markdown and LaTeX to the markup of a page."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from html import escape, unescape
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element, fromstring, tostring
 
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
+from commonlaw.law import Law
+from commonlaw.law.simplifying import within_errors
+from commonlaw.law.text import aligned, latex_left_hand_sides, said_within_errors
 from commonlaw.names import visible
 
 if TYPE_CHECKING:
     from markdown_it import MarkdownIt
     from markdown_it.token import Token
+
+
+_LINE = 40
+"""Characters of a line of an equation, if its terms are not longer."""
+
+_MOST_OWN = 6
+"""Objects with terms of their own whose equations are shown."""
+
+
+def law_markdown(law: Law) -> str:
+    """Return the equations of a law as Markdown: with numbers where all objects share them, else with letters.
+
+    What they are within errors follows, where that is simpler.
+    """
+    if not law.shared and len(law.objects) > 1:
+        return "".join(_own(law))
+    shown = _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure())
+    return "\n\n".join([shown, *(literal(line) for line in said_within_errors(within_errors(law)))])
+
+
+def law_latex(law: Law) -> str:
+    """Return the equations of a law whose objects share them as LaTeX that pages draw, see `law_markdown`."""
+    return _broken(_latex(law))
+
+
+def equation_parts(law: Law) -> list[list[str]]:
+    """Return each equation of a law whose objects share them as LaTeX in parts, between which a line may break."""
+    _, *lines, _ = _latex(law).splitlines()
+    parts = [_parts(line.removesuffix(r"\\").rstrip().replace("&", "", 1)) for line in lines]
+    # An empty group before a sign leaves it between two things, so that it has space around it
+    return [[first, *(f"{{}}{each}" for each in others)] for first, *others in parts]
+
+
+def _latex(law: Law) -> str:
+    return _spelled(law.to_latex() if _has_numbers(law) else _structure_latex(law))
+
+
+def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
+    """Yield what each coefficient is called, with its unit: its letter, or where relations took letters its term."""
+    names = law.letters
+    if law.explanation is not None and not law.provenance.equations:
+        terms = [(law.left_hand_sides[each.equation], law.terms.names[each.term]) for each in law.named_coefficients]
+        names = tuple(f"{term} in {left}" if len(law.states) > 1 else f"of {term}" for left, term in terms)
+    return zip(names, law.letter_units(), strict=True)
+
+
+def _has_numbers(law: Law) -> bool:
+    """Whether the equations hold for all objects with numbers in place of letters."""
+    return len(law.objects) == 1 or law.explanation is not None
+
+
+def _structure_latex(law: Law) -> str:
+    """Return the form of the equations, with letters for coefficients, as LaTeX; see `Law.structure`."""
+    return aligned(zip(latex_left_hand_sides(law.states, law.order), law.latex_structure(), strict=True))
+
+
+def _own(law: Law) -> Iterator[str]:
+    """Yield the equations of the first objects, each with terms of its own."""
+    for name in law.objects[:_MOST_OWN]:
+        yield f"\n\n**{literal(name)}**" + _displayed(_broken(_spelled(law.to_latex(name))), law.equations(name))
+    if len(law.objects) > _MOST_OWN:
+        yield f"\n\nand {len(law.objects) - _MOST_OWN} more objects with terms of their own."
+
+
+def _spelled(latex: str) -> str:
+    """Return LaTeX in which words that are multiplied have a space between them, and rates of words are fractions."""
+
+    def rate(found: re.Match[str]) -> str:
+        power = "^2" * (found[1] == "dd")
+        return rf"\frac{{\mathrm{{d}}{power}\, {found[2]}}}{{\mathrm{{d}}t{power}}}"
+
+    latex = re.sub(r"\\(d+)ot\{(\\mathrm\{(?:[^{}]|\{[^{}]*\})*\})\}", rate, latex)
+    latex = re.sub(r"(?<=[\w}]) (?=\\mathrm)", r"\\, ", latex)
+    latex = latex.replace(r" \pm ", r"\,\pm\, ")
+    return re.sub(r"(10\^\{-?\d+\}) ", r"\1\\, ", latex)
+
+
+def _broken(latex: str) -> str:
+    """Return an ``aligned`` block whose long equations go on in further lines."""
+    head, *lines, foot = latex.splitlines()
+    rows = [row for line in lines for row in _rows(line.removesuffix(r"\\").rstrip())]
+    return "\n".join([head, " \\\\\n".join(rows), foot])
+
+
+def _rows(line: str) -> list[str]:
+    """Return an equation as rows, none much longer than a line of text is."""
+    rows = [""]
+    for part in _parts(line):
+        if rows[-1] and _width(rows[-1] + part) > _LINE:
+            rows.append("")
+        rows[-1] += part
+    return [rows[0], *(rf"&\quad {row.strip()}" for row in rows[1:])]
+
+
+def _parts(line: str) -> list[str]:
+    """Return an equation cut before the signs that are outside of brackets."""
+    cuts, depth = [0], 0
+    for found in re.finditer(r"\\left\(|\\right\)|[{}]| [-+] ", line):
+        if found[0].strip() in ("+", "-"):
+            cuts += [found.start()] * (depth == 0 and line[found.start() - 1] != "=")
+        else:
+            depth += 1 if found[0] in (r"\left(", "{") else -1
+    return [line[begin:end] for begin, end in pairwise([*cuts, len(line)])]
+
+
+def _width(latex: str) -> int:
+    """Return about how many characters a formula is wide."""
+    return len(re.sub(r"\\[a-zA-Z]+|[{}\\ ]", "", latex))
+
+
+def _displayed(latex: str, text: tuple[str, ...]) -> str:
+    """Return a formula on its own lines; as code where it cannot be drawn, as with names that LaTeX cannot write."""
+    try:
+        formula(latex)
+    except CommonlawError:
+        return code("\n".join(text))
+    return f"\n\n$${' '.join(latex.split())}$$\n\n"
+
 
 _NEED = "making a report"
 _SIGNS = {"mfrac": "/", "msup": "^", "msub": "_"}

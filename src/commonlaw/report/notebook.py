@@ -7,7 +7,7 @@ from html import escape
 import pandas as pd
 
 from commonlaw.discrepancy.function import Discrepancy
-from commonlaw.discrepancy.patterns import Residuals
+from commonlaw.discrepancy.residual_tests import Residuals
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.plan import Design
 from commonlaw.inference import Bounds
@@ -15,9 +15,8 @@ from commonlaw.law import Forecast, History, Law
 from commonlaw.law.tables import readable
 from commonlaw.names import in_line, visible
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
-from commonlaw.report.formulas import law_markdown
-from commonlaw.report.html import within
-from commonlaw.report.markup import markdown
+from commonlaw.report.markup import law_markdown, markdown
+from commonlaw.report.write import within
 from commonlaw.trials import Trials
 from commonlaw.verdict.law_verdict import LawVerdict
 

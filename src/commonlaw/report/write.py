@@ -1,15 +1,125 @@
-"""A report as files."""
+"""Reports as pages, and their files."""
 
 import os
-from collections.abc import Callable
+import re
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from commonlaw.errors import CommonlawError
+from commonlaw.extras import optional_import
 from commonlaw.files import make_folder, write_all
+from commonlaw.law.tables import readable
+from commonlaw.names import visible
 from commonlaw.plots import render
-from commonlaw.report.document import Picture, Report
-from commonlaw.report.html import to_html
-from commonlaw.report.values import to_json
+from commonlaw.report.document import (
+    KINDS,
+    Block,
+    Fold,
+    Gallery,
+    Picture,
+    Report,
+    Table,
+    Text,
+    cell,
+    is_number,
+    to_json,
+)
+from commonlaw.report.markup import inline, markdown, plain
+
+_LONG = 28
+"""Letters from which on a cell may have several lines."""
+
+_LEAST = 0.64
+"""Share of its own width that a drawing has at least."""
+
+
+def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) -> bytes:
+    """Return the page; `drawings` are the pictures by name as SVG.
+
+    A page that stands `alone` has no files beside it: it holds the drawings themselves, and tables as data.
+    """
+    check_packages()
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    loader = PackageLoader("commonlaw.report", "templates")
+    environment = Environment(
+        loader=loader, autoescape=True, finalize=_finalized, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters["markdown"] = lambda text: Markup(markdown(text))
+    environment.filters["inline"] = lambda text: Markup(inline(text))
+    environment.filters["drawn"] = Markup
+    environment.filters["plain"] = plain
+    environment.filters["shown"] = lambda block: _shown(block, drawings, alone)
+    reached = Counter(verdict.kind for section in report.sections for verdict in section.verdicts)
+    counts = {kind: reached[kind] for kind in KINDS if reached[kind]}
+    page = environment.get_template("report.html").render(report=report, counts=counts, alone=alone)
+    return page.encode()
+
+
+def check_packages() -> None:
+    """Refuse to make a report, before long work, where a package that it needs is not installed."""
+    for package in ("jinja2", "markdown_it", "mdit_py_plugins", "latex2mathml"):
+        optional_import(package, "making a report", "report")
+
+
+def _finalized(value: object) -> object:
+    """Return what a page shows of a value; texts are escaped after that, markup is left as it is."""
+    return visible(value) if type(value) is str else value
+
+
+def _shown(block: Block, drawings: Mapping[str, bytes], alone: bool) -> dict[str, Any]:
+    """Return what the template needs of a block."""
+    match block:
+        case Gallery(pictures):
+            return {"kind": "gallery", "blocks": pictures}
+        case Fold(title, blocks):
+            return {"kind": "fold", "title": title, "blocks": blocks}
+        case Text(text):
+            return {"kind": "text", "text": text}
+        case Picture(name, caption) if alone:
+            return {"kind": "picture", "name": name, "caption": caption, "drawing": within(drawings[name], name)}
+        case Picture(name, caption):
+            source = _data("image/svg+xml", drawings[name])
+            return {"kind": "picture", "name": name, "caption": caption, "source": source}
+        case Table(name, caption, frame, digits):
+            present = readable(frame).astype(object).where(frame.notna(), None)
+            rows = [[cell(value, digits) for value in row] for row in present.itertuples(index=False, name=None)]
+            looks = [_look(column) for column in zip(*rows, strict=True)] or ["word"] * len(frame.columns)
+            head = list(zip(map(str, frame.columns), looks, strict=True))
+            file = _data("text/csv", block.csv()) if alone else f"tables/{name}.csv"
+            shown = {"kind": "table", "name": name, "caption": caption, "head": head, "looks": looks, "rows": rows}
+            return shown | {"file": file}
+
+
+def _data(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{b64encode(content).decode()}"
+
+
+def within(svg: bytes, name: str) -> str:
+    """Return a drawing as a part of a page: without what only files have, its anchors its own."""
+    text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg.decode(), flags=re.DOTALL)
+    text = re.sub(r" font-family: [^;\"]*sans-serif;?", "", text)  # That of the page
+    text = re.sub(r'(?<=[ (])(id="|xlink:href="#|clip-path="url\(#|url\(#)', rf"\1{name}-", text)
+    # A hundredth of a point is finer than a pixel
+    text = re.sub(r'(?<= )(?:d|x|y)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
+    text = text[text.index("<svg") :]
+
+    def limited(found: re.Match[str]) -> str:
+        return f'style="min-width: {_LEAST * float(found[1]):.0f}pt" {found[0]}'
+
+    return re.sub(r'width="([\d.]+)pt"', limited, text, count=1)  # Narrower, its text cannot be read
+
+
+def _look(column: Sequence[str]) -> str:
+    """Return how a column is set: its class in the style sheet."""
+    if all(is_number(text) or not text for text in column):
+        return "number"
+    return "prose" if max(map(len, column)) > _LONG else "word"
 
 
 def write_report(

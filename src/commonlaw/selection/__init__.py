@@ -1,11 +1,27 @@
 """Selection: which of the equations that a solver found is the law, and why."""
 
-from commonlaw.selection.criteria import CRITERIA, FitStatistics, aic, aicc, bic, ebic, log_choices
-from commonlaw.selection.cross_validation import CrossValidationScore, Fold, ProblemGroups, ResidualError, make_folds
-from commonlaw.selection.forecasts import ForecastError
-from commonlaw.selection.laws import chosen_law, fitted_law, ill_conditions
-from commonlaw.selection.rules import RULES, ScoredCandidate, Selection, choose
-from commonlaw.selection.selecting import SEGMENTS, Accuracy, select
+from commonlaw.selection.cross_validation import (
+    CrossValidationScore,
+    Fold,
+    ForecastError,
+    ProblemGroups,
+    ResidualError,
+    make_folds,
+)
+from commonlaw.selection.rules import (
+    CRITERIA,
+    RULES,
+    FitStatistics,
+    ScoredCandidate,
+    Selection,
+    aic,
+    aicc,
+    bic,
+    choose,
+    ebic,
+    log_choices,
+)
+from commonlaw.selection.selecting import SEGMENTS, Accuracy, chosen_law, fitted_law, ill_conditions, select
 from commonlaw.selection.stability import Stability, stability
 
 __all__ = [

@@ -3,15 +3,13 @@
 from collections.abc import Callable, Mapping
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.solvers.base import AbstractSolver
+from commonlaw.solvers.base import AbstractSolver, Candidate
 from commonlaw.solvers.best_subset import BestSubset
-from commonlaw.solvers.candidate import Candidate
 from commonlaw.solvers.constrained import ConstrainedSolver, constrained_least_squares
-from commonlaw.solvers.importance import L1, L2, AbstractImportance, Count, Mean, Median, Quantile
 from commonlaw.solvers.lasso import Lasso
 from commonlaw.solvers.sr3 import SR3
 from commonlaw.solvers.stepwise import StepwiseSelection
-from commonlaw.solvers.stlsq import STLSQ
+from commonlaw.solvers.stlsq import L1, L2, STLSQ, AbstractImportance, Count, Mean, Median, Quantile
 from commonlaw.spec import parse_spec
 
 __all__ = [

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Indices
-from commonlaw.solvers.base import AbstractSolver, Subset, check_shared, fixed_cardinality
-from commonlaw.solvers.candidate import Candidates, Problems, Values
+from commonlaw.solvers.base import AbstractSolver, Candidates, Problems, Subset, Values, check_shared, fixed_cardinality
 from commonlaw.solvers.standardized_problem import Directions, StandardizedProblem
 from commonlaw.solvers.stepwise import backward_order, forward_order
 from commonlaw.validation import check_whole_number

@@ -7,8 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.solvers.base import AbstractSolver
-from commonlaw.solvers.candidate import Candidates, Problems, Values
+from commonlaw.solvers.base import AbstractSolver, Candidates, Problems, Values
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 _RANK = 1e-12

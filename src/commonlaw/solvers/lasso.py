@@ -6,8 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.solvers.base import AbstractSolver, check_shared, each_support_once, groups
-from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values, least_squares
+from commonlaw.solvers.base import (
+    AbstractSolver,
+    Candidate,
+    Candidates,
+    Problems,
+    Values,
+    check_shared,
+    each_support_once,
+    groups,
+    least_squares,
+)
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 from commonlaw.validation import check_number, check_whole_number
 

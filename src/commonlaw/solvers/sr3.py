@@ -5,8 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools
-from commonlaw.solvers.base import AbstractSolver, check_shared, each_support_once, threshold_path
-from commonlaw.solvers.candidate import Candidate, Candidates, Problems, Values, least_squares
+from commonlaw.solvers.base import (
+    AbstractSolver,
+    Candidate,
+    Candidates,
+    Problems,
+    Values,
+    check_shared,
+    each_support_once,
+    least_squares,
+    threshold_path,
+)
 from commonlaw.validation import check_number, check_whole_number
 
 

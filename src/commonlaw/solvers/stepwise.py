@@ -8,8 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import unknown
-from commonlaw.solvers.base import AbstractSolver, Subset, check_shared, fixed_cardinality
-from commonlaw.solvers.candidate import Candidates, Problems, Values
+from commonlaw.solvers.base import AbstractSolver, Candidates, Problems, Subset, Values, check_shared, fixed_cardinality
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 from commonlaw.validation import check_whole_number
 

@@ -13,9 +13,8 @@ from commonlaw.forecast.initial_state import can_fit_initial_state
 from commonlaw.law import Forecast, Law
 from commonlaw.law.meeting import matched
 from commonlaw.trials import Trials
-from commonlaw.verdict.judge import judge
+from commonlaw.verdict.judge import judge, samples_before
 from commonlaw.verdict.law_verdict import LawVerdict
-from commonlaw.verdict.segments import samples_before
 
 T = TypeVar("T")
 

@@ -14,8 +14,8 @@ from commonlaw.kernel import MeshStructure, ModelStructure, ProgramStructure, ad
 from commonlaw.library import highest_columns, with_rates
 from commonlaw.library.program import Program
 from commonlaw.likelihood.fitting import TrajectoryModel
-from commonlaw.likelihood.latent import LatentSteps
 from commonlaw.likelihood.mesh import Grid, Mesh
+from commonlaw.likelihood.observation_model import LatentSteps
 
 
 @dataclass(frozen=True, eq=False)

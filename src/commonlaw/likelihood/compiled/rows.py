@@ -11,9 +11,8 @@ from commonlaw.formulation import LeastSquaresProblem, merge
 from commonlaw.kernel import Vagueness, address
 from commonlaw.likelihood.collocation import Jacobians
 from commonlaw.likelihood.compiled.packing import Packed, addresses, contiguous
-from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
+from commonlaw.likelihood.fitting import Estimate, NotPositiveError, TrajectoryModel
 from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, orthogonalized
-from commonlaw.likelihood.normal_equations import NotPositiveError
 
 _NOT_POSITIVE = 2
 

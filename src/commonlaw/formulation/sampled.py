@@ -1,4 +1,4 @@
-"""The strong form: the highest derivative, estimated from the samples, against the terms at the same samples."""
+"""Rows for each sample: the strong form by derivatives, the discrete form by the next sample."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,8 +9,7 @@ import numpy as np
 
 from commonlaw.differentiation import AbstractDifferentiator, Rates
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation.base import AbstractSampledForm, Segment
-from commonlaw.formulation.variables import check_order
+from commonlaw.formulation.base import AbstractSampledForm, Segment, check_order
 from commonlaw.library import Order, highest_order, order_of_each, split_derivatives
 from commonlaw.trials import Trial
 
@@ -94,3 +93,37 @@ class StrongForm(AbstractSampledForm):
             lower, targets = split_derivatives([each[inside] for each in rates.derivatives], self.order)
             columns = [states.T, lower.T, trial.inputs[start:stop].T, trial.times[np.newaxis, start:stop]]
             yield start, np.concatenate(columns).T, targets
+
+
+_UNEVEN = 0.01
+"""Steps further than this share from the median step are not one step of the same law."""
+
+
+@dataclass(frozen=True)
+class DiscreteForm(AbstractSampledForm):
+    """Rows of ``x[k+1] = f(x[k])``, or with inputs ``x[k+1] = f(x[k], u[k])``: one for each sample but the last."""
+
+    @property
+    def takes_missing(self) -> bool:
+        return False
+
+    def span(self, trial: Trial) -> tuple[int, int]:
+        if len(trial) < 2:
+            raise CommonlawError("discrete-one-sample", where=trial.label)
+        return 0, len(trial) - 1
+
+    def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
+        steps = np.diff(trial.times)
+        far = np.flatnonzero(np.abs(steps - np.median(steps)) > _UNEVEN * np.median(steps))
+        if len(far):
+            raise CommonlawError(
+                "discrete-uneven",
+                where=trial.label,
+                sample=far[0] + 1,
+                next_sample=far[0] + 2,
+                step=steps[far[0]],
+                median=np.median(steps),
+            )
+        values = np.concatenate([trial.states, trial.inputs, trial.times[:, np.newaxis]], axis=1)
+        for start, stop in pairwise([0, *cuts, len(trial) - 1]):
+            yield start, values[start:stop], trial.states[start + 1 : stop + 1]
