@@ -12,7 +12,7 @@ from commonlaw.differentiation import parse_differentiation
 from commonlaw.integration import Trajectory
 from commonlaw.law import Law
 from commonlaw.report import Picture, Section, Table, Text, Verdict
-from commonlaw.report.values import cell
+from commonlaw.report.document import cell
 from commonlaw.trials import Trial, Trials
 from studies.falling_balls.method import single_law
 from studies.falling_balls.plots import Curve, plot_curves
