@@ -140,9 +140,6 @@ class Design(ShownInNotebooks):
     @property
     def sentences(self) -> tuple[str, ...]:
         """What is to be expected, in words."""
-        return tuple(self._sentences())
-
-    def _sentences(self) -> list[str]:
         said = []
         if self.aim.of_law or self.chance_now < SURE:
             said += self._of_laws()
@@ -154,7 +151,7 @@ class Design(ShownInNotebooks):
             )
         elif not self.aim.of_law:
             said.append(f"All coefficients together are then known better by {self.experiments[-1].bits:.1f} bits.")
-        return said
+        return tuple(said)
 
     def _of_laws(self) -> list[str]:
         if self.aim.of_law and not self.tells_apart:

@@ -316,7 +316,8 @@ class LeastSquaresProblem:
 
     def condition(self, support: Bools) -> float:
         """Return the 2-norm condition number of the columns of `support`, each scaled to unit norm."""
-        matrix, _ = self._scaled(support)
+        norms = self.norms[support]
+        matrix = self.factor[:, : self.terms][:, support] / np.where(norms > 0, norms, 1.0)
         return float(np.linalg.cond(matrix)) if matrix.shape[1] else 1.0
 
     def rss(self, coefficients: Floats, target: int) -> float:
@@ -333,11 +334,6 @@ class LeastSquaresProblem:
         factor = self.factor.copy()
         factor[:, self.terms :] -= factor[:, : self.terms] @ coefficients.T
         return LeastSquaresProblem(factor, self.terms, self.rows)
-
-    def _scaled(self, support: Bools) -> tuple[Floats, Floats]:
-        norms = self.norms[support]
-        scales = np.where(norms > 0, norms, 1.0)
-        return self.factor[:, : self.terms][:, support] / scales, scales
 
 
 def least_squares_of_each(problems: Sequence[LeastSquaresProblem], support: Bools, target: int) -> Floats:

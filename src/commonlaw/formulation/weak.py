@@ -103,7 +103,13 @@ class WeakRows:
 
         scales = self.noise[list(equations)] ** 2 / np.exp(np.mean(np.log(self.noise[list(equations)] ** 2)))
         parts = [self.covariance(coefficients[j], j) / scale for j, scale in zip(equations, scales, strict=True)]
-        bands = _bands(sum(parts[1:], start=parts[0]) / len(parts))
+        # The lower diagonals of a symmetric matrix, shape (bands, k), as LAPACK wants them
+        matrix = sum(parts[1:], start=parts[0]) / len(parts)
+        entries = matrix.tocoo()
+        below = entries.row - entries.col
+        bands = np.zeros((below.max() + 1, matrix.shape[0]))
+        lower = below >= 0
+        bands[below[lower], entries.col[lower]] = entries.data[lower]
         bands[0] *= 1 + _RIDGE
         rows = np.concatenate([self.library, self.targets], axis=1)
         white, _ = lapack.dtbtrs(cholesky_banded(bands, lower=True), rows, uplo="L")
@@ -121,16 +127,6 @@ def antiderivative(term: Term, states: int) -> tuple[float, Term] | None:
         return None
     power = exponents.get(rates[0], 0) + 1
     return 1 / power, monomial({rates[0]: power})
-
-
-def _bands(matrix: "csr_array") -> Floats:
-    """Return the lower diagonals of a symmetric matrix, shape (bands, k), as LAPACK wants them."""
-    entries = matrix.tocoo()
-    below = entries.row - entries.col
-    bands = np.zeros((below.max() + 1, matrix.shape[0]))
-    lower = below >= 0
-    bands[below[lower], entries.col[lower]] = entries.data[lower]
-    return bands
 
 
 _EXACT = 1e-7
@@ -207,7 +203,10 @@ class WeakForm(AbstractFormulation):
         tested = self.tested(trial, terms)
         if self.coefficients is None:
             return tested.library, tested.targets
-        return tested.whitened(self._known(trial, tested), self._equations(trial))
+        known = range(trial.states.shape[1])
+        if self.equation is not None and self.equation not in known:
+            raise CommonlawError("weak-equation", where=trial.label, equation=self.equation, equations=len(known))
+        return tested.whitened(self._known(trial, tested), (known if self.equation is None else (self.equation,)))
 
     def problems(self, trial: Trial, terms: Terms, segments: int = 1) -> list[LeastSquaresProblem]:
         library, targets = self.rows(trial, terms)
@@ -267,12 +266,6 @@ class WeakForm(AbstractFormulation):
             raise error.at(trial.label) from None
         states = np.concatenate([one.states for one in each], axis=1)
         return states, [np.concatenate([one.derivatives[0] for one in each], axis=1)] * (self.order - 1)
-
-    def _equations(self, trial: Trial) -> Sequence[int]:
-        known = range(trial.states.shape[1])
-        if self.equation is not None and self.equation not in known:
-            raise CommonlawError("weak-equation", where=trial.label, equation=self.equation, equations=len(known))
-        return known if self.equation is None else (self.equation,)
 
     def _known(self, trial: Trial, tested: WeakRows) -> Floats:
         """Return the coefficients of a trial's object, shape (equations, terms)."""

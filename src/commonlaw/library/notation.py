@@ -107,7 +107,10 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
         case ast.Name(id=name):
             return latex_name(names[int(name[1:])]), _Binding.WHOLE
         case ast.Constant(value=int() | float() as number):
-            return _number(number)
+            digits, _, power = repr(number).partition("e")
+            if not power:
+                return digits, _Binding.WHOLE
+            return rf"{digits} \cdot 10^{{{int(power)}}}", _Binding.PRODUCT
         case ast.UnaryOp(op=ast.UAdd(), operand=operand):
             return _formula(operand, names)
         case ast.UnaryOp(operand=operand):
@@ -134,13 +137,6 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
             function = r"\operatorname{sign}" if name == "sign" else f"\\{name}"
             return function + (rf"\left({inner}\right)" if r"\frac" in inner else f"({inner})"), _Binding.POWER
     raise CommonlawError("not-an-expression", expression=ast.unparse(tree)[:30])
-
-
-def _number(number: float) -> _Formula:
-    digits, _, power = repr(number).partition("e")
-    if not power:
-        return digits, _Binding.WHOLE
-    return rf"{digits} \cdot 10^{{{int(power)}}}", _Binding.PRODUCT
 
 
 def sympy_form(code: str, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":

@@ -335,7 +335,13 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
             precision = model.prior.precision[support]
             total = total + np.diag(precision)
             gradient = gradient + precision * (estimate.coefficients - model.prior.typical)[support]
-        own = _solve(total, -gradient)
+        # The solution of least norm, in units in which the matrix has a diagonal of ones
+        scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
+        with np.errstate(over="ignore"):
+            relative = total / np.outer(scale, scale)
+        if not np.isfinite(relative).all():
+            raise NotPositiveError
+        own = least_norm(relative, (-gradient) / scale) / scale
     except (NotPositiveError, np.linalg.LinAlgError):
         return None
     directions = [each.state_step + each.state_sensitivity @ own for each in parts]
@@ -349,16 +355,6 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
             return found
         fraction *= 0.4
     return None
-
-
-def _solve(matrix: Floats, right: Floats) -> Floats:
-    """Return the solution of least norm, in units in which the matrix has a diagonal of ones."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    with np.errstate(over="ignore"):
-        relative = matrix / np.outer(scale, scale)
-    if not np.isfinite(relative).all():
-        raise NotPositiveError
-    return least_norm(relative, right / scale) / scale
 
 
 def least_norm(matrix: Floats, right: Floats) -> Floats:

@@ -151,7 +151,12 @@ class DotPlot:
     def draw(self, figure: Figure, index: SubplotSpec) -> None:
         """Draw into a part of a figure."""
         if self.several:
-            self._draw_panels(figure, index)
+            grid = index.subgridspec(self.lines, self.columns)
+            for i, each in enumerate(self.coefficients):
+                panel = figure.add_subplot(grid[i])
+                self.draw_panel(panel, each)
+                panel.tick_params(labelleft=i % self.columns == 0)
+                panel.set_title(self.title(each))
         else:
             self._draw_lines(index)
 
@@ -168,14 +173,6 @@ class DotPlot:
         learned, known = key("learned", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
         bars = [] if self.law.covariance is None else [key("95 % interval", color=COLORS[0])]
         return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
-
-    def _draw_panels(self, figure: Figure, index: SubplotSpec) -> None:
-        grid = index.subgridspec(self.lines, self.columns)
-        for i, each in enumerate(self.coefficients):
-            panel = figure.add_subplot(grid[i])
-            self.draw_panel(panel, each)
-            panel.tick_params(labelleft=i % self.columns == 0)
-            panel.set_title(self.title(each))
 
     def draw_panel(self, panel: Axes, each: Coefficient) -> None:
         """Draw a coefficient of several objects."""
@@ -414,7 +411,12 @@ class HeatMaps:
             panel.set_xticks(np.arange(len(labels)) + 0.5, labels, rotation=0 if self.fits else 90)
             panel.set_yticks(np.arange(len(self.names)) + 0.5, self.names)
             if self.fits:
-                _print_values(panel, values, mesh)
+                # Print each coefficient in its cell, white on dark colours
+                lightness = mesh.to_rgba(_magnitudes(values))[..., :3] @ (0.299, 0.587, 0.114)
+                for i, k in np.argwhere(values):
+                    color = "white" if lightness[i, k] < 0.5 else "black"
+                    style = {"ha": "center", "va": "center", "fontsize": 9, "color": color}
+                    panel.text(k + 0.5, i + 0.5, number_text(values[i, k], 3), **style)
             if self.truth is not None:
                 self._frame_truth(panel, self.truth, j)
         if self.law.support.any():
@@ -474,14 +476,6 @@ def add_color_bar(figure: Figure, mesh: QuadMesh, panels: Sequence[Axes], width:
     bar = figure.colorbar(mesh, ax=list(panels), location="bottom", aspect=4 * width, ticks=ticks, format="%g")
     bar.minorticks_off()
     bar.set_label("magnitude of coefficient (grey: term absent)")
-
-
-def _print_values(panel: Axes, values: Floats, mesh: QuadMesh) -> None:
-    """Print each coefficient in its cell, white on dark colours."""
-    lightness = mesh.to_rgba(_magnitudes(values))[..., :3] @ (0.299, 0.587, 0.114)
-    for i, k in np.argwhere(values):
-        color = "white" if lightness[i, k] < 0.5 else "black"
-        panel.text(k + 0.5, i + 0.5, number_text(values[i, k], 3), ha="center", va="center", fontsize=9, color=color)
 
 
 def _magnitudes(values: Floats) -> Floats:

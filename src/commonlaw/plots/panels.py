@@ -7,7 +7,6 @@ from textwrap import shorten
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
@@ -88,19 +87,19 @@ class ForecastPanels:
             left, top = i % _CELLS, i // _CELLS * len(states)
             panel.text(left + 0.03, top + 0.05, shorten(in_line(name), 24, placeholder=" …"), fontsize=7, va="top")
             for j in states:
-                self._draw_cell(panel, self._curves[name, j], self._limits[j][0], (left, top + j))
+                # Draw a state of an object into the unit square right of and below a corner
+                curves = self._curves[name, j]
+                limits = self._limits[j][0]
+                corner = (left, top + j)
+                (begin, end), (low, high) = self._times, limits
+                for curve in curves:
+                    every = slice(None, None, -(-len(curve.times) // _FEW_POINTS))
+                    measured = (curve.times[every], curve.measured[every], ".")
+                    for times, values, style in (measured, (curve.at, np.clip(curve.forecast, low, high), "-")):
+                        across = corner[0] + 0.95 * (times - begin) / (end - begin)
+                        down = corner[1] + 0.97 - 0.7 * (values - low) / (high - low)
+                        panel.plot(across, down, style, color=curve.color, linewidth=0.7, markersize=1.5)
         return figure
-
-    def _draw_cell(self, panel: Axes, curves: list[Curve], limits: Limits, corner: tuple[int, int]) -> None:
-        """Draw a state of an object into the unit square right of and below a corner."""
-        (begin, end), (low, high) = self._times, limits
-        for curve in curves:
-            every = slice(None, None, -(-len(curve.times) // _FEW_POINTS))
-            measured = (curve.times[every], curve.measured[every], ".")
-            for times, values, style in (measured, (curve.at, np.clip(curve.forecast, low, high), "-")):
-                across = corner[0] + 0.95 * (times - begin) / (end - begin)
-                down = corner[1] + 0.97 - 0.7 * (values - low) / (high - low)
-                panel.plot(across, down, style, color=curve.color, linewidth=0.7, markersize=1.5)
 
     @cached_property
     def _curves(self) -> dict[tuple[str, int], list[Curve]]:

@@ -125,14 +125,9 @@ def _positions(each: _Coefficient, column: int) -> Floats:
         return np.asarray(each.properties[:, column])
     if not each.relation.properties:
         return np.arange(len(each.estimates), dtype=np.float64)
-    return _made_of_properties(each.relation, each.properties)
-
-
-def _made_of_properties(relation: Relation, properties: Floats) -> Floats:
-    """Return what a relation makes of properties: their powers, or the affine function itself, shape (objects,)."""
-    columns = relation.columns(properties)
-    affine = relation.kind is RelationKind.AFFINE
-    return np.asarray(columns @ relation.factors if affine else columns[:, 0])
+    columns = each.relation.columns(each.properties)
+    affine = each.relation.kind is RelationKind.AFFINE
+    return np.asarray(columns @ each.relation.factors if affine else columns[:, 0])
 
 
 def _draw(panel: Axes, each: _Coefficient, column: int, law: Law) -> None:

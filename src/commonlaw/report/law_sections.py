@@ -12,7 +12,6 @@ import pandas as pd
 
 from commonlaw import __version__
 from commonlaw.discrepancy.function import CLAIMED
-from commonlaw.discrepancy.residual_tests import Residuals
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import fitted
@@ -165,14 +164,7 @@ def _patterns(case: LawCase) -> Iterator[Block]:
     if len(found.significant) > 1:
         meaning += " Patterns often have one cause: look into the one with the smallest p-value first, see the tests."
     yield Text(meaning + listed([case.said(line) for line in str(found).splitlines()]))
-    yield from _residual_panels(found)
-    tests = found.tests()
-    if len(tests):
-        yield Fold("Tests of the residuals", (Table("tests", "P-values are adjusted for their number.", tests),))
-
-
-def _residual_panels(found: Residuals) -> Iterator[Block]:
-    """Yield small figures of residuals, those of the first state at once."""
+    # Small figures of residuals, those of the first state at once
     panels = ResidualPanels(found)
     for j, state in enumerate(found.trials.schema.states):
         pictures = [
@@ -182,6 +174,9 @@ def _residual_panels(found: Residuals) -> Iterator[Block]:
         ]
         gallery = Gallery(tuple(pictures))
         yield Fold(f"Residuals of {literal(state)}", (gallery,)) if j else gallery
+    tests = found.tests()
+    if len(tests):
+        yield Fold("Tests of the residuals", (Table("tests", "P-values are adjusted for their number.", tests),))
 
 
 def _discrepancy(case: LawCase) -> Iterator[Block]:
@@ -335,17 +330,12 @@ def candidates(case: LawCase) -> Section:
         return Section("candidates", "What else it could be", (Text(text),))
     if case.rivals or len(law.objects) <= _REFITTED:
         blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
-    table = Table("compared", _what_compared(case), readable_candidates(law.alternatives))
-    return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
-
-
-def _what_compared(case: LawCase) -> str:
-    """Return what the measures of candidates mean."""
     listed = case.law.alternatives
     caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
     there = {name for each in listed for name in each.measures}
     caption += "".join(f" {said}" for name, said in _MEASURES.items() if name in there)
-    return caption
+    table = Table("compared", caption, readable_candidates(law.alternatives))
+    return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
 
 
 def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:

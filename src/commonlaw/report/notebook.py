@@ -56,7 +56,9 @@ def notebook_html(
         case Law():
             return _law(value)
         case Trials():
-            return _trials(value)
+            frame = value.check(order=0).to_frame().iloc[:, :5]
+            few = value.select(object=list(value.objects[:_OBJECTS]))
+            return _joined(repr(value), _table(frame), _drawn(lambda: plot_trials(few)))
         case _:
             return _forecast(value)
 
@@ -79,12 +81,6 @@ def _law(law: Law) -> str:
     drawn = _drawn(lambda: plot_intervals(law.select(law.objects[:_OBJECTS]))) if law.support.any() else ""
     wide = "".join(f'<div class="commonlaw-law">{each}</div>' for each in (shown, _table(table)))
     return _joined(repr(law), _STYLE + wide + notes, drawn)
-
-
-def _trials(trials: Trials) -> str:
-    frame = trials.check(order=0).to_frame().iloc[:, :5]
-    few = trials.select(object=list(trials.objects[:_OBJECTS]))
-    return _joined(repr(trials), _table(frame), _drawn(lambda: plot_trials(few)))
 
 
 def _forecast(forecast: Forecast) -> str:

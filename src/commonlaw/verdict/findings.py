@@ -113,8 +113,12 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     bands = bands and law.has_std
     fit = _tried(_NOT_FITTED, partial(fitted, law, training, bands), lacking) if law.order != 0 else None
     verdict = _tried(_NOT_JUDGED, partial(judge, law, whole, training), lacking)
-    checked = _checked(law, whole, training)
-    start = _start(law, checked)
+    # The trials that were held out, or if there is none whose object the law knows, those learned from
+    learned_from = _names(training)
+    others = [each for each in whole if (each.object, each.name) not in learned_from]
+    held_out = [each for each in others if each.object in law.objects]
+    checked = whole.with_trials(held_out or [each for each in whole if (each.object, each.name) in learned_from])
+    start = samples_before(min(map(len, checked)), law.order) if can_fit_initial_state(law) else None
     checking = partial(law.predict, checked, return_std=bands, start=start)
     forecast = _tried(_NOT_CHECKED, checking, lacking)
     if verdict is not None and verdict.usable is not None:
@@ -132,22 +136,6 @@ def _tried(failure: str, step: Callable[[], T], lacking: list[str]) -> T | None:
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         lacking.append(f"{failure}: {type(error).__name__}: {error}")
     return None
-
-
-def _checked(law: Law, trials: Trials, training: Trials) -> Trials:
-    """Return the trials that were held out, or if there is none whose object the law knows, those learned from."""
-    learned_from = _names(training)
-    others = [each for each in trials if (each.object, each.name) not in learned_from]
-    held_out = [each for each in others if each.object in law.objects]
-    return trials.with_trials(held_out or [each for each in trials if (each.object, each.name) in learned_from])
-
-
-def _start(law: Law, trials: Trials) -> int | None:
-    """Return how many first samples of trials tell where forecasts begin, None where no start can be fitted.
-
-    They average the noise of a start: a forecast from one noisy sample is a test of that sample, and not of the law.
-    """
-    return samples_before(min(map(len, trials)), law.order) if can_fit_initial_state(law) else None
 
 
 def _names(trials: Trials) -> set[tuple[str, str]]:

@@ -212,18 +212,6 @@ class LawVerdict(ShownInNotebooks):
             yield f"{can} up to {self._time(self.horizon)} ahead{end}{only}.{new}"
         else:
             yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
-        yield from self._found()
-        if self.measurements:
-            yield from self._errors()
-            yield from self._bands()
-        if self.poorly_known:
-            yield f"Poorly known, with errors above half of their size: {listed(self.poorly_known)}."
-        if self.unjudged:
-            yield f"Not judged: {listed(self.unjudged, '; ')}."
-        if advice := "; ".join(self._advice()):
-            yield f"To get further: {advice}."
-
-    def _found(self) -> Iterator[str]:
         if self.without_terms:
             names = " and ".join(self.without_terms)
             yield f"It says that {names} stays zero: none of the terms that were offered proved its worth."
@@ -232,6 +220,20 @@ class LawVerdict(ShownInNotebooks):
             yield f"It does not explain the measurements to within their errors{others}."
         if self.few_samples:
             yield "It has as many terms as so few samples can tell apart."
+        if self.measurements:
+            compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
+            yield f"Tested on {self.judged_on}: {compared}, from the first samples of each trial."
+            if self.unknown_objects:
+                yield f"Of {listed(self.unknown_objects)} it knows the other objects' mean coefficients only."
+            if not self.diverged:
+                yield from self._accuracy()
+            yield from self._bands()
+        if self.poorly_known:
+            yield f"Poorly known, with errors above half of their size: {listed(self.poorly_known)}."
+        if self.unjudged:
+            yield f"Not judged: {listed(self.unjudged, '; ')}."
+        if advice := "; ".join(self._advice()):
+            yield f"To get further: {advice}."
 
     def _advice(self) -> Iterator[str]:
         if not self.exact:
@@ -240,14 +242,6 @@ class LawVerdict(ShownInNotebooks):
             yield "offer other terms, or measure more, or more exactly"
         if self.few_samples or 0 < self.measurements < _FEW:
             yield "measure more samples or more trials"
-
-    def _errors(self) -> Iterator[str]:
-        compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
-        yield f"Tested on {self.judged_on}: {compared}, from the first samples of each trial."
-        if self.unknown_objects:
-            yield f"Of {listed(self.unknown_objects)} it knows the other objects' mean coefficients only."
-        if not self.diverged:
-            yield from self._accuracy()
 
     def _accuracy(self) -> Iterator[str]:
         known = [each for each in self.state_errors if each.high > each.low]
