@@ -22,12 +22,12 @@ from typing import TypeVar
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.kernel import CONSTANTS
 
 _STEP = np.sqrt(10)
 """Ratio of neighbouring variances that are tried: what is between them matters little."""
 
-_RIDGE = 1e-12
-"""By which share of itself the information on each mean is lifted, for means that the data do not tell."""
+(_RIDGE,) = CONSTANTS["RIDGE"]
 
 LIKELIEST_SWEEPS, _RELATIVE_GRID = 2, (1e-4, 1e2)
 """How often each variance is chosen again, given the others, where the best is sought; and the smallest and largest

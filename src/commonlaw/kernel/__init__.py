@@ -1,6 +1,7 @@
 """The compiled kernel: what is computed most often, in C where it was built; its callers have the same in NumPy."""
 
 from commonlaw.kernel.library import (
+    CONSTANTS,
     LEAST_NORM,
     VARIABLE,
     MeasuredStructure,
@@ -13,6 +14,7 @@ from commonlaw.kernel.library import (
 )
 
 __all__ = [
+    "CONSTANTS",
     "LEAST_NORM",
     "VARIABLE",
     "MeasuredStructure",

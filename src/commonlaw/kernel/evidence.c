@@ -6,9 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Columns of mean square one over objects that are so small in one of them tell this object's coefficient not at all. */
-static const double UNTOLD = 1e-6;
-
 static double of_noise(Measured measured, double squares) {
     return fmax(squares - measured.outliers, 0) + measured.prior;
 }
@@ -130,7 +127,7 @@ static bool estimate_told(const Support *s, const double *columns, const double 
         estimates[a] = 0;
         for (int64_t c = 0; c <= a; ++c) estimates[a] += columns[c * k + a] * reduced[c * size + k];
         for (int64_t b = 0; b < k; ++b) {
-            matrix[a * k + b] = a == b ? UNTOLD * UNTOLD : 0;
+            matrix[a * k + b] = a == b ? MIN_COLUMN * MIN_COLUMN : 0;
             for (int64_t c = 0; c < k; ++c) matrix[a * k + b] += columns[c * k + a] * columns[c * k + b];
         }
     }
@@ -144,7 +141,7 @@ static bool estimate(Support *s, double variance) {
         const double *columns = s->columns + o * k * k, *reduced = s->reduced + o * size * size;
         double *estimates = s->estimates + o * k, *information = s->information + o * k * k;
         bool told = true;
-        for (int64_t a = 0; a < k; ++a) told = told && fabs(columns[a * k + a]) > UNTOLD;
+        for (int64_t a = 0; a < k; ++a) told = told && fabs(columns[a * k + a]) > MIN_COLUMN;
         if (!told && !estimate_told(s, columns, reduced, estimates)) return false;
         for (int64_t a = k - 1; told && a >= 0; --a) {
             double t = reduced[a * size + k];

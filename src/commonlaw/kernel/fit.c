@@ -5,10 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double LIFTS[] = {0.0, 1e-13, 1e-11, 1e-9, 1e-7};
+static const double lifts[] = {LIFTS};
 static const double SMALLEST = 2.2250738585072014e-308;
 static const double SAFE = 1e-9; /* Pivots of a scaled matrix from which Cholesky's way is as good as any */
-static const double SHORTER = 0.4;
 
 typedef struct {
     double gain, shortest; /* see fitting.py */
@@ -88,8 +87,8 @@ static bool eliminate_all(Fit *fit, double model_error) {
         const Mesh *mesh = &fit->meshes[m];
         bool done = false;
         collocate(work, mesh, states, fit->coefficients, true);
-        for (size_t each = 0; each < sizeof LIFTS / sizeof *LIFTS && !done; ++each)
-            done = eliminate(work, mesh, states, model_error, LIFTS[each], first);
+        for (size_t each = 0; each < sizeof lifts / sizeof *lifts && !done; ++each)
+            done = eliminate(work, mesh, states, model_error, lifts[each], first);
         if (!done) return false;
         for (int64_t k = 0; k < size; ++k) work->information[k] += work->of_mesh[k];
         first += mesh->points;
@@ -175,7 +174,7 @@ static void descend(Fit *fit, const double *model_errors, int64_t levels, Rules 
         for (int64_t each = 0; each < rules.steps; ++each) {
             const double before = reached.objective;
             if (!step(fit, &reached, model_errors[level], rules.shortest)) break;
-            if (before - reached.objective < rules.gain * (1 + 1e-3 * reached.objective)) break;
+            if (before - reached.objective < rules.gain * (1 + RELATIVE_GAIN * reached.objective)) break;
         }
     }
     out[0] = reached.deviance;

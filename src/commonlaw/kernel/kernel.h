@@ -5,6 +5,8 @@
 #ifndef COMMONLAW_KERNEL_H
 #define COMMONLAW_KERNEL_H
 
+#include "constants.h"
+
 #include <stdbool.h>
 #include <stdint.h>
 

@@ -2,6 +2,8 @@
 
 import ctypes
 import os
+import re
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,14 @@ from commonlaw.errors import CommonlawError
 
 VARIABLE = "COMMONLAW_KERNEL"
 """Environment variable: ``numpy`` or ``compiled`` chooses; otherwise the kernel is used where there is one."""
+
+CONSTANTS: Mapping[str, tuple[float, ...]] = {
+    name: tuple(map(float, values.split(",")))
+    for name, values in re.findall(
+        r"^#define (\w+) ([-\d.e, ]+)$", (Path(__file__).parent / "constants.h").read_text("utf-8"), re.MULTILINE
+    )
+}
+"""The numbers of ``constants.h``, by which the kernel and NumPy compute the same."""
 
 _FILES = ("kernel.so", "kernel.dll")
 

@@ -8,8 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double RIDGE = 1e-12;
-
 #define EACH_LANE for (int l = 0; l < LANES; ++l)
 
 /* Solve for a vector in place by elimination with pivots; false if singular. */

@@ -10,13 +10,14 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import VectorField
+from commonlaw.kernel import CONSTANTS
 from commonlaw.library import Order, Terms
 from commonlaw.likelihood.collocation import Jacobians, defects, jacobians
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.observation_model import NO_PROCESSES, LatentProcesses, LatentSteps, ObservationModel
 
-_LIFTS = (0.0, 1e-13, 1e-11, 1e-9, 1e-7)
-"""By which share of itself the diagonal is lifted until the factorisation succeeds despite rounding."""
+_LIFTS = CONSTANTS["LIFTS"]
+(_SHORTER,), (_RELATIVE_GAIN,) = CONSTANTS["SHORTER"], CONSTANTS["RELATIVE_GAIN"]
 
 
 class NotPositiveError(CommonlawError, ArithmeticError):
@@ -155,7 +156,7 @@ SHORTEST = 1e-4
 """Steps shorter than this share of the Gauss-Newton step are not tried."""
 
 GAIN = 1e-3
-"""A step that gains less than this in twice the log-likelihood, beside its thousandth part, is the last."""
+"""A step that gains less than this in twice the log-likelihood, beside the relative gain, is the last."""
 
 
 class Prior(NamedTuple):
@@ -282,7 +283,7 @@ def fit(
                 break
             gain = found.objective - better.objective
             found = better
-            if gain < GAIN * (1 + 1e-3 * found.objective):
+            if gain < GAIN * (1 + _RELATIVE_GAIN * found.objective):
                 break
     return found
 
@@ -353,7 +354,7 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
         found = _evaluated(model, Estimate(moved, coefficients), model_error)
         if found.objective < estimate.objective:
             return found
-        fraction *= 0.4
+        fraction *= _SHORTER
     return None
 
 

@@ -24,8 +24,10 @@ from commonlaw.hierarchy import (
     marginal_deviance,
     relative_variances,
 )
-from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE, ROUNDING
-from commonlaw.kernel import MeasuredStructure, address, kernel
+from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE
+from commonlaw.kernel import CONSTANTS, MeasuredStructure, address, kernel
+
+(_MIN_COLUMN,) = CONSTANTS["MIN_COLUMN"]
 
 
 @dataclass(frozen=True)
@@ -163,10 +165,10 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
     if not np.linalg.cond(information.sum(axis=0)) < _worst_condition(len(columns)):
         return np.inf
-    told = np.abs(np.diagonal(columns, axis1=1, axis2=2)).min(axis=1) > ROUNDING
+    told = np.abs(np.diagonal(columns, axis1=1, axis2=2)).min(axis=1) > _MIN_COLUMN
     estimates = np.empty(columns.shape[:2])
     estimates[told] = np.linalg.solve(columns[told], targets[told])[..., 0]
-    ridge = ROUNDING**2 * np.eye(columns.shape[1])
+    ridge = _MIN_COLUMN**2 * np.eye(columns.shape[1])
     projected = np.matmul(columns[~told].transpose(0, 2, 1), targets[~told])
     estimates[~told] = np.linalg.solve(information[~told] + ridge, projected)[..., 0]
     return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)), common)
