@@ -10,7 +10,7 @@ from typing import NamedTuple, NoReturn
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.bounds import is_bound, parts_of
-from commonlaw.library.grammar import DEEPEST, FUNCTIONS, LONGEST, OTHER_NAMES, constant, read, with_names, write
+from commonlaw.library.grammar import DEEPEST, FUNCTIONS, LONGEST, OTHER_NAMES, read, with_names, write
 from commonlaw.library.multiplying import NotAFactorError, Product, multiplied_out
 from commonlaw.library.notation import expression_latex, quoted
 from commonlaw.library.term import Term, parse_term
@@ -248,16 +248,22 @@ class _Reader:
         self.tokens = [*self._tokens(), _Token("end", "", len(equation.text))]
         names = [each.text for each in self.tokens if each.kind == "name" and each.text not in variables.names]
         self.coefficients = tuple(dict.fromkeys(names))
-        self.index = 0
+        self.names = (*variables.names, *self.coefficients)
+        self.parameters = len(self.coefficients) + len(variables.constants)
         if len(equation.text) > LONGEST or sum(each.kind == "(" for each in self.tokens) > DEEPEST:
             raise CommonlawError("equation-too-long", text=equation.text[:57], longest=LONGEST, deepest=DEEPEST)
 
     def summands(self) -> tuple[Summand, ...]:
-        found = self._summand()
-        while self.now.kind != "end":
-            if self.now.kind not in "+-":
-                self._fail(self.now, Diagnostic("parenthesis-not-opened"))
-            found += self._summand()
+        first, found = len(self.variables.names), list[_Written]()
+        for factor, start, text in self._addends():
+            try:
+                tree = read(text, self.names, self.parameters)
+                products = multiplied_out(tree, first - len(self.variables.constants), first)
+                found += [self._of_product(factor, each) for each in products]
+            except CommonlawError as error:
+                self._fail(start, error.diagnostic)
+            except NotAFactorError as error:
+                raise InsideError(self.names[error.args[0]]) from None
         # Of how an equation is spelled nothing depends: k*a - k*T is k*(a - T)
         alike = dict[object, list[_Written]]()
         for number, each in enumerate(found):
@@ -266,55 +272,47 @@ class _Reader:
         return tuple(each for each in collected if each.factor)
 
     def latex(self) -> tuple[tuple[bool, str], ...]:
-        found, names = list[tuple[bool, str]](), (*self.variables.names, *self.coefficients)
-        while self.now.kind != "end":
-            negative = self._sign() < 0
-            tree = read(self._product(), names, len(self.coefficients) + len(self.variables.constants))
-            found.append((negative, expression_latex(write(tree), names)))
-        return tuple(found)
+        trees = [(factor < 0, read(text, self.names, self.parameters)) for factor, _, text in self._addends()]
+        return tuple((negative, expression_latex(write(tree), self.names)) for negative, tree in trees)
 
     def refuse(self, name: str, problem: Diagnostic) -> NoReturn:
         """Fail where a coefficient stands."""
         self._fail(next(each for each in self.tokens if (each.kind, each.text) == ("name", name)), problem)
 
-    @property
-    def now(self) -> _Token:
-        return self.tokens[self.index]
-
-    def _summand(self) -> "list[_Written]":
-        """Read signs, then factors as long as there are any, and multiply them out."""
-        factor, start = self._sign(), self.now
-        names = (*self.variables.names, *self.coefficients)
-        text = self._product()
-        try:
-            count = len(self.coefficients) + len(self.variables.constants)
-            known = len(self.variables.names)
-            products = multiplied_out(read(text, names, count), known - len(self.variables.constants), known)
-            return [self._of_product(factor, each) for each in products]
-        except CommonlawError as error:
-            self._fail(start, error.diagnostic)
-        except NotAFactorError as error:
-            raise InsideError(names[error.args[0]]) from None
-
-    def _product(self) -> str:
-        """Read factors and divisors as the grammar of terms writes them."""
-        text, sign = "", ""
-        while True:
-            first = self.now
-            factor = self._power()
-            if sign == "/" and first.kind == "number" and not constant(read(factor, ())):
-                self._fail(first, Diagnostic("equation-divides-by-zero"))
-            text += f"{sign}{factor}"
-            if self.now.kind in ("*", "/"):
-                sign = self._next().kind
-            elif self._begins_operand(self.now):
-                sign = "*"
+    def _addends(self) -> list[tuple[float, _Token, str]]:
+        """Return sign, first token and text of each addend, as the grammar of terms writes it: with all signs."""
+        found, opened, before = list[tuple[float, _Token, str]](), list[_Token](), ""
+        factor, start, text = 1.0, self.tokens[0], ""
+        for token in self.tokens:
+            is_sign, ends_operand = token.kind in ("+", "-"), before in ("number", "name", ")")
+            if token.kind in ("number", "name", "function", "("):
+                if before == "/" and token.kind == "number" and not float(token.text):
+                    self._fail(token, Diagnostic("equation-divides-by-zero"))
+                start = token if not text else start
+                text += ("*" if ends_operand else "") + (quoted(token.text) if token.kind == "name" else token.text)
+                opened += [token] if token.kind == "(" else []
+            elif is_sign and not text:
+                factor *= -1.0 if token.kind == "-" else 1.0
+            elif not ends_operand and not is_sign:
+                what = "it ends" if token.kind == "end" else f"{token.text!r} stands"
+                self._fail(token, Diagnostic("operand-missing", {"what": what}))
+            elif token.kind == ")" and not opened:
+                self._fail(token, Diagnostic("parenthesis-not-opened"))
+            elif token.kind == "end" and opened:
+                self._fail(opened[-1], Diagnostic("parenthesis-not-closed"))
+            elif token.kind == "end" or (is_sign and ends_operand and not opened):
+                found.append((factor, start, text))
+                factor, text = -1.0 if token.kind == "-" else 1.0, ""
             else:
-                return text
+                text += "**" if token.kind == "^" else token.kind
+                opened = opened[:-1] if token.kind == ")" else opened
+            before = token.kind
+        return found
 
     def _of_product(self, sign: float, product: Product) -> "_Written":
-        names = (*self.variables.names, *self.coefficients)
-        shown = [(with_names(write(tree), [quoted(each) for each in names]), power) for tree, power in product.trees]
+        shown = [
+            (with_names(write(tree), [quoted(each) for each in self.names]), power) for tree, power in product.trees
+        ]
         text = "*".join(f"({each})" for each, power in shown if power > 0) or "1"
         text += "".join(f"/({each})" for each, power in shown if power < 0)
         for column, power in product.constants.items():
@@ -324,7 +322,7 @@ class _Reader:
 
     def _collected(self, alike: "Sequence[_Written]") -> Summand:
         """Return the sum of products with the same coefficients and constants as one summand."""
-        names, factors = (*self.variables.names, *self.coefficients), dict[str, float]()
+        names, factors = self.names, dict[str, float]()
         for each in alike:
             factors[each.text] = factors.get(each.text, 0.0) + each.factor
         # A number that is added goes last: a*(exp(u) - 1)
@@ -339,49 +337,6 @@ class _Reader:
             (names[column], power) for column, power in alike[0].constants if column >= len(self.variables.names)
         )
         return Summand(whole, powers, parse_term(f"{inner}({text})", self.variables))
-
-    def _sign(self) -> float:
-        factor = 1.0
-        while self.now.kind in ("+", "-"):
-            factor *= -1.0 if self._next().kind == "-" else 1.0
-        return factor
-
-    def _power(self) -> str:
-        """Read an operand with its power, as the grammar of terms writes it."""
-        text = self._operand()
-        if self.now.kind in ("^", "**"):
-            self._next()
-            sign = "-" if self._sign() < 0 else ""
-            text += f"**{sign}{self._operand()}"
-        return text
-
-    def _operand(self) -> str:
-        token = self._next()
-        if token.kind == "number":
-            return token.text
-        if token.kind == "function":
-            return f"{OTHER_NAMES.get(token.text, token.text)}{self._operand()}"
-        if token.kind == "name":
-            return quoted(token.text)
-        if token.kind != "(":
-            what = "it ends" if token.kind == "end" else f"{token.text!r} stands"
-            self._fail(token, Diagnostic("operand-missing", {"what": what}))
-        text = "("
-        while True:
-            text += ("-" if self._sign() < 0 else "") + self._power()
-            if self._begins_operand(self.now):
-                text += "*"
-            elif self.now.kind == ")":
-                self._next()
-                return f"{text})"
-            elif self.now.kind == "end":
-                self._fail(token, Diagnostic("parenthesis-not-closed"))
-            else:
-                text += self._next().kind
-
-    def _next(self) -> _Token:
-        self.index += 1
-        return self.tokens[self.index - 1]
 
     def _tokens(self) -> Iterator[_Token]:
         text, position = self.equation.text, self.equation.right
@@ -413,7 +368,7 @@ class _Reader:
             if name in (*FUNCTIONS, *OTHER_NAMES):
                 if not rest.lstrip().startswith("("):
                     self._fail(token, Diagnostic("function-not-called", {"name": name}))
-                return _Token("function", name, token.position)
+                return _Token("function", OTHER_NAMES.get(name, name), token.position)
             if name in self.meanings.others:
                 return _Token("name", self.meanings.others[name], token.position)
             if name in CONSTANTS:
@@ -421,9 +376,6 @@ class _Reader:
             if rest.startswith("(") and not _LETTER.fullmatch(name):
                 self._fail(token, unknown("function", name, FUNCTIONS).diagnostic)
         return _Token("name", name, token.position)
-
-    def _begins_operand(self, token: _Token) -> bool:
-        return token.kind in ("number", "name", "function", "(")
 
     def _fail(self, token: _Token, problem: Diagnostic) -> NoReturn:
         text, place = (
