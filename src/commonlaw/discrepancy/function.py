@@ -27,9 +27,8 @@ Bayes factor is 1 on average, and so above 20 in at most one case of twenty (Mar
 
 
 class Description(NamedTuple):
-    """Terms that would say the same, their coefficients with standard errors, and 2 log B for them.
-
-    The evidence is that for these terms against the smooth function.
+    """Terms that fit as well as the smooth function, with coefficients, standard errors, and 2 log B for them
+    against it.
     """
 
     terms: tuple[str, ...]
@@ -48,36 +47,30 @@ class Compared(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy(ShownInNotebooks, Generic[LawType]):
-    """A smooth function in one equation of a law, the same for all objects; it prints as sentences.
+    """A smooth function in one equation of a law, shared by all objects; it prints as sentences.
 
     Called with values of the coordinate it gives the function there.
 
     Parameters
     ----------
     law
-        With coefficients that were found together with the function; it forecasts with it too, by
-        ``law.predict(trials, discrepancy=True)``.
+        With coefficients fitted together with the function; ``law.predict(trials, discrepancy=True)`` uses both.
     equation
         Left-hand side of the equation that the function is in.
-    basis
-        Of the function.
-    weights, covariance
-        Of the functions of the basis, shape (functions,) and (functions, functions).
+    basis, weights, covariance
+        Of the function: a `SmoothBasis`, weights of shape (functions,), their covariance.
     zero_at
-        Where the function is zero, so that the law alone holds there; None if it is nowhere held at zero.
+        Where the function is held at zero, if anywhere.
     holds_nothing_of
-        Terms of the law that the function, over the visited samples, is orthogonal to.
+        Terms of the law to which the function is orthogonal over the samples.
     visited
         The coordinate at all samples.
     evidence
         2 log B for the function against the law alone.
     shares
-        Of the squared misfit of the law as it was given: what other coefficients, the function, each trial's own
-        departures and the noise account for.
-    descriptions
-        Terms that would say the same, the largest evidence first.
-    compared
-        All coordinates that were compared, the largest evidence first.
+        Of the squared misfit: coefficients, the function, each trial's own departures, noise.
+    descriptions, compared
+        Terms that fit as well, and the coordinates that were compared, the largest evidence first.
     """
 
     law: LawType
@@ -99,13 +92,7 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
         return self.evidence > CLAIMED
 
     def __call__(self, coordinate: ArrayLike) -> Floats:
-        """Return the function at values of the coordinate, in their shape.
-
-        Raises
-        ------
-        CommonlawError
-            If a value is infinite or missing.
-        """
+        """Return the function at values of the coordinate, in their shape; a `CommonlawError` if one is not finite."""
         values = self._finite(coordinate)
         return np.asarray((self.basis.values(values.ravel()) @ self.weights).reshape(values.shape))
 

@@ -45,11 +45,10 @@ class StreamResiduals(AbstractPatterns):
     Parameters
     ----------
     objects
-        A row for each object and state: how many ``samples``, the ``size over noise`` of its residuals (root mean
-        square) with the p-value that they are as large as the noise, ``adjusted`` for all rows, and the
-        ``correlation of neighbours``.
+        A row for each object and state: ``samples``, ``size over noise`` of residuals (root mean square) with its
+        p-value, the p-value ``adjusted`` for all rows, and the ``correlation of neighbours``.
     patterns
-        What tests say of the residuals of all objects together.
+        Tests of the residuals of all objects together.
     """
 
     objects: "pd.DataFrame"
@@ -63,27 +62,26 @@ class StreamResiduals(AbstractPatterns):
 def check_stream(
     law: Law, stream: TrialStream, *, client: "Client | None" = None, progress: ProgressCallback | None = None
 ) -> StreamResiduals:
-    """Say how well a law fits the trials of a stream, file by file, and which patterns its residuals have.
+    """Test how well a law fits the trials of a stream, file by file, and which patterns its residuals have.
 
-    Patterns are those of `Law.residuals`. Only sums over residuals leave the files: of more than 5000 the scatter is
-    ranked by cells of sizes (16 for each factor of two), and normality is tested by skewness and kurtosis (Jarque and
-    Bera 1987), as in memory.
+    Patterns are those of `Law.residuals`, from sums over files. Of more than 5000 residuals the scatter is ranked by
+    cells of sizes (16 for each factor of two), and normality is tested by skewness and kurtosis (Jarque and Bera 1987).
 
     Parameters
     ----------
     law
-        The law; of several objects it must know those of the stream, or what their coefficients follow from.
+        It must have the objects of the stream, or relations that give their coefficients.
     stream
         What was measured.
     client
-        A dask client, whose workers do it; else it is done here.
+        A dask client whose workers compute; default: this process.
     progress
-        Takes the text of each step. Default: it is written to the terminal after two seconds.
+        Takes the text of each step. Default: written to the terminal after two seconds.
 
     Raises
     ------
     CommonlawError
-        If the law is of discrete time, or the law and the trials do not go together.
+        If the law is of discrete time, or does not match the trials.
     """
     import pandas as pd
     from scipy.stats import false_discovery_control

@@ -26,12 +26,8 @@ class ObjectRows:
 
     @property
     def inverse(self) -> Floats:
-        """What makes coefficients of rows, shape (coefficients, coefficients).
-
-        Raises
-        ------
-        NotPositiveError
-            If the rows do not tell the coefficients.
+        """The inverse factor, shape (coefficients, coefficients); raises `NotPositiveError` if coefficients are not
+        identifiable.
         """
         try:
             return np.asarray(np.linalg.inv(self.own))
@@ -41,22 +37,11 @@ class ObjectRows:
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """What all objects say together, each object's own coefficients eliminated.
+    """Rows of all objects with the object-specific coefficients eliminated.
 
-    Parameters
-    ----------
-    objects
-        Of each object the rows that tell its own coefficients.
-    shared
-        Rows that tell the weights of the function, shape (k, functions).
-    target
-        Their targets, shape (k,).
-    rest
-        The sum of squares that nothing explains.
-    numbers
-        How many measurements there are beyond those that initial states and own coefficients take.
-    constant
-        What belongs to minus twice the log-likelihood besides.
+    `objects` has each object's rows of its own coefficients, `shared`, shape (k, functions), and `target`, shape (k,),
+    those of the weights. `rest` is the residual sum of squares, `numbers` the degrees of freedom, and `constant` what
+    else belongs to minus twice the log-likelihood.
     """
 
     objects: tuple[ObjectRows, ...]
@@ -95,22 +80,11 @@ class SharedRows:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What the measurements say of the function and of the coefficients.
+    """The posterior of the function's weights and of the coefficients.
 
-    Parameters
-    ----------
-    value
-        Minus twice the log-evidence, but for a constant.
-    weights, covariance
-        Of the functions, shape (functions,) and (functions, functions).
-    coefficients
-        Each object's own, shape (objects, coefficients).
-    own_covariance
-        Theirs where the weights are known, shape (objects, coefficients, coefficients).
-    follow
-        Their derivative by the weights, shape (objects, coefficients, functions).
-    noise_factor
-        By which the noise is larger than was assumed.
+    `value` is minus twice the log-evidence but for a constant, `weights` and `covariance` are those of the functions,
+    `coefficients` has shape (objects, coefficients), `own_covariance` is theirs given the weights, `follow` their
+    derivative by the weights, and `noise_factor` the ratio of the noise to what was assumed.
     """
 
     value: float
@@ -129,18 +103,10 @@ class Posterior:
 
 
 def posterior(rows: SharedRows, factors: Sequence[Floats], size: float, noise_measurements: float) -> Posterior:
-    """Return evidence and posterior, amplitude and length of the function integrated out.
+    """Return evidence and posterior, with amplitude and length scale of the function integrated out.
 
-    Parameters
-    ----------
-    rows
-        What was measured.
-    factors
-        Of the prior of the weights, one for each length; none if there is no function.
-    size
-        Of what the function adds to.
-    noise_measurements
-        How many measurements the first estimate of the noise is worth; infinite where the noise is known.
+    `factors` are those of the prior of the weights, one a length, none without a function; `size` is that of what the
+    function adds to. The first estimate of the noise counts as `noise_measurements`, infinite where the noise is known.
     """
     alone = float(rows.target @ rows.target) + rows.rest
     if not factors:

@@ -21,22 +21,18 @@ FALSE_DISCOVERY_RATE = 0.01
 
 @dataclass(frozen=True)
 class Pattern:
-    """What a test of residuals looked for in those of a state, and found.
+    """The result of one test of the residuals of a state.
 
     Parameters
     ----------
-    state
-        Whose residuals.
-    pattern
-        What was looked for, in words.
+    state, pattern
+        Whose residuals, and what was tested, in words.
     statistic
-        Its size: what it is, the pattern's name says.
-    p_value
-        How probable as much is where only white noise is left.
-    adjusted
-        The same with all patterns of the table in mind: the share of false alarms among those as sure as this.
+        The effect size that the pattern names.
+    p_value, adjusted
+        Under white noise, alone and adjusted for all patterns of the table (false discovery rate).
     meaning
-        What the pattern usually means; empty where it is not significant.
+        The usual cause; empty where it is not significant.
     """
 
     state: str
@@ -80,20 +76,20 @@ class AbstractPatterns(ShownInNotebooks):
 
 @dataclass(frozen=True, eq=False)
 class Residuals(AbstractPatterns):
-    """Measured less fitted states of trials, in standard deviations of the noise; it prints as sentences.
+    """Measured minus fitted states of trials in standard deviations of the noise; it prints as sentences.
 
     Parameters
     ----------
     trials
-        What was measured, on the scale that the law follows states by.
+        The measurements, log-scaled states by their logarithms.
     fitted
-        Each trial's states by the law, and the rates of those of second order, shape (n, D).
+        States of each trial, and the rates of those of second order, shape (n, D).
     standardized
-        Measured less fitted states over their noise, shape (n, states); NaN where nothing was measured.
+        Residuals over noise, shape (n, states); NaN where nothing was measured.
     rates
         Names of the rates.
     patterns
-        What tests say of them.
+        The tests of the residuals.
     """
 
     trials: Trials
@@ -135,10 +131,7 @@ class Residuals(AbstractPatterns):
 
 
 def correlations(series: Sequence[Floats], lags: int) -> tuple[Floats, Floats]:
-    """Return correlations at lags from 1 on, and how many pairs of values each is from, shape (lags,).
-
-    Values that are NaN have no pairs, and no pair is of two series.
-    """
+    """Return autocorrelations at lags from 1 on, and the number of pairs of each, shape (lags,); NaN makes no pair."""
     level = np.concatenate(series)
     mean, variance = np.nanmean(level), np.nanvar(level)
     found, counts = np.zeros(lags), np.zeros(lags)
@@ -170,14 +163,8 @@ _NO_SIZE = -(1 << 14)
 class Trend:
     """Residuals against a polynomial of a variable.
 
-    Parameters
-    ----------
-    low, high
-        The range of the variable.
-    values
-        Different values of it, as many as a polynomial has coefficients at most.
-    factor
-        Triangular factor of ``[Legendre polynomials over the range | residuals]``.
+    `factor` is the triangular factor of ``[Legendre polynomials over low..high | residuals]``, `values` distinct values
+    of the variable, as many as the polynomial has coefficients at most.
     """
 
     low: float
@@ -217,22 +204,12 @@ class Trend:
 
 @dataclass(frozen=True, eq=False)
 class StateSums:
-    """Sums over the residuals of a state.
+    """Sums over the residuals of a state, which merge over parts of the data.
 
-    Parameters
-    ----------
-    powers
-        Sums of the residuals, their squares, third and fourth powers.
-    trends
-        By the name of the variable.
-    together
-        Triangular factors of ``[1 | residuals of an earlier state | residuals]``, and how many samples have both.
-    pairs
-        Of neighbours: how many, sums of their products and of both; and how many trials have residuals.
-    cells, counts
-        Which cells of the sizes of residuals and states samples are in, shape (k, 2), and how many, shape (k,).
-    kept
-        Residuals and states, shape (count, 2), of at most `MOST`.
+    `powers` are sums of the first four powers, `trends` regressions on variables by name, and `together` triangular
+    factors of ``[1 | residuals of an earlier state | residuals]`` with their counts. `pairs` counts neighbours, sums of
+    their products and of both, and trials. `cells`, shape (k, 2), and `counts`, shape (k,), are a histogram of the
+    sizes of residuals and states; `kept` has both of at most `MOST` samples, shape (count, 2).
     """
 
     count: int
@@ -354,21 +331,11 @@ class Tested(NamedTuple):
 def patterns(
     names: Sequence[str], residuals: Sequence[Floats], against: Mapping[str, Floats], time: str, spent: Sequence[float]
 ) -> tuple[Pattern, ...]:
-    """Return what tests say of residuals over noise.
+    """Return the tests of residuals over noise.
 
-    Parameters
-    ----------
-    names
-        Of the states.
-    residuals
-        Of each trial, shape (n, states), NaN where nothing was measured.
-    against
-        What they are held against, by name, at all samples of all trials.
-    time
-        The name of time among these.
-    spent
-        How many numbers of each state's residuals initial states and coefficients have taken, if the law was learned
-        from these trials.
+    `residuals` have the shape (n, states) for each trial, NaN where nothing was measured; `against` are regressors by
+    name at all samples of all trials, `time` is one of these, and `spent` the degrees of freedom that the fit took from
+    each state.
     """
     sums = [StateSums.of(j, residuals, against, name) for j, name in enumerate(names)]
     return patterns_of(names, sums, time, spent)
@@ -455,8 +422,7 @@ def _together(count: int, factor: Floats, name: str) -> Tested:
 def _memory(sums: StateSums, spent: float) -> Tested:
     """Test the correlation of neighbours (Ljung and Box 1978).
 
-    What was fitted takes the slowest courses out of white noise, about that share of all frequencies, and so leaves
-    neighbours a correlation below zero.
+    A fit removes the lowest frequencies, that share of all, from white noise, and so makes neighbours anticorrelated.
     """
     from scipy.stats import chi2
 
@@ -473,8 +439,7 @@ def _memory(sums: StateSums, spent: float) -> Tested:
 def _growth(sums: StateSums, name: str, spent: float) -> Tested:
     """Rank the sizes of residuals by those of the states (Spearman); very many by cells of sizes.
 
-    What was fitted takes that share of the squares of white noise, and half of it of their sizes, more of it at some
-    states than at others: as much growth is none.
+    A fit removes that share of the squares of white noise, unevenly over states: as much growth is not significant.
     """
     from scipy.stats import t
 

@@ -30,9 +30,8 @@ def refuse_discrete_time(law: Law) -> None:
 
 
 def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals, Floats]:
-    """Return residuals without patterns, and how many of their numbers fits of each object took, (objects, states).
-
-    The noise of each state is taken from the samples if it is not known.
+    """Return residuals without patterns, and the fitted numbers of each object, (objects, states); unknown noise is
+    estimated.
     """
     if not law.schema.doses:  # Which may be given where nothing was measured
         trials = trials.with_trials([each.measured() for each in trials])
@@ -56,8 +55,7 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
 def _spent(law: Law, trials: Trials) -> Floats:
     """Return how many coefficients of each equation were fitted to each object's trials, shape (objects, states).
 
-    Those that learned from other objects count as far as they follow the object's own trials: by the trace of their
-    covariance times the information that these alone hold.
+    Pooled coefficients count by the trace of their covariance times the information of the object's own trials.
     """
     there = np.array([name in law.objects for name in trials.objects])
     indices = [law.index(name) for name in trials.objects if name in law.objects]

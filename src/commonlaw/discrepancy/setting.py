@@ -52,13 +52,7 @@ class Visited:
         return cls(terms.variables, values, tuple(begins.tolist()), tuple(slice(*pair) for pair in pairwise(ends)))
 
     def evaluate(self, text: str) -> Floats:
-        """Return an expression at all samples, shape (n,).
-
-        Raises
-        ------
-        CommonlawError
-            If it is not finite at a sample.
-        """
+        """Return an expression at all samples, shape (n,); raises `CommonlawError` where it is not finite."""
         tree = read(text, self.variables.names)
         with np.errstate(all="ignore"):
             found: Floats = evaluate(tree, self.values.T) + np.zeros(len(self.values))
@@ -81,12 +75,8 @@ class Visited:
 
 
 def basis_of(visited: Visited, coordinate: str, times: str) -> SmoothBasis:
-    """Return the smooth functions of a coordinate over what was visited.
-
-    Raises
-    ------
-    CommonlawError
-        If the coordinate does not change.
+    """Return the smooth functions of a coordinate over what was visited; raises `CommonlawError` if it does not
+    change.
     """
     values = visited.evaluate(coordinate)
     low, high = float(values.min()), float(values.max())
@@ -104,12 +94,9 @@ def zero_in(basis: SmoothBasis, zero_at: float | str | None, time: str) -> float
 
 
 def with_properties_in(texts: Sequence[str], law: Law, trials: Trials) -> tuple[Law, Trials]:
-    """Return law and trials with the properties that occur in texts as inputs that do not change.
+    """Return law and trials with the properties that occur in texts as constant inputs.
 
-    Raises
-    ------
-    CommonlawError
-        If a text cannot be read, or names what is neither a variable nor a property.
+    Raises `CommonlawError` if a text cannot be read, or names neither a variable nor a property.
     """
     own = law.terms.variables.names
     names = [*own, *(name for name in property_names(trials.properties) if name not in own)]
@@ -257,17 +244,7 @@ _SHOWN = 5
 
 
 def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tuple[Description, ...]:
-    """Return simple functions, and pairs of these, the largest evidence first.
-
-    Parameters
-    ----------
-    fitted
-        With the smooth function.
-    basis
-        Of it.
-    visited
-        The coordinate at all samples, shape (n,).
-    """
+    """Return simple functions of the visited coordinate, shape (n,), and pairs of these, the largest evidence first."""
     values, rows = basis.values(visited), fitted.rows
     names, columns = list[str](), list[Floats]()
     for name, function in _FUNCTIONS:
@@ -308,10 +285,10 @@ def shares(
     shared: Sequence[FunctionFit],
     chosen: FunctionFit,
 ) -> Mapping[str, float]:
-    """Return how the sum of squares that a law leaves, in units of the noise, falls step by step, as shares of it.
+    """Return what each step removes of the law's sum of squares in units of the noise, as shares of it.
 
-    Trajectories of the law with its coefficients as given, which has the shape (objects, equations, terms); with the
-    best ones; with the function; with a model error, if one was chosen. What is left is noise.
+    The steps: the coefficients as given, shape (objects, equations, terms); the best ones; the function; a model error,
+    if one was chosen. What is left is noise.
     """
     steps = [_deviance(problem, given, alone[-1]), _without_error(alone), _without_error(shared), chosen.deviance]
     falling = np.minimum.accumulate(steps)

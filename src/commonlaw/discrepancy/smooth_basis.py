@@ -16,16 +16,10 @@ _PARTS = 6
 
 @dataclass(frozen=True)
 class SmoothBasis:
-    """Functions whose sums are the smooth functions of a coordinate.
+    """Functions that span the smooth functions of a coordinate between `low` and `high`.
 
-    Parameters
-    ----------
-    coordinate
-        An expression over the variables of a law.
-    times
-        What the function is multiplied with, a term; ``"1"`` for nothing.
-    low, high
-        The range of the coordinate that was visited.
+    The coordinate is an expression over the variables of a law, and `times` a term that the functions are multiplied
+    with.
     """
 
     coordinate: str
@@ -89,9 +83,9 @@ _ROUNDING = 1e-9
 
 
 def factors(basis: SmoothBasis, constraints: Floats) -> list[Floats]:
-    """Return what makes the weights of independent standard normal numbers, for each of the `LENGTHS`.
+    """Return factors of the prior covariance of the weights, one for each of the `LENGTHS`.
 
-    The variance of the bumps' sum is one, and that of the line one at both ends of twice the visited range. Linear
+    The sum of the bumps has variance one, and so has the line at both ends of twice the visited range. Linear
     combinations of the weights, shape (constraints, functions), are zero.
     """
     return [_conditioned(_covariance(basis, length * basis.range), constraints) for length in LENGTHS]
@@ -126,10 +120,8 @@ class Samples(NamedTuple):
 
 
 class Meaning(NamedTuple):
-    """What leaves a law's coefficients their meaning.
-
-    Constraints on the weights, shape (constraints, functions); where the function is zero, if anywhere; and the indices
-    of the terms that it holds nothing of.
+    """Constraints on the weights, shape (constraints, functions), the zero if any, and the terms orthogonal to the
+    function.
     """
 
     constraints: Floats
@@ -138,21 +130,11 @@ class Meaning(NamedTuple):
 
 
 def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | None) -> Meaning:
-    """Return what leaves a law's coefficients their meaning beside a function of a coordinate.
+    """Return the constraints that leave a law's coefficients identifiable beside a function of a coordinate.
 
-    What matters is what both could say: functions of the coordinate that are combinations of the law's terms on each
-    object, with coefficients of its own. At a point where the function is to be zero the law alone holds; the function
-    holds nothing of such combinations that are zero there too (it is orthogonal to them over the visited samples).
-    Without such a point it holds nothing of any of them.
-
-    Parameters
-    ----------
-    basis
-        Of the function.
-    samples
-        Of each object.
-    zero_at
-        Where the function is to be zero, if that is needed.
+    Both can represent functions of the coordinate that are combinations of the law's terms on each object. At `zero_at`
+    the law alone holds, and the function is orthogonal, over the samples, to such combinations that vanish there too;
+    without that point to all of them.
     """
     own = [basis.values(each.coordinate) * each.times[:, np.newaxis] for each in samples]
     whole = np.concatenate(own)

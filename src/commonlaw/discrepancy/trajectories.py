@@ -26,20 +26,11 @@ _NOISE_MEASUREMENTS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class FunctionModel:
-    """A law with a function that its objects share, as rows see it.
+    """A law with a function that its objects share.
 
-    Parameters
-    ----------
-    terms
-        Those of the law, then the functions.
-    own
-        Coefficients that are each object's own and not known, shape (equations, terms).
-    shared
-        Weights of the functions, of the same shape; nowhere if there is no function.
-    factors, size
-        See `posterior`.
-    zero_at, held
-        Where the function is zero, and the terms that it holds nothing of, see `prior.Meaning`.
+    `terms` are those of the law, then the functions; `own` marks unknown object-specific coefficients, `shared` the
+    weights, both of shape (equations, terms). For `factors` and `size` see `posterior`, for `zero_at` and `held`
+    `Meaning`.
     """
 
     terms: Terms
@@ -53,9 +44,9 @@ class FunctionModel:
 
 @dataclass(frozen=True, eq=False)
 class FunctionFit:
-    """Trajectories at one model error, relative to the noise, and what the rows about them say.
+    """Trajectories at one model error, relative to the noise, and the posterior about them.
 
-    The first estimate of the noise is worth so many measurements; the price is that of the model error.
+    The first estimate of the noise counts as so many measurements; the price is the penalty of the model error.
     """
 
     model: FunctionModel
@@ -90,13 +81,7 @@ def start(problem: SearchProblem, model: FunctionModel) -> tuple[Estimate, ...]:
 
 
 def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
-    """Return the fits at all model errors, from large ones, where trajectories follow the measurements, to none.
-
-    Raises
-    ------
-    CommonlawError
-        If none can be computed.
-    """
+    """Return the fits at all model errors, from large ones to none; raises `CommonlawError` if none can be computed."""
     estimates, found = start(problem, model), list[FunctionFit]()
     for model_error in ANY_ERROR:
         with suppress(NotPositiveError):
@@ -136,12 +121,9 @@ def followed(problem: SearchProblem, fitted: FunctionFit) -> tuple[Estimate, ...
 def fit_about(
     problem: SearchProblem, model: FunctionModel, estimates: tuple[Estimate, ...], model_error: float
 ) -> FunctionFit:
-    """Return what the likelihood linearised about estimates says.
+    """Return the posterior of the likelihood linearized about estimates.
 
-    Raises
-    ------
-    NotPositiveError
-        If it cannot be computed, or does not tell the coefficients.
+    Raises `NotPositiveError` if it cannot be computed, or coefficients are not identifiable.
     """
     columns = model.own | model.shared
     order = np.argsort(model.shared[columns], kind="stable")

@@ -18,16 +18,8 @@ _COEFFICIENT = re.compile(r"(?P<name>.+?)(?: of (?P<object>.+))?")
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """A number that follows from coefficients, under each of K hypotheses.
-
-    Parameters
-    ----------
-    name
-        As it was asked for.
-    values
-        Shape (K,).
-    slopes
-        Of each hypothesis its derivatives by the unknowns, shape (p,).
+    """A function of coefficients under each of K hypotheses: values of shape (K,), and derivatives by their
+    unknowns, (p,).
     """
 
     name: str
@@ -55,13 +47,9 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
     """Return the quantity that a text names.
 
     ``"x at t=10 from 100"`` is a forecast of a state, from values of all states (and rates), with commas between them;
-    rates that are left out are zero. ``"c"`` is a coefficient by its letter in the law, or by its term. Of one object
-    with `` of Ball 3`` behind it, else the mean over all objects.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such state, coefficient or object, or a number cannot be read.
+    rates that are left out are zero. ``"c"`` is a coefficient by its name in the law, or by its term. Of one object
+    with `` of Ball 3`` behind it, else the mean over all objects. Raises `CommonlawError` if a name or number cannot be
+    read.
     """
     forecast, coefficient = (form.fullmatch(text.strip()) for form in (_FORECAST, _COEFFICIENT))
     found = forecast or coefficient
@@ -157,8 +145,7 @@ LAW, COEFFICIENTS = "law", "coefficients"
 class Aim:
     """What is to be learned, among hypotheses with these probabilities, shape (K,).
 
-    Without a quantity: which hypothesis is right, or, if there is nothing to tell apart or if coefficients were asked
-    for, all coefficients together (D-optimality).
+    Without a quantity: which hypothesis is right, or all coefficients together (D-optimality).
     """
 
     prior: Floats

@@ -38,53 +38,49 @@ def design(
     points: int = POINTS,
     progress: ProgressCallback | None = None,
 ) -> Design:
-    """Return the experiments that would tell most of what is not known yet, for what they cost.
+    """Return the experiments that are expected to be most informative for their cost.
 
-    Every law that remains plausible says what an experiment would measure, with the errors of its coefficients, of the
-    measurements and of the law itself, so that what laws can imitate in each other by other coefficients or another
-    start does not tell them apart. What is expected to be learned is averaged over all of these laws (Box and Hill
-    1967; Lindley 1956), each linearised about its coefficients; experiments that seem best to tell laws apart are
-    simulated, and all laws fitted to their measurements.
+    Every plausible law predicts the measurements, with the errors of its coefficients, of the measurements and of the
+    law itself, so that laws which can imitate each other by other coefficients or initial conditions are not
+    distinguished. The expected information is averaged over these laws (Box and Hill 1967; Lindley 1956), each
+    linearized about its coefficients; experiments that discriminate best are simulated, and all laws are fitted to
+    their measurements.
 
     Parameters
     ----------
     law
-        With what else it could be, `Law.plausible`; or several laws of the same objects and variables, which count as
-        equally probable.
+        With its `Law.plausible` rivals; or several laws of the same objects and variables, equally probable.
     vary
-        What can be set, by name. A pair or text ``"5..60"`` is a range, a list gives choices, and one value is
-        fixed. Names are the states and rates where trials start; ``duration``; ``rate`` or ``samples``, or
-        ``times``, lists of sample times; ``repeats``; ``object``, some names of objects, ``"each"`` for a trial of
-        every one; ``object.mass``, properties of a new object, where `Law.explain` found that they decide its
-        coefficients; and inputs: ``u`` is the level, ``u.shape`` some of constant, step, ramp, sine and square, and
-        ``u.period`` the period of the last two. Of a dose, ``u`` is the amount that is given at ``u.at`` after the
-        first sample (0 if nothing else is said), and again after every ``u.every``.
+        What can be set, by name. A pair or text ``"5..60"`` is a range, a list gives choices, one value is fixed. Names
+        are the states and rates where trials start; ``duration``; ``rate``, ``samples`` or ``times`` (lists of sample
+        times); ``repeats``; ``object``, names of objects or ``"each"``; ``object.mass``, properties of a new object,
+        where `Law.explain` found relations; and inputs: ``u`` is the level, ``u.shape`` of constant, step, ramp, sine
+        and square, ``u.period`` the period of the last two. A dose of amount ``u`` is given at ``u.at`` after the first
+        sample (default 0), and again after every ``u.every``.
     trials
-        What is not given in `vary` is as in these: starts within theirs, their typical duration and number of samples.
+        Defaults of what is not in `vary`: initial conditions within theirs, typical duration and number of samples.
     within
-        Ranges that states and rates must stay in, such as ``{"x": "0..100"}`` above the ground: a trial ends where the
-        most probable law leaves them.
+        Ranges of states and rates, such as ``{"x": "0..100"}``: a trial ends where the most probable law leaves them.
     start_std
-        How far a trial's start is off from what is set, by state (or rate): 0 where it is exact, such as a ball that
-        is let go from a measured height, ``{"x": 0.005, "v": 0}``. Of all others only the measurements tell it.
+        Standard deviation of a trial's initial condition about its setting, by state or rate: 0 where it is exact,
+        ``{"x": 0.005, "v": 0}``. All others are estimated from the measurements.
     cost
-        Prices of a ``trial``, a ``sample``, a unit of anything that is set (``x``, ``duration``), and a trial of an
-        object by its name. Default: 1 for each trial.
+        Prices of a ``trial``, a ``sample``, a unit of any setting, and a trial of an object by name. Default: 1 a
+        trial.
     budget
-        What all experiments may cost together.
+        The largest total cost.
     experiments
-        How many at most: each chosen given those before it, then exchanged for what tells more beside all others.
-        Fewer where the right law is found with a chance of 0.95.
+        The largest number; each is chosen given those before it, then exchanged for better ones. Fewer where the right
+        law is found with a chance of 0.95.
     about
-        What is to be learned: ``"law"``, which law is right, the default if that is in doubt; ``"coefficients"``, all
-        of them together (D-optimality); one of them, ``"c"`` or ``"c of Ball 3"``; or a forecast that matters,
-        ``"x at t=10 from 100, 0"``, from there, perhaps of one object.
+        ``"law"``, the default if the law is in doubt; ``"coefficients"``, all together (D-optimality); one of them,
+        ``"c"`` or ``"c of Ball 3"``; or a forecast, ``"x at t=10 from 100, 0"``, perhaps of one object.
     seed
         Of random numbers.
     points
-        How many experiments are looked at all over the ranges, beside their corners.
+        How many experiments are examined over the ranges, beside their corners.
     progress
-        Takes what is being done, step by step.
+        Takes the text of each step.
 
     Returns
     -------
@@ -94,8 +90,8 @@ def design(
     Raises
     ------
     CommonlawError
-        If a law does not know its noise or how accurate its coefficients are; if laws do not go together, something is
-        not known or cannot be set, or no experiment is within the budget.
+        If a law has no noise or covariance, laws do not match, a setting is unknown, or no experiment is within the
+        budget.
 
     Examples
     --------
@@ -224,15 +220,7 @@ _POINTS = 64
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """Experiments for one purpose.
-
-    Parameters
-    ----------
-    purpose
-        What they are for, in words.
-    design
-        What to set, and what is to be expected.
-    """
+    """Experiments for one purpose, in words, and what is to be expected of them."""
 
     purpose: str
     design: Design
@@ -241,18 +229,9 @@ class Suggestion:
 def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ...]:
     """Return what to measure next for up to three purposes: the law if it is in doubt, all coefficients, the worst one.
 
-    Trials start anywhere in the ranges of states that were visited, with rates, inputs, duration and samples as in the
-    trials that were made, and end where they leave what was visited: nothing is asked of laws beyond.
-
-    Parameters
-    ----------
-    law
-        It knows its noise and how accurate its coefficients are; nothing is suggested for others, and for laws in
-        discrete time.
-    trials
-        What was measured.
-    most
-        Trials that all experiments for a purpose may have together.
+    Trials start in the visited ranges, with rates, inputs, duration and samples as in the given trials, and end where
+    they leave what was visited. All experiments for a purpose have at most `most` trials. Laws without noise or
+    covariance, and laws in discrete time, have no suggestions.
     """
     if not law.has_std or law.order == 0 or not law.support.any():
         return ()

@@ -20,7 +20,7 @@ _MOST_SAMPLES = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """An experiment that can be made: one trial, or one of each object, and its repeats.
+    """An experiment: one trial, or one of each object, and its repeats.
 
     Parameters
     ----------
@@ -30,18 +30,16 @@ class Experiment:
         Of which there is a trial each.
     times
         Of the samples, shape (n,).
-    start
-        States at the first of them, and rates behind them, shape (D,).
-    start_std
-        How far they may be off from that, infinite where only the measurements tell it, shape (D,).
+    start, start_std
+        Initial states and rates, shape (D,), and their standard deviations, infinite where they are estimated.
     inputs
-        From the first sample on, none where the law has none.
+        From the first sample on, if there are any.
     properties
-        Of a new object, none of one that the law knows.
+        Of a new object.
     repeats
         How often every trial is made.
     prices
-        Of a ``trial``, a ``sample``, a unit of any setting that is a number, and a trial of an object by its name.
+        Of a ``trial``, a ``sample``, a unit of any numeric setting, and a trial of an object by its name.
     """
 
     settings: Mapping[str, Value]
@@ -63,9 +61,8 @@ class Experiment:
         prices: Mapping[str, float],
         start_std: Mapping[str, float] | None = None,
     ) -> "Experiment":
-        """Return the experiment with these settings and prices, with every object if it is one of each.
-
-        Of some starts it may be known how far they are off from what is set.
+        """Return the experiment with these settings and prices; initial conditions have the given standard
+        deviations.
         """
         times = _times(settings)
         properties = {name.removeprefix("object."): _number(settings, name) for name in settings if "object." in name}

@@ -21,22 +21,19 @@ _RANK = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Gaussian:
-    """What a hypothesis says of one trial.
+    """What a hypothesis predicts of one trial: a normal distribution of its n measurements.
 
     Parameters
     ----------
     mean
-        Of the n measurements, shape (n,).
-    by_unknowns
-        Derivatives by the unknowns of the coefficients, each standard normal, shape (n, p).
-    by_start
-        Derivatives by what the trial itself has to tell, of which nothing is known beforehand, shape (n, D).
+        Shape (n,).
+    by_unknowns, by_start
+        Derivatives by the standard normal unknowns of the coefficients, shape (n, p), and by free initial values, (n,
+        D).
     noise
         Variances of the white noise, shape (n,).
-    coloured
-        Covariance of all else that is anew in each repeat, shape (n, n); none by default.
-    common
-        Covariance of all else that repeats have in common, shape (n, n); none by default.
+    coloured, common
+        Covariances, shape (n, n), of other errors that are new in each repeat, and that repeats have in common.
     repeats
         How often the trial is made.
     """
@@ -91,10 +88,10 @@ class Gaussian:
 
 
 class Whitened(NamedTuple):
-    """What of measurements does not depend on the start.
+    """Contrasts of measurements that do not depend on the start.
 
-    Contrasts of them whose noise is standard normal, shape (q, n); their derivatives by the unknowns, shape (q, p); and
-    minus twice the logarithm of the density's factor, but for what all hypotheses have in common.
+    Their noise is standard normal, shape (q, n); with derivatives by the unknowns, shape (q, p), and minus twice the
+    logarithm of the density's factor, but for what all hypotheses share.
     """
 
     contrasts: Floats
@@ -104,14 +101,8 @@ class Whitened(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Random numbers that all experiments share, so that they differ in nothing but what they are.
-
-    Parameters
-    ----------
-    unknowns
-        Of each hypothesis, shape (draws, p).
-    noise
-        Shape (draws, at least as many as there are measurements in a trial).
+    """Common random numbers of all experiments: unknowns of each hypothesis, shape (draws, p), and noise, (draws, n
+    or more).
     """
 
     unknowns: tuple[Floats, ...]
@@ -127,16 +118,11 @@ class Draws:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What draws of measurements, made by each of K hypotheses, say of all of them; that of several trials adds up.
+    """Likelihoods of draws, made by each of K hypotheses, under all of them; those of several trials add up.
 
-    Parameters
-    ----------
-    deviance
-        Minus twice the log-density at the hypotheses' own coefficients, shape (K that made them, K, draws).
-    pulls
-        Of each hypothesis the derivative of half of that by its unknowns, with the sign turned, (K, draws, p).
-    information
-        Of each hypothesis about its unknowns, shape (K, draws, p, p), or (1, 1, p, p) if it is the same in all draws.
+    `deviance` is minus twice the log-density at the hypotheses' own coefficients, shape (K that made them, K, draws),
+    `pulls` the gradient of its negative half by the unknowns, (K, draws, p), and `information` that on the unknowns,
+    (K, draws, p, p), or (1, 1, p, p) if it is the same in all draws.
     """
 
     deviance: Floats
@@ -160,14 +146,9 @@ class Evidence:
 
     @classmethod
     def refitted(cls, measured: Sequence[Floats], hypotheses: Sequence[Sequence[Gaussian]]) -> Self:
-        """Return that of one trial, of which each hypothesis says something of its own in each draw.
+        """Return that of one trial, with what each hypothesis predicts of each draw.
 
-        Parameters
-        ----------
-        measured
-            In each draw, those that the first hypothesis made first, shape (n,).
-        hypotheses
-            What each says of each draw.
+        Measurements, shape (n,), are in the order of the hypotheses that made them.
         """
         count = len(hypotheses)
         shape = (count, len(measured) // count)

@@ -23,19 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Forecasts:
-    """What each plausible law forecasts of the first trial of an experiment.
+    """Each plausible law's forecast of the first trial of an experiment, from the initial conditions that are set.
 
-    Parameters
-    ----------
-    times
-        Shape (n,).
-    states
-        Names of those that are measured.
-    means, std
-        The forecasts from the start that is set, and their standard deviations by the errors of coefficients and of
-        measurements, both of shape (laws, n, states).
-    logarithmic
-        States that stand here by their logarithms.
+    Times have shape (n,); means and standard deviations, by the errors of coefficients and measurements, (laws, n,
+    states). States named in `logarithmic` are here by their logarithms.
     """
 
     times: Floats
@@ -70,16 +61,14 @@ class Planned:
 
     Parameters
     ----------
-    experiment
-        What is to be set.
-    text
-        The same in words.
+    experiment, text
+        What is to be set, as a value and in words.
     chance
-        How probable it is that, after it and those before it, the most probable law is the right one.
+        Probability that, after these experiments, the most probable law is the right one.
     bits
-        What all of them tell of what is to be learned.
+        Expected information of all of them about the aim.
     std
-        How far off the number that was asked for may be afterwards, if one was.
+        Expected standard deviation of the quantity that was asked for, if one was.
     forecasts
         Of its first trial.
     """
@@ -94,19 +83,19 @@ class Planned:
 
 @dataclass(frozen=True, eq=False)
 class Design(ShownInNotebooks):
-    """The experiments that would tell most; it prints as text.
+    """The most informative experiments; it prints as text.
 
     Parameters
     ----------
     laws
-        That remain plausible, with their probabilities.
+        The plausible ones, with their probabilities.
     experiments
         Each given those before it.
     repeats
-        How often all of them must be made for the right law to be found with a chance of 0.95; None if 100 times do
-        not do, or if that was not what they are for.
+        How often all must be made for the right law to be found with a chance of 0.95; None if 100 times do not
+        suffice, or the law is not the aim.
     limit
-        The largest chance that one experiment in the ranges gives if it is made 100 times, where repeats are None.
+        The largest chance that one experiment gives if it is made 100 times, where repeats are None.
     aim
         What was to be learned.
     """

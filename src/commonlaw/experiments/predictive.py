@@ -79,16 +79,9 @@ class _Fit:
 def refitted(
     said: Sequence[Gaussian], points: Sequence[Point], measured: Sequence[Floats], linearise: Linearise
 ) -> list[Gaussian]:
-    """Return what a law says of trials, linearised about where it comes nearest to their measurements.
+    """Return what a law predicts of trials, linearized about the best fits to their measurements, each of shape (n,).
 
-    Parameters
-    ----------
-    said, points
-        The same where the fits begin.
-    measured
-        In each of the trials, shape (n,).
-    linearise
-        See `Linearise`.
+    Fits begin at `points`, where the law predicts `said`.
     """
     fits = [_Fit(*each) for each in zip(measured, points, said, strict=True)]
     shares = {i: 1.0 for i, each in enumerate(fits) if not each.is_close}
@@ -122,17 +115,10 @@ _TOLERANCE = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A law that remains plausible, as what is still unknown of its coefficients.
+    """A plausible law with the uncertainty of its coefficients.
 
-    Parameters
-    ----------
-    law
-        It knows its noise and its covariance.
-    objects
-        Those of the law that experiments can be made with.
-    roots
-        Their coefficients in the support of the law are known but for ``roots @ u``, with standard normal unknowns u
-        that all of them have in common: shape (objects, parameters, unknowns).
+    Those of `objects` in the support of the law are known but for ``roots @ u``, with standard normal unknowns u that
+    all of them share: shape (objects, parameters, unknowns).
     """
 
     law: Law
@@ -143,10 +129,7 @@ class Hypothesis:
     def of(cls, law: Law, objects: Sequence[str]) -> "Hypothesis":
         """Return a law with the roots of its covariance, for experiments with these of its objects.
 
-        Raises
-        ------
-        CommonlawError
-            If the law does not know its noise or its covariance, or is one of discrete time.
+        Raises `CommonlawError` if the law has no noise or covariance, or is one of discrete time.
         """
         if law.order == 0:
             raise CommonlawError("discrete-between-samples")
@@ -183,10 +166,7 @@ class Hypothesis:
         ]
 
     def says(self, experiments: Sequence[Experiment], limit: float | None = None) -> list[tuple[Gaussian, ...] | None]:
-        """Return what it says of each experiment's trials; nothing of those in which its forecasts diverge.
-
-        That is when a state becomes larger than a limit, see `simulate`.
-        """
+        """Return predictions of each experiment's trials; None where a state exceeds the limit, see `simulate`."""
         planned = [_planned(self.law, each) for each in experiments]
         trials = [(own, name) for own in planned for name in own.experiment.objects]
         found = iter(self._said(trials, [None] * len(trials), limit))
@@ -194,9 +174,9 @@ class Hypothesis:
         return [tuple(each for each in own if each) if all(own) else None for own in whole]
 
     def makes(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> "Made":
-        """Return what it says of an experiment at unknowns of draws, shape (draws, unknowns).
+        """Return predictions of an experiment at unknowns of draws, shape (draws, unknowns).
 
-        In the experiment it does not diverge; unknowns with which it does are halved until it does not.
+        Unknowns with which the law diverges are halved until it does not.
         """
         own, found = _planned(self.law, experiment), dict[int, tuple[Gaussian, ...]]()
         unknowns = unknowns.copy()
@@ -216,18 +196,10 @@ class Hypothesis:
     def refitted(
         self, experiment: Experiment, begun: "Made", measured: Sequence[Sequence[Floats]], limit: float | None
     ) -> list[tuple[Gaussian, ...]]:
-        """Return what it says of an experiment about where it comes nearest to measurements.
+        """Return predictions of an experiment about the best fits to measurements of each draw in each trial, shape
+        (n,).
 
-        Parameters
-        ----------
-        experiment
-            In which it does not diverge.
-        begun
-            Where fits begin.
-        measured
-            Of each draw in each trial, shape (n,).
-        limit
-            See `says`.
+        The law must not diverge in the experiment; fits begin at `begun`, for `limit` see `says`.
         """
         own, count = _planned(self.law, experiment), len(experiment.objects)
         names = [*experiment.objects] * len(measured)
@@ -382,14 +354,8 @@ def _planned(law: Law, experiment: Experiment) -> _Planned:
 def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: float) -> tuple[Floats, Floats | None]:
     """Return the variances of white noise of d measured states, shape (n d,), and the covariance of all other errors.
 
-    Parameters
-    ----------
-    law
-        Whose errors these are.
-    times, states, by_start
-        Of the trajectory, shapes (n,), (n, D) and (n, D, D).
-    share
-        Of the samples that are looked at: white noise is that of the mean of those that each stands for.
+    The trajectory has times, states and derivatives by the start of shapes (n,), (n, D), (n, D, D); each sample stands
+    for the mean of 1/`share` samples.
     """
     assert law.noise is not None
     errors, measured = law.uncertainty.error_model, ~law.schema.unmeasured

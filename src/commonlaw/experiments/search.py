@@ -47,10 +47,9 @@ linearised about its coefficients, means nothing, and rivals on their way to inf
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An experiment, and what each hypothesis says of its trials: first by hypothesis, then by trial.
+    """An experiment, and what each hypothesis predicts of its trials: first by hypothesis, then by trial.
 
-    What it tells follows from that by lines about the coefficients and the start that is set; or, where it is simulated
-    with so many draws, by laws that are fitted to what each of them would measure.
+    Its information follows by linearization, or, where so many draws are simulated, by refitting all laws.
     """
 
     experiment: Experiment
@@ -74,24 +73,8 @@ Chosen = Sequence[Candidate | None]
 class Search:
     """All that experiments are chosen by.
 
-    Parameters
-    ----------
-    law
-        Whose settings these are.
-    hypotheses
-        That remain plausible.
-    aim
-        What is to be learned.
-    settings
-        What can be set.
-    limits
-        Of states (and rates), where trials end.
-    prices, start_std
-        See `Experiment.of`.
-    seed
-        Of the draws and of the places that are looked at.
-    points
-        How many experiments are looked at all over the ranges, beside their corners.
+    For `settings`, `limits` of states and rates, where trials end, `prices` and `start_std` see `design`. The seed is
+    that of the draws and of the places that are examined, `points` all over the ranges, beside their corners.
     """
 
     law: Law
@@ -107,13 +90,8 @@ class Search:
     def chosen(self, count: int, budget: float, progress: Callable[[str], None]) -> list[Candidate]:
         """Return up to so many experiments within a budget, fewer where the law is settled before.
 
-        One after the other, each given those before it; then each is exchanged for what is worth more beside all
-        others, if it costs no more (Fedorov 1972).
-
-        Raises
-        ------
-        CommonlawError
-            If no experiment is within the budget, or hypotheses diverge in all.
+        Each is chosen given those before it, then exchanged for a better one that costs no more (Fedorov 1972). Raises
+        `CommonlawError` if none is within the budget, or hypotheses diverge in all.
         """
         found: list[Candidate] = []
         for step in range(count):
@@ -151,9 +129,9 @@ class Search:
         return self.candidates(self.settings.spread(self.points, self.seed))
 
     def _best(self, chosen: Chosen, budget: float, first: Candidate | None = None) -> Candidate | None:
-        """Return the experiment within a budget that is worth most in the place that is left among others.
+        """Return the experiment of most information for its cost, beside others and within a budget.
 
-        That is for what it costs; or instead of a first one, whatever it costs up to that.
+        In place of a first one its cost counts only as a limit.
         """
         place = chosen.index(None)
         others = {draws: self.evidence(chosen, draws) for draws in (_FEW_DRAWS, _DRAWS)}

@@ -47,16 +47,9 @@ Options = Range | tuple[Value, ...]
 
 @dataclass(frozen=True)
 class Settings:
-    """All that can be set, and in which ranges or lists; a point in the unit cube is one choice of all.
+    """All that can be set, in ranges or lists; a point in the unit cube is one choice of all.
 
-    Parameters
-    ----------
-    objects
-        That can be chosen from; the first `MOST_OBJECTS` of them, evenly spread, if there are more.
-    options
-        By name: ``x`` and ``v`` for where a trial starts, ``duration``, ``rate`` or ``samples`` or ``times``,
-        ``repeats``, ``object``, ``object.mass`` for properties of a new object, ``u``, ``u.shape`` and ``u.period`` for
-        inputs, and ``u``, ``u.at`` and ``u.every`` for doses.
+    Of more than `MOST_OBJECTS` objects so many are taken, evenly spread. For the names of options see `design`.
     """
 
     objects: tuple[str, ...]
@@ -64,21 +57,10 @@ class Settings:
 
     @classmethod
     def of(cls, law: Law, vary: Mapping[str, object], usual: Mapping[str, Options]) -> "Settings":
-        """Return the settings of experiments that a law can say something of.
+        """Return the settings of experiments with a law, from options as users write them, see `read`, and defaults for
+        others.
 
-        Parameters
-        ----------
-        law
-            Whose states, rates, inputs and objects can be set.
-        vary
-            As given: text (``"5..60"``, ``"1, 2, 5"``), a pair as a range, a list of values, or one value.
-        usual
-            What holds of settings that are not given.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no such setting, a value cannot be read, or something that an experiment needs is not given.
+        Raises `CommonlawError` if a setting is unknown, cannot be read, or is missing.
         """
         given = {name: read(name, value) for name, value in vary.items()}
         for name in given:

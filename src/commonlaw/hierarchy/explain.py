@@ -47,11 +47,11 @@ _MOST_PROPERTIES, _MOST_SLOPES, _NEXT = 3, 2, 0.5
 
 @dataclass(frozen=True, eq=False)
 class RelationChoice:
-    """A relation of one coefficient, and the model that follows from it.
+    """A relation of one coefficient, with the model that follows from it; properties are indices in the table.
 
-    Properties are given by their indices in the table. The `score` is the logarithm of prior times evidence, but for
-    what all relations have in common; `gain` is by how much its kind is ahead of each object's own coefficients, and
-    `log_price` how much of its score is not the evidence of its model: prior, and scatters that were as possible.
+    `score` is the logarithm of prior times evidence, but for what all relations share; `gain` its lead over
+    object-specific coefficients, and `log_price` the part of the score that is not the evidence of its model: prior,
+    and possible scatters.
     """
 
     kind: RelationKind
@@ -75,18 +75,8 @@ class RelationChoice:
 class RelationComparison:
     """All relations of one coefficient, given the models of the others.
 
-    Parameters
-    ----------
-    measured
-        The estimates.
-    deviations
-        Standard errors of its points, as the estimates and the other models tell them, shape (objects,).
-    models
-        Of all coefficients; its own is not heeded.
-    index
-        Which it is.
-    properties
-        Numbers that differ between objects.
+    `deviations` are standard errors of its points, as estimates and other models give them, shape (objects,); its own
+    model among `models` is ignored, and `properties` are those that differ between objects.
     """
 
     measured: Estimates
@@ -244,19 +234,19 @@ _FREE = 1e2
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """The relations of all coefficients, and what the objects' coefficients are by them.
+    """The relations of all coefficients, and the coefficients that follow for each object.
 
     Parameters
     ----------
     relations
         One for each coefficient.
     factor_covariance
-        Of the factors of all relations together, in their order, shape (factors, factors).
+        Of the factors of all relations, in their order, shape (factors, factors).
     estimates, covariances
         Of the objects' coefficients, shapes (objects, k) and (objects, k, k).
     shared_factors
-        What errors have in common through the factors: the covariance of the estimates of two objects is the product of
-        one's matrix with the other's transposed. Shape (objects, k, factors).
+        Shape (objects, k, factors): one object's matrix times another's transposed is the covariance of their
+        estimates.
     """
 
     relations: tuple[Relation, ...]
@@ -267,22 +257,20 @@ class Explained:
 
 
 def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -> Explained:
-    """Find the relations of coefficients to their objects by evidence, and what follows from them.
+    """Select the relations of coefficients to properties of objects by evidence.
 
-    Each object's coefficients are ``C f(properties)``, the same function for all, times e to a scatter that is normal
-    over objects (or plus a scatter, where signs are not sure); they were estimated with normal errors of known
-    covariance. Factors are integrated out in closed form, scatters on a grid; what remains, times the prior, compares
-    relations, see `RelationComparison`. Those of different coefficients depend on each other through the errors of the
-    estimates: the one that is surest is chosen first, then the others, and all again until none changes.
+    Coefficients are ``C f(properties)``, with the same f for all objects, times the exponential of a scatter that is
+    normal over objects (plus a scatter where signs are not sure), and estimated with normal errors of known covariance.
+    Factors are integrated out in closed form, scatters on a grid; evidence times prior compares relations. Relations of
+    different coefficients depend on each other through the errors: the surest is chosen first, then the others, until
+    none changes.
 
     Parameters
     ----------
-    estimates
-        Each object's own, shape (objects, k), without regard to the others.
-    covariances
-        Of their errors, shape (objects, k, k).
+    estimates, covariances
+        Object-specific estimates, shape (objects, k), and their covariances, shape (objects, k, k).
     properties
-        Numbers that the objects carry.
+        Of the objects.
 
     Raises
     ------
@@ -358,9 +346,8 @@ def _score(own: Estimates, choices: Sequence[RelationChoice]) -> float:
 
 
 def _pointed(own: Estimates, models: Sequence[CoefficientModel]) -> tuple[Estimates, Floats]:
-    """Return the estimates with logarithms about what they and the models of the other coefficients say of each.
-
-    Beside them the standard errors of those points, shape (objects, k).
+    """Return estimates linearized about what they and the other coefficients' models give, with standard errors,
+    (objects, k).
     """
     objects, size = own.estimates.shape
     points, variances = np.empty((2, objects, size))

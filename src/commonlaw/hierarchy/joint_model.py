@@ -17,20 +17,11 @@ _LOG_TWO_PI = float(np.log(2 * np.pi))
 
 @dataclass(frozen=True, eq=False)
 class CoefficientModel:
-    """How one coefficient of all objects comes about; or how it does in each of several models, along a first axis.
+    """The model of one coefficient of all objects; or several models, along a first axis.
 
-    Parameters
-    ----------
-    columns
-        What its factors are multiplied with, shape (objects, factors).
-    offsets
-        What is added, shape (objects,).
-    variances
-        Of the scatter, shape (objects,).
-    in_logs
-        Whether this is the logarithm of the coefficient.
-    precision
-        Of the factors before anything is measured, shape (factors,); zero where any value is as probable.
+    `columns` multiply the factors, shape (objects, factors), `offsets` are added and `variances` are those of the
+    scatter, both of shape (objects,). The prior precision of the factors, shape (factors,), is zero where it is flat.
+    `in_logs` says whether the logarithm of the coefficient is modelled.
     """
 
     columns: Floats
@@ -41,9 +32,10 @@ class CoefficientModel:
 
     @classmethod
     def powers(cls, logs: Floats, variances: Floats, in_logs: bool) -> "CoefficientModel":
-        """Return that of a factor times what these are the logarithms of, shape (models, objects), with scatter.
+        """Return the model of a factor times the exponential of these logarithms, shape (models, objects), with
+        scatter.
 
-        The variances, of logarithms or in proportion to the power law, broadcast to that shape.
+        Variances, of logarithms or relative to the power law, broadcast to that shape.
         """
         if in_logs:
             return cls(np.ones((1, logs.shape[1], 1)), logs, np.asarray(variances), True, np.zeros(1))
@@ -75,9 +67,8 @@ class CoefficientModel:
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Estimates of all coefficients, shape (objects, k), and their errors' covariances, shape (objects, k, k).
-
-    Logarithms are linear about `points`, shape (objects, k).
+    """Estimates of all coefficients, shape (objects, k), and covariances, (objects, k, k); logarithms are linear
+    about `points`.
     """
 
     estimates: Floats
@@ -98,16 +89,8 @@ class Estimates:
 class JointModel:
     """The model of all coefficients, or of all but one, which then has no factor and no scatter here.
 
-    Parameters
-    ----------
-    residuals
-        Estimates less offsets, shape (objects, k).
-    errors
-        Covariances of the estimates' errors, shape (objects, k, k).
-    variances
-        Of the scatter, shape (objects, k).
-    design
-        Derivatives of the coefficients by the factors, shape (objects, k, factors).
+    `residuals` are estimates less offsets, shape (objects, k), `errors` their covariances, `variances` those of the
+    scatter, shape (objects, k), and `design` the derivatives of coefficients by factors, shape (objects, k, factors).
     """
 
     residuals: Floats
@@ -153,10 +136,7 @@ class JointModel:
         return float(constant + sizes - squares) / 2
 
     def without(self, index: int) -> tuple[Floats, Floats]:
-        """Return what estimates and other coefficients' models say of one that is left out, and its variances.
-
-        Both have the shape (objects,).
-        """
+        """Return the conditional mean of a coefficient that is left out, and its variance, both of shape (objects,)."""
         others = [k for k in range(self.residuals.shape[1]) if k != index]
         total = self.errors + self.variances[:, np.newaxis] * np.eye(self.residuals.shape[1])
         if not others:
@@ -176,18 +156,10 @@ class JointModel:
 
 
 def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> tuple[Floats, Floats]:
-    """Return the logarithm of the evidence of several models of one coefficient, but for what all have in common.
+    """Return the log-evidence of several models of one coefficient, but for a constant, factors being integrated out.
 
-    The factors are integrated out. Beside it their best values, shape (models, factors).
-
-    Parameters
-    ----------
-    others
-        The model of all other coefficients.
-    index
-        The one that is left out there.
-    tried
-        Its models, along a first axis that may be of length 1 where they are alike.
+    With it the best factors, shape (models, factors). `others` models all but the coefficient at `index`; the first
+    axis of `tried` may be of length 1 where models are equal.
     """
     precisions, design = others.precisions, others.design
     own, known = precisions[:, :, index], others.residuals.copy()

@@ -60,14 +60,8 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True, eq=False)
 class RandomEffects:
-    """Estimates of the coefficients of several objects, and how accurate they are.
-
-    Parameters
-    ----------
-    estimates
-        Each object's own, shape (objects, k).
-    information
-        Inverse covariances of their errors, shape (objects, k, k).
+    """Object-specific estimates of coefficients, shape (objects, k), and the information on them, shape (objects, k,
+    k).
     """
 
     estimates: Floats
@@ -90,10 +84,10 @@ class RandomEffects:
         return Marginal(added, total, means, each.sum(axis=1))
 
     def deviances(self, variances: Floats, parameter: int, tried: Floats) -> Floats:
-        """Return the deviance of the `marginal` with each variance of one parameter that is tried, shape (models,).
+        """Return the deviance of the `marginal` with each trial variance of one parameter, shape (models,).
 
-        By that variance t the precision of an estimate is Q + v v' / (p + t p^2), with v the parameter's column of the
-        precision at t = 0, p what it has on the diagonal, and Q the Schur complement: one solution serves all of them.
+        With that variance t the precision of an estimate is Q + v v' / (p + t p^2), where v is the parameter's column
+        of the precision at t = 0, p its diagonal element, and Q the Schur complement: one solution serves all t.
         """
         size = self.estimates.shape[1]
         others = np.where(np.arange(size) == parameter, 0.0, variances)
@@ -124,10 +118,9 @@ class RandomEffects:
 class Marginal:
     """The distribution of all objects' estimates together, for several sets of variances over objects.
 
-    With the information A on each object and the variances T, I + A T is `added`, shape (models, objects, k, k). The
-    information on the means over objects is `total`, shape (models, k, k); these `means`, shape (models, k), are by
-    generalised least squares. The `deviance` is minus twice the log-likelihood, beyond what it is where each object's
-    mean is its own estimate, shape (models,).
+    With the information A on each object and variances T, `added` is I + A T, shape (models, objects, k, k); `total` is
+    the information on the means over objects, shape (models, k, k), and `means`, shape (models, k), are by generalized
+    least squares. `deviance`, shape (models,), is minus twice the log-likelihood above that of object-specific means.
     """
 
     added: Floats
@@ -144,13 +137,8 @@ class Marginal:
 def marginal_deviance(effects: RandomEffects, common: int = 0) -> float:
     """Return minus twice the log marginal likelihood at the best means and variances over objects.
 
-    It counts from where each object's mean is its own estimate, so that it is what the coefficients cost; nothing for a
-    single object. The last coefficients may be common to all objects: so many do not scatter.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the objects' information together is singular.
+    It counts from object-specific means, so that it is the penalty of the coefficients; zero for a single object. The
+    last `common` coefficients do not scatter. Raises `numpy.linalg.LinAlgError` if the total information is singular.
     """
     if len(effects.estimates) == 1:
         return 0.0
@@ -169,19 +157,17 @@ def marginal_deviance(effects: RandomEffects, common: int = 0) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Shrinkage:
-    """Coefficients drawn to their means over objects.
+    """Coefficients shrunk to their means over objects.
 
     Parameters
     ----------
-    estimates
-        Shape (objects, parameters).
-    covariances
-        Shape (objects, parameters, parameters).
+    estimates, covariances
+        Shapes (objects, parameters) and (objects, parameters, parameters).
     shared_factors
-        What errors have in common through the means: the covariance of the estimates of two objects is the product of
-        one's matrix with the other's transposed. Shape (objects, parameters, parameters).
+        Shape (objects, parameters, parameters): one object's matrix times another's transposed is the covariance of
+        their estimates, through the means.
     shrinkage
-        How far, from 0 (each object's own) to 1 (all alike), mean over objects, shape (parameters,).
+        From 0 (object-specific) to 1 (equal), mean over objects, shape (parameters,).
     """
 
     estimates: Floats

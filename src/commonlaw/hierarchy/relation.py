@@ -91,31 +91,26 @@ class RelationKind(StrEnum):
 
 @dataclass(frozen=True)
 class Relation:
-    """What one coefficient is for every object.
+    """The model of one coefficient over objects.
 
     Parameters
     ----------
     kind
-        What decides it.
-    factors
-        The factor C of ``C p^a q^b``, the universal or the typical value; or for an affine function the constant and
-        what each property is multiplied with.
-    errors
-        Their standard errors.
-    properties
-        Those that it follows.
-    exponents
-        Theirs, in a power law.
+        What the coefficient depends on.
+    factors, errors
+        The factor C of ``C p^a q^b``, the shared or the typical value, or constant and slopes of an affine function;
+        and their standard errors.
+    properties, exponents
+        Those that it depends on, and in a power law their exponents.
     scatter, scatter_error
-        How far objects stray from that, and the standard error of this number: the standard deviation of the
-        coefficient's logarithm, or if the scatter is not relative, of the coefficient itself (in a power law at the
-        typical object, elsewhere in proportion).
+        Standard deviation over objects of the coefficient's logarithm, or if the scatter is not relative, of the
+        coefficient itself (in a power law at the typical object, elsewhere in proportion), and its standard error.
     relative
         Whether the scatter is that of the logarithm.
     probability
-        How probable this relation is among all that were compared.
+        Posterior probability among the relations that were compared.
     typical
-        Product of the powers of the properties at the typical object, the geometric mean: 1 without any.
+        Product of the powers of the properties at their geometric means: 1 without any.
     """
 
     kind: RelationKind
@@ -130,9 +125,8 @@ class Relation:
     typical: float = 1.0
 
     def columns(self, values: Floats) -> Floats:
-        """Return what the factors are multiplied with, shape (objects, factors), by the properties of objects.
-
-        Their values have the shape (objects, properties), in the order of `properties`.
+        """Return the regressors of the factors, shape (objects, factors), from values of `properties`, shape
+        (objects, properties).
         """
         ones = np.ones((len(values), 1))
         if self.kind is RelationKind.AFFINE:
@@ -152,14 +146,8 @@ _SAME = 1e-9
 class Dimensions:
     """Exponents of base dimensions (length, time, mass, ...), as far as they are known.
 
-    Parameters
-    ----------
-    coefficients
-        Of each coefficient, shape (dimensions,), or None where they are not known.
-    properties
-        Of properties by name.
-    constants
-        Of constants of nature and matter, shape (constants, dimensions).
+    Of each coefficient, shape (dimensions,) or None, of properties by name, and of physical constants, shape
+    (constants, dimensions).
     """
 
     coefficients: Sequence[Floats | None]

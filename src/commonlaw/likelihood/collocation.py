@@ -22,8 +22,8 @@ from commonlaw.likelihood.observation_model import LatentSteps
 class Jacobians:
     """Defects of all steps, shape (n - 1, D), and their derivatives, zero between segments.
 
-    These are with respect to the states at the `start` and at the `end` of the step, shape (n - 1, D, D), and to the
-    field's parameters, the `coefficients`, shape (n - 1, D, parameters).
+    By the states at the `start` and the `end` of the step, shape (n - 1, D, D), and by the field's parameters, (n - 1,
+    D, parameters).
     """
 
     defects: Floats
@@ -33,9 +33,8 @@ class Jacobians:
 
 
 def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Floats:
-    """Return the defects of all steps, shape (n - 1, D); states are those of the field, of shape (n, D).
-
-    Those of latent processes, if there are any, follow, as their values follow the states.
+    """Return the defects of all steps, shape (n - 1, D), from states of shape (n, D), then those of latent
+    processes.
     """
     own, hidden = np.split(states, [field.width], axis=1)
     forces = _forces(field, hidden, latent)
@@ -73,10 +72,7 @@ def jacobians(field: VectorField, mesh: Mesh, states: Floats, latent: LatentStep
 
 
 def _with_latent(law: Jacobians, hidden: Floats, latent: LatentSteps, by_forces: Floats) -> Jacobians:
-    """Return the Jacobians of a law followed by those of latent processes.
-
-    Derivatives of the law's defects by the forces at both ends of a step have shape (2, n - 1, D, d).
-    """
+    """Return the Jacobians of a law and of latent processes; derivatives by the forces have shape (2, n - 1, D, d)."""
     steps, width, parameters = law.coefficients.shape
     wide, ends = width + hidden.shape[1], []
     for own, matrices, forces in ((law.start, latent.start, by_forces[0]), (law.end, latent.end, by_forces[1])):
@@ -115,9 +111,8 @@ def _at_ends(mesh: Mesh, states: Floats) -> Floats:
 
 
 def _at_middles(mesh: Mesh, states: Floats, first: Floats, last: Floats) -> Floats:
-    """Return the values of the variables in the middle of the steps, shape (n - 1, variables).
-
-    At their two ends derivatives have shape (n - 1, D).
+    """Return the variables in the middle of the steps, shape (n - 1, variables), from derivatives at both ends, (n -
+    1, D).
     """
     middles = (states[:-1] + states[1:]) / 2 + mesh.steps[:, np.newaxis] / 8 * (first - last)
     inputs = (mesh.inputs[:-1] + mesh.inputs[1:]) / 2 if mesh.middle is None else mesh.middle

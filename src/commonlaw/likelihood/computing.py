@@ -28,20 +28,10 @@ _STEPS = 12
 def fit(
     model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = _STEPS
 ) -> Estimate:
-    """Return the estimate of largest likelihood, by Gauss-Newton steps, one model error after the other.
+    """Return the maximum-likelihood estimate by Gauss-Newton steps, one model error after the other.
 
-    Parameters
-    ----------
-    model
-        Of one object.
-    start
-        Where to begin.
-    support
-        The coefficients that are free, shape (equations, terms); the others stay.
-    model_errors
-        Standard deviations of the model error in each step, relative to the noise, from large to small.
-    steps
-        At most so many for each model error.
+    Free coefficients are those of `support`, shape (equations, terms). Model errors are standard deviations in each
+    step, relative to the noise, from large to small; each has at most so many steps.
     """
     return _fit_each([model], [start], support, model_errors, steps)[0]
 
@@ -49,23 +39,10 @@ def fit(
 def linearize(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
 ) -> Linearization:
-    """Return the likelihood about an estimate.
+    """Return the likelihood about an estimate, at a model error relative to the noise.
 
-    Parameters
-    ----------
-    model
-        Of one object.
-    estimate
-        About which the law is linearised.
-    model_error
-        Standard deviation of the model error in each step, relative to the noise.
-    columns
-        Which coefficients are columns, shape (equations, terms); the others stay as they are. Default: all.
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
+    Only coefficients in `columns`, shape (equations, terms), become columns; default: all. Raises `NotPositiveError` if
+    numbers are not finite, or too far apart.
     """
     return _linearize_each([model], [estimate], model_error, columns)[0]
 
@@ -94,11 +71,6 @@ def whitened(
     """Return the rows of each mesh, see `linearize`, from first to last sample, and its log-determinant.
 
     The targets are the innovations of the states: what each sample adds to those before it.
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
     """
     compiled = _compiled([model])
     if compiled is None:
@@ -154,44 +126,18 @@ def _compiled(models: Sequence[TrajectoryModel]) -> tuple[CDLL, list[Packed]] | 
 
 @dataclass(frozen=True, eq=False)
 class AboutEstimates:
-    """Several objects, and the estimates about which they are linearised.
-
-    Parameters
-    ----------
-    models
-        One for each object, with latent processes of the kind that is asked for.
-    estimates
-        One for each object.
-    columns
-        Which coefficients are columns, shape (equations, terms), see `linearize`.
-    """
+    """Several objects, and the estimates about which they are linearized, with columns as in `linearize`."""
 
     models: Sequence[TrajectoryModel]
     estimates: Sequence[Estimate]
     columns: Bools
 
     def linearize(self, std: Floats, latent: LatentProcesses, model_error: float) -> tuple[Floats, float]:
-        """Return the likelihood at levels of errors, see `linearize`.
+        """Return the likelihood at levels of errors: triangular factors, (objects, columns + 1, columns + 1), and
+        log-determinant.
 
-        Parameters
-        ----------
-        std
-            Standard deviations of the white noise at all points of all meshes, one behind the other, shape (points, d).
-        latent
-            The levels of latent processes.
-        model_error
-            Standard deviation of the model error in each step, relative to the models' units.
-
-        Returns
-        -------
-        tuple
-            The triangular factor of each object's problem, shape (objects, columns + 1, columns + 1), and the sum of
-            the log-determinants.
-
-        Raises
-        ------
-        NotPositiveError
-            If numbers are not finite, or too far apart.
+        The standard deviations of white noise have shape (points, d), over all meshes; the model error is relative to
+        the models' units. Raises `NotPositiveError` if numbers are not finite, or too far apart.
         """
         library = kernel()
         if library is not None and self._together is not None:

@@ -31,10 +31,10 @@ class NotPositiveError(CommonlawError, ArithmeticError):
 class SchurComplement:
     """The normal equations of one mesh after the states were eliminated.
 
-    The `information` is on the coefficients, shape (parameters, parameters); the `gradient` is half that of twice the
-    negative log-likelihood by them, with the states following. Where the coefficients stay, the states move by
-    `state_step`, shape (n, D); their derivative as they follow the coefficients is `state_sensitivity`, shape
-    (n, D, parameters). The `factor` is the banded one of the states' matrix, upper, in LAPACK's layout.
+    `information` on the coefficients has shape (parameters, parameters); `gradient` is half that of the objective by
+    them, the states following. At fixed coefficients states move by `state_step`, shape (n, D), and
+    `state_sensitivity`, shape (n, D, parameters), is their derivative by the coefficients. `factor` is the banded
+    factor of the states, in LAPACK's layout.
     """
 
     information: Floats
@@ -69,14 +69,9 @@ def eliminate_states(
 ) -> SchurComplement:
     """Return the normal equations of one mesh without the states.
 
-    The precision of each defect has shape (n - 1, D), that of each measurement, its weight, shape (n, d); residuals are
-    measured less sought values, shape (n, d), anything where the weight is zero. What is measured of the states has
-    shape (d, D). The last states may be anchored at zero: with precisions, and values so far, both of shape (n, w).
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
+    Precisions of defects have shape (n - 1, D), weights of measurements (n, d), zero where there are none; `measured`,
+    shape (d, D), maps states to measurements. The last states may be anchored at zero: precisions and values of shape
+    (n, w). Raises `NotPositiveError` if numbers are not finite, or too far apart.
     """
     from scipy.linalg import cho_solve_banded
 
@@ -120,9 +115,8 @@ def eliminate_states(
 
 
 def _bands(linear: Jacobians, precision: Floats, diagonal: Floats) -> Floats:
-    """Return the matrix of the states by its upper bands, in LAPACK's layout, shape (2 D, n D).
-
-    To the blocks on its diagonal, shape (n, D, D), what the defects say is added.
+    """Return the upper bands of the states' matrix, in LAPACK's layout, shape (2 D, n D): diagonal blocks, then
+    defects.
     """
     points, width = diagonal.shape[:2]
     start = linear.start.transpose(0, 2, 1) * precision[:, np.newaxis]
@@ -168,23 +162,23 @@ class Prior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryModel:
-    """How the measured trajectories of one object come about, if its law holds up to a model error.
+    """The statistical model of one object's measured trajectories, with a law that holds up to a model error.
 
     Parameters
     ----------
     terms
         Over the states z: x of a law of first order, (x, x') of one of second order; inputs and time.
     meshes
-        Where states are sought, and what was measured.
+        Points of the states, with the measurements.
     observation
-        What measurements are worth.
+        The noise of the measurements.
     unit
-        The unit of the model error in each state, shape (D,): the noise of the measured states, and what corresponds to
-        it for their rates.
+        The unit of the model error in each state, shape (D,): the noise of measured states, and its equivalent for
+        rates.
     latent
-        Processes beside the states, whose values follow those of the states in estimates: shape (n, D + w).
+        Latent processes, whose values follow those of the states in estimates: shape (n, D + w).
     prior
-        What coefficients are beforehand, if it is not that any value is as likely.
+        Of the coefficients, if it is not flat.
     """
 
     terms: Terms
@@ -250,18 +244,10 @@ class TrajectoryModel:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """States and coefficients of one object.
+    """States of each mesh, shape (n, D), and coefficients, shape (equations, terms), of one object.
 
-    Parameters
-    ----------
-    states
-        For each mesh, shape (n, D).
-    coefficients
-        Shape (equations, terms).
-    deviance
-        Twice the negative log-likelihood of the measurements, but for a constant.
-    objective
-        The same with the squared defects; infinite if the coefficients cannot be evaluated.
+    `deviance` is twice the negative log-likelihood of the measurements, but for a constant; `objective` adds the
+    squared defects, and is infinite if the coefficients cannot be evaluated.
     """
 
     states: tuple[Floats, ...]
@@ -308,13 +294,7 @@ def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -
 def without_states(
     model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float
 ) -> list[SchurComplement]:
-    """Return the normal equations of each mesh about an estimate after the states were eliminated.
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
-    """
+    """Return the normal equations of each mesh about an estimate with the states eliminated, see `eliminate_states`."""
     parts, field = [], model.field(estimate.coefficients, support)
     with np.errstate(all="ignore"):
         for mesh, states, latent in model.parts(estimate):
@@ -359,11 +339,7 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
 
 
 def least_norm(matrix: Floats, right: Floats) -> Floats:
-    """Return the solution of least norm of a symmetric system whose diagonal is ones.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If numbers are not finite.
+    """Return the solution of least norm of a symmetric system with a diagonal of ones; a `LinAlgError` if it is not
+    finite.
     """
     return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-13)[0])

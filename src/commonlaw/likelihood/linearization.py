@@ -21,13 +21,9 @@ _FEWEST_DIGITS = 1e-10
 class Regression:
     """Least squares of one object's coefficients, with the initial states of all segments eliminated.
 
-    Parameters
-    ----------
-    factor
-        Triangular, of coefficients and residuals, which have unit variance, shape (p + 1, p + 1).
-    leverage
-        The trace of the hat matrix over the measurements of each state, shape (d,): how many of the initial states and
-        coefficients they determine. States that are the same throughout a segment do not count.
+    `factor` is triangular, of coefficients and residuals of unit variance, shape (p + 1, p + 1). `leverage`, shape
+    (d,), is the trace of the hat matrix over the measurements of each state, but for states that are constant in a
+    segment.
     """
 
     factor: Floats
@@ -35,9 +31,9 @@ class Regression:
 
     @classmethod
     def of(cls, model: TrajectoryModel, estimate: Estimate, free: Bools) -> "Regression | None":
-        """Return the regression about an estimate, by the coefficients that are free, shape (equations, terms).
+        """Return the regression about an estimate by the free coefficients, shape (equations, terms).
 
-        Nothing if some initial states cannot be told from what is measured, or the law forgets them.
+        None if initial states are not identifiable, or the law forgets them.
         """
         d, width, size = model.equations, model.width, int(free.sum())
         parts, states, leverage = list[Floats](), list[Indices](), np.zeros(d + 1)
@@ -111,10 +107,8 @@ class Linearization:
     """The likelihood of one object's trajectories about an estimate.
 
     Columns of the problem are all terms of the first equation, then of the second, and so on; it has one target, and
-    residuals of unit variance. The logarithm of the determinant of the covariance that was removed, less twice that of
-    the change from states to defects, added to the squared residuals, makes twice the negative log-likelihood of all
-    that was measured at the ends of steps, but for a constant, so that noise, model errors and estimates can be
-    compared.
+    residuals of unit variance. Squared residuals plus the log-determinant of the covariance that was removed, less
+    twice that of the change from states to defects, are twice the negative log-likelihood, but for a constant.
     """
 
     problem: LeastSquaresProblem
@@ -146,10 +140,9 @@ def whitened(
 def whitened_from_starts(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools
 ) -> tuple[list[Floats], float]:
-    """Return the rows of each segment with changes of its start as columns, and the log-determinant of all.
+    """Return the rows of each segment, [start | library | target], with the log-determinant of all.
 
-    Rows are those of `whitened`, [start | library | target] with as many columns of the start as there are states, and
-    what was measured at the start itself. There are no latent processes.
+    Columns of the start are as many as states; rows are those of `whitened`, and the measurements at the start.
     """
     found, total = list[Floats](), 0.0
     for part in model.parts(estimate):
@@ -181,7 +174,7 @@ def _whitened(
 ) -> tuple[Floats, float]:
     """Return rows [library of all equations | target] of unit covariance, and the log-determinant of theirs before.
 
-    From starts there are columns of these before, by how much they change; nothing measured there counts.
+    From starts, columns of the changes there come first, and measurements there do not count.
     """
     from scipy.linalg import lapack
 
@@ -219,11 +212,10 @@ def _whitened(
 
 
 def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tuple[Floats, Floats]:
-    """Return columns that are orthogonal for each equation, and the matrix that gives the library of them.
+    """Return columns orthogonal for each equation, and the matrix that gives the library of them.
 
-    The library has the free coefficients of one equation after the other as columns, and a row for each defect. In
-    units of the states' noise, so that no state counts more than another, those of different equations are far from
-    alike, as each moves its own state most.
+    The library has the free coefficients of one equation after the other as columns, and a row a defect. In units of
+    the states' noise those of different equations are nearly orthogonal, as each moves its own state most.
     """
     counts, units = free.sum(axis=1), np.append(model.unit, np.ones(model.latent.width))
     units = np.where(units > 0, units, 1.0)
@@ -239,9 +231,8 @@ def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tupl
 
 
 def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
-    """Return columns that are orthogonal, and their upper triangle.
-
-    By the triangle of their products where digits are left of what columns differ in, which takes a third of the time.
+    """Return orthogonal columns and their triangle, by Cholesky factorization where enough digits are left: three
+    times as fast.
     """
     from scipy.linalg import blas, lapack
 
@@ -256,11 +247,11 @@ def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
 def _measured(
     model: TrajectoryModel, mesh: Mesh, states: Floats, latent: LatentSteps | None
 ) -> tuple[Floats, Floats, float]:
-    """Return what measurements say of each point: covariances, centres, and what nobody measured says besides.
+    """Return the measurements at each point: covariances (n, D + w, D + w), centres less the estimate (n, D + w), a
+    constant.
 
-    The covariance of states and latent processes at every point has shape (n, D + w, D + w), their centre less the
-    estimate shape (n, D + w). What was not measured has a variance that says next to nothing, and the sum of the
-    logarithms of these, at the ends of all steps, is no part of the likelihood.
+    Unmeasured quantities have vague variances, whose log-sum at the ends of all steps, the constant, is not part of the
+    likelihood.
     """
     equations, width = model.equations, model.width
     residuals = model.residuals(mesh, states)

@@ -31,21 +31,21 @@ class Mesh:
     times
         Shape (n,), increasing within a segment.
     measured
-        States as measured, shape (n, d); NaN where they were not.
+        Shape (n, d); NaN where states were not measured.
     inputs
-        Inputs at the points, and if they jump there after that, shape (n, inputs).
+        Shape (n, inputs); after jumps.
     contiguous
         Whether a point and the next one belong to one segment, shape (n - 1,).
     scale
-        Standard deviations of the measurements relative to the noise of their states, shape (n, d).
+        Standard deviations of measurements relative to the noise of their states, shape (n, d).
     noise
-        Standard deviations that were given of single measurements, shape (n, d), NaN for others.
+        Given standard deviations of single measurements, shape (n, d), NaN for others.
     averaging
-        By what the noise of each measurement is lower, as it is the mean of several, see `Trial.averaging`.
+        Factor by which averaging lowers the noise of each measurement, see `Trial.averaging`.
     middle
-        Inputs in the middle between each point and the next one, shape (n - 1, inputs); without them on straight lines.
+        Inputs in the middle of each step, shape (n - 1, inputs); default: linear interpolation.
     held
-        Whether inputs keep their values from each point to the next.
+        Whether inputs are held from each point to the next (zero-order hold).
     """
 
     times: Floats
@@ -101,9 +101,8 @@ class Mesh:
         return len(self.times)
 
     def degrees_of_freedom(self, order: Order) -> int:
-        """Return how many measurements there are beyond those that initial states of a law of this order fit.
-
-        States that are the same throughout a segment do not count.
+        """Return the number of measurements less that of initial states; states that are constant in a segment do
+        not count.
         """
         return int(np.sum(np.maximum(self.moving - np.array(order), 0)))
 
@@ -144,9 +143,8 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Arrays of a mesh, one number behind the other, in this order, and where points are contiguous, as bytes.
-
-    Times, those in the middle, steps, relative steps, what was measured, inputs, inputs in the middle.
+    """Times, mid-times, steps, relative steps, measurements, inputs and mid-inputs of a mesh as one array;
+    contiguity as bytes.
     """
 
     arrays: tuple[Floats, ...]
@@ -165,18 +163,10 @@ def joined(parts: Sequence[Mesh]) -> Mesh:
 def meshes(
     trials: Sequence[Trial], points: int = 1, most: int = LONGEST_MESH, input_between: str = "linear"
 ) -> list[Mesh]:
-    """Return the meshes of an object's trials.
+    """Return the meshes of an object's trials, none of them with fewer than two samples.
 
-    Parameters
-    ----------
-    trials
-        Of one object, none of them with fewer than two samples.
-    points
-        Points for each step from sample to sample: 1 for the samples alone, 2 for one more between any two, ...
-    most
-        Samples of a mesh; longer trials are cut into segments.
-    input_between
-        The interpolation of inputs between samples, see `Inputs`.
+    A step from sample to sample has so many points; trials with more than `most` samples are cut into segments. For the
+    interpolation of inputs see `Inputs`.
     """
     return [
         _mesh([(trials[i], segment) for i, segment in group], points, input_between)
@@ -185,9 +175,8 @@ def meshes(
 
 
 def interpolate(values: Sequence[Floats], points: int = 1, most: int = LONGEST_MESH) -> list[Floats]:
-    """Return values at the samples of trials, each of shape (samples, columns), on the meshes of these trials.
-
-    Between samples they lie on straight lines.
+    """Return values at the samples of trials, each of shape (samples, columns), on their meshes, linear between
+    samples.
     """
     groups = _groups([len(each) for each in values], most)
     return [np.concatenate([_between(values[i][segment], points) for i, segment in group]) for group in groups]

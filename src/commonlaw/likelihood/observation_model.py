@@ -14,10 +14,10 @@ from commonlaw.likelihood.mesh import Mesh
 class LatentSteps:
     """The processes along one mesh, in units of what each step adds.
 
-    With their values at two points, shape (w,), ``start @ before + end @ after`` is standard normal; both have shape
-    (n - 1, w, w), zero between segments. At the first point of each segment the values are independent with the
-    precision `anchors`, shape (n, w), which is zero elsewhere; their stationary standard deviations have shape (w,).
-    Columns with forces begin at `force`, if there are any.
+    With the values at two points, shape (w,), ``start @ before + end @ after`` is standard normal; both have shape (n -
+    1, w, w), zero between segments. At first points values are independent with precisions `anchors`, shape (n, w),
+    zero elsewhere, and stationary standard deviations of shape (w,). Columns of forces begin at `force`, if there are
+    any.
     """
 
     start: Floats
@@ -29,20 +29,17 @@ class LatentSteps:
 
 @dataclass(frozen=True, eq=False)
 class LatentProcesses:
-    """What is added to the measurements, and to the law, beside white noise; None for neither.
-
-    In this order: the error of each measured state, then the force on each equation, then the rates of the forces.
+    """Processes beside white noise: errors of measured states, then forces on the equations, then the rates of the
+    forces.
 
     Parameters
     ----------
-    correlated
-        Standard deviation of an error of the measurement with an exponential memory (Ornstein-Uhlenbeck), shape (d,).
-    memory
-        Time after which the error has lost all but 1/e of itself.
-    force
-        Standard deviation of what is added to the highest derivatives, a Matern process of smoothness 3/2, shape (d,).
-    force_time
-        Its length scale in time.
+    correlated, memory
+        Standard deviation of an autocorrelated measurement error (Ornstein-Uhlenbeck), shape (d,), and its time
+        constant.
+    force, force_time
+        Standard deviation of a force on the highest derivatives (Matern process of smoothness 3/2), shape (d,), and its
+        length scale in time.
     """
 
     correlated: Floats | None = None
@@ -96,8 +93,8 @@ def _diagonal(values: Floats, added: Floats, mesh: Mesh) -> Floats:
 def _matern(std: Floats, time: float, mesh: Mesh) -> tuple[Floats, Floats]:
     """Return the steps of forces and their rates, each of shape (n - 1, 2 d, 2 d), zero between segments.
 
-    What a step of a = sqrt(3) h / time adds has the covariance P - F P F', with F the transition and P the stationary
-    covariance, here by incomplete gamma functions, which keep their digits for short steps.
+    A step of a = sqrt(3) h / time adds the covariance P - F P F', with transition F and stationary covariance P,
+    computed by incomplete gamma functions, which keep their digits for short steps.
     """
     from scipy.special import gammainc
 
@@ -137,20 +134,17 @@ random walk, or with a smooth force."""
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """The standard deviations of all errors beside white noise, in the units of the states and of time.
-
-    Each is None if there is none of its kind.
+    """Standard deviations of all errors beside white noise, in units of states and time; None where there are none of a
+    kind.
 
     Parameters
     ----------
     proportional
-        White noise of a measurement in proportion to the state: its share of each, shape (d,).
-    correlated, memory
-        An error of the measurement with a memory, see `LatentProcesses`, shape (d,), and a time.
-    force, force_time
-        A smooth force on each equation, see `LatentProcesses`, shape (d,), and a time.
+        White measurement noise relative to the state, shape (d,).
+    correlated, memory, force, force_time
+        See `LatentProcesses`.
     walk
-        A random walk of the states (and their rates) that the law is added to, for a unit of time, shape (D,).
+        A random walk of states and rates, for a unit of time, shape (D,).
     """
 
     proportional: Floats | None = None
@@ -186,9 +180,8 @@ class ErrorModel:
 
     @property
     def rounds(self) -> int:
-        """How often noise at the states, and the states, are found in turn: noise in proportion is so to fitted ones.
-
-        Where states cross zero, those of a curve through the measurements would be far off.
+        """How often noise and states are estimated in turn: proportional noise follows fitted states, which may
+        cross zero.
         """
         return 1 if self.proportional is None else 2
 
@@ -219,8 +212,8 @@ class ObservationModel:
     noise
         Standard deviations, shape (d,), above zero.
     huber_threshold
-        Deviations of more than so many standard deviations count linearly instead of squared (Huber 1964), so that
-        outliers pull no harder than that; infinite for plain least squares.
+        Larger deviations, in standard deviations, count linearly instead of squared (Huber 1964); infinite for least
+        squares.
 
     Raises
     ------
@@ -236,9 +229,10 @@ class ObservationModel:
             raise CommonlawError("huber-threshold", value=self.huber_threshold)
 
     def deviance(self, residuals: Floats, scale: Floats | float = 1.0) -> float:
-        """Return twice the negative log-likelihood but for a constant; residuals that are NaN were not measured.
+        """Return twice the negative log-likelihood but for a constant, of residuals with standard deviations noise
+        times scale.
 
-        The standard deviation of each is the noise times the scale, of a shape that fits that of the residuals.
+        NaN was not measured.
         """
         sizes = np.abs(residuals / (self.noise * scale))
         sizes = sizes[~np.isnan(sizes)]

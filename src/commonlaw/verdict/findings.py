@@ -24,26 +24,23 @@ _NOT_CHECKED = "the law was not checked by forecasts"
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """A law with what it is good for: all that the command line, a report and the app say of it.
+    """A law and its assessment: all that the command line, a report and the app show of it.
 
     Parameters
     ----------
     law
-        The law, which knows how far ahead its forecasts are good.
-    trials
-        All that was measured, in the units of the law.
-    training
-        What of it the law was learned from.
+        It has the reliable forecast horizon.
+    trials, training
+        All measurements, in the units of the law, and those that it was fitted to.
     verdict
-        What the law is good for; None if it could not be judged.
+        None if the law could not be assessed.
     fit
-        Solutions of the law whose initial conditions are estimated from all samples, of the trials that it was learned
-        from; None if there are none.
+        Solutions of the law through all samples of the training data; None if there are none.
     forecast
-        Of trials that were held out, or if there are none, of those that the law was learned from, later samples
-        included, each from its first samples; None if there are no forecasts.
+        Of held-out trials, or if there are none of the training data with later samples, each from its first samples;
+        None if there are no forecasts.
     start
-        How many first samples told where forecasts begin, None for those that `Law.predict` takes.
+        How many first samples the initial conditions are estimated from, None for the default of `Law.predict`.
     lacking
         Why there is no verdict or no forecast.
     """
@@ -89,23 +86,10 @@ class Findings:
 
 
 def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = True) -> Findings:
-    """Judge a law and check it by forecasts; what cannot be done is told in `Findings.lacking`.
+    """Assess a law and check it by forecasts; what fails is noted in `Findings.lacking`.
 
-    Parameters
-    ----------
-    law
-        The law.
-    trials
-        What was measured.
-    learned
-        What of it the law was learned from; all by default.
-    bands
-        Whether the forecasts are to have bands, where the law knows how accurate it is.
-
-    Raises
-    ------
-    CommonlawError
-        If the trials are not of the variables of the law.
+    The law was fitted to `learned`, by default all trials; `bands` says whether forecasts have bands. Raises
+    `CommonlawError` if the trials do not have the variables of the law.
     """
     whole = matched(law, trials)
     training = whole if learned is None or learned is trials else matched(law, learned)

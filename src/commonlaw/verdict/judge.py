@@ -45,18 +45,8 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A forecast to be judged.
-
-    Parameters
-    ----------
-    trial
-        Without samples in which nothing was measured.
-    origin
-        Index of the first sample that is forecast; those before tell the start.
-    first
-        Index of the first sample that is compared.
-    kind
-        Where it comes from.
+    """A forecast to be assessed: of a trial, from sample `origin` on, compared from sample `first` on; `kind` is its
+    source.
     """
 
     trial: Trial
@@ -69,20 +59,9 @@ class Segment:
 class SegmentErrors:
     """The errors of the forecast of a segment.
 
-    Parameters
-    ----------
-    leads
-        How far ahead of the last sample before the forecast, shape (n,).
-    errors
-        Forecast less measured states, shape (n, states): infinite after a divergence, NaN where nothing was measured.
-    persistence
-        The same of the last values that were measured before the segment.
-    inside
-        1 where the 95 % band held the measurement, 0 where it did not, NaN where there is none, shape (n, states).
-    noise
-        Standard deviation of the measurements without errors that have a memory, shape (n, states); NaN where unknown.
-    diverged
-        Whether the forecast ran away.
+    `leads` are times since the last sample before, shape (n,). Errors of the forecast and of persistence have shape (n,
+    states), infinite after a divergence, NaN where nothing was measured; so has `inside`, 1 where the 95 % band holds
+    the measurement, 0 where not, and `noise`, the standard deviation of measurements without autocorrelated errors.
     """
 
     leads: Floats
@@ -94,10 +73,10 @@ class SegmentErrors:
 
 
 def segments(trials: Trials, learned: Trials | None, order: Order) -> list[Segment]:
-    """Return the forecasts that judge a law: from the first samples of trials, over all that follows.
+    """Return the forecasts that assess a law: from the first samples of trials, over all that follows.
 
-    Of what was held out of learning, trials or later samples; if nothing was, of all trials. So growth is judged while
-    it grows, and where it has ended. Later samples are forecast from the end of what was learned, too.
+    Of held-out trials or later samples, or if there are none of all trials; later samples are also forecast from the
+    end of the training data.
     """
     if learned is not None:
         held_out = list(_held_out(trials, learned, order))
@@ -107,9 +86,9 @@ def segments(trials: Trials, learned: Trials | None, order: Order) -> list[Segme
 
 
 def origins(trial: Trial, order: Order) -> tuple[int, ...]:
-    """Return where forecasts of a trial begin: after its first sample, if that tells a start, and its first fifth.
+    """Return where forecasts of a trial begin: after its first sample, if that determines a start, and its first fifth.
 
-    One sample tells no rates: a law that has some begins after the first fifth, of five samples at least.
+    A law with rates begins after the first fifth, of five samples at least.
     """
     fifth = samples_before(len(trial), order)
     if highest_order(order) == 2:
@@ -142,14 +121,8 @@ def _held_out(trials: Trials, learned: Trials, order: Order) -> Iterator[Segment
 def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors:
     """Return the errors of the forecast of a segment of the only trial, its start fitted to the samples before.
 
-    Where the law was learned from the whole trial, and one sample is before, the start is fitted to the first fifth of
-    them: that sample alone may be below the noise, which says nothing of the law. The trial may have samples in which
-    nothing was measured, too.
-
-    Raises
-    ------
-    CommonlawError
-        If it cannot be forecast.
+    If the law was fitted to the whole trial, and one sample is before, the start is fitted to the first fifth: that
+    sample alone may be below the noise. Raises `CommonlawError` if it cannot be forecast.
     """
     trial, origin, first, states = segment.trial, segment.origin, segment.first, len(law.states)
     fits = law.order != 0 and law.noise is not None
@@ -251,9 +224,9 @@ def _compared(judged: Sequence[Segment], states: Bools) -> int:
 def _by_state(
     trials: Trials, judged: Sequence[Trial], errors: SegmentErrors, spread: Floats, approximate: bool
 ) -> tuple[StateError, ...]:
-    """Return the errors of each state, with the range that was measured in the trials.
+    """Return the errors of each state, with the measured range.
 
-    The noise of an approximation has its lack of fit in it: there the noise is that of neighbouring samples, if less.
+    The noise of an approximation includes its lack of fit: there the difference-based estimate is taken, if less.
     """
     schema, found = trials.schema, list[StateError]()
     dense = [each for each in judged if approximate and each.complete and noise_degrees_of_freedom(len(each))]

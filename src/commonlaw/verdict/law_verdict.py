@@ -27,22 +27,10 @@ _SHOWN = 3
 
 
 class StateError(NamedTuple):
-    """The errors of forecasts of a state, and what they are shares of, in its unit.
+    """RMS forecast errors of a state by the law and by persistence, in its unit, empty if unknown.
 
-    Parameters
-    ----------
-    state
-        Its name.
-    law, persistence
-        Root mean square errors of the law's forecasts and of persistence.
-    unit
-        Empty if it is not known.
-    noise
-        How far measurements scatter by themselves; NaN if that is not known.
-    spread
-        The standard deviation within the trials that were judged; NaN if the state does not change.
-    low, high
-        The range that was measured in them.
+    `noise` is that of the measurements and `spread` the standard deviation within the assessed trials, NaN if unknown
+    or constant; they were measured between `low` and `high`.
     """
 
     state: str
@@ -76,53 +64,41 @@ class StateError(NamedTuple):
 
 @dataclass(frozen=True)
 class LawVerdict(ShownInNotebooks):
-    """What a law is good for; it prints as sentences.
+    """The forecast assessment of a law; it prints as sentences.
 
-    Errors are root mean squares, in units of the states' standard deviations within trials: their spread. Persistence
-    is the forecast that states stay as they were last measured.
+    Errors are root mean squares relative to the states' standard deviations within trials (spread). Persistence
+    forecasts the last measured values.
 
     Parameters
     ----------
     judged_on
         What was forecast, in words.
     in_sample
-        Whether the law was learned from it.
-    segments
-        How many forecasts were judged; a trial may be forecast from several of its samples.
-    diverged
-        In how many of them the forecast ran away.
-    measurements
-        How many measurements were compared, each counted once.
-    horizon
-        How far ahead the error stays within half of the spread; 0 if it never does.
-    longest
-        How far ahead could be judged.
-    time_unit
-        Of both; "units of t", by the name of the column, if it is not known.
+        Whether the law was fitted to it.
+    segments, diverged, measurements
+        How many forecasts were assessed, how many diverged, and how many measurements were compared.
+    horizon, longest, time_unit
+        How far ahead the error stays within half of the spread, the longest tested horizon, and their unit.
     error, persistence
         Of the law's forecasts and of persistence.
-    r_squared
-        Mean over states of the share of their variation that all forecasts together explain, see `Forecast.score`.
-    r_squared_error
-        Its standard error, by how much the trials differ in it; NaN of a single trial.
+    r_squared, r_squared_error
+        Mean over states, see `Forecast.score`, and its standard error over trials; NaN of a single trial.
     state_errors
-        Both for each state in its unit, with the range that they are shares of.
+        Of each state, in its unit.
     coverage
-        Share of the measurements that lay in 95 % bands; None if the law has none.
+        Share of the measurements within 95 % bands; None without bands.
     poorly_known
-        Coefficients whose standard error is above half of their size.
+        Coefficients with a standard error above half of their size.
     unjudged
-        What could not be judged, and why.
+        What could not be assessed, and why.
     unknown_objects
-        Objects that the law does not know, which were forecast with the mean coefficients of the others.
-    exact
-        Whether the law leaves no more than errors of measurement, as it was found; if not, it has a model error.
-    none_exact
-        Whether that holds for none of the laws that it was chosen from.
+        Objects that were forecast with the mean coefficients of the others.
+    exact, none_exact
+        Whether the law has no lack of fit, and whether all laws that it was chosen from have one.
     few_samples
-        Whether an equation has as many terms as its samples can tell apart.
+        Whether an equation has as many terms as its samples can identify.
     without_terms
-        Left-hand sides of equations for which no term was found.
+        Left-hand sides of equations without a term.
     """
 
     judged_on: str

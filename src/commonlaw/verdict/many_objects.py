@@ -26,16 +26,8 @@ _FORECAST = 0.9
 
 @dataclass(frozen=True, eq=False)
 class ManyFindings:
-    """A law with what forecasts of all trials of a stream are off, and findings about few objects.
-
-    Parameters
-    ----------
-    law
-        Of all objects.
-    errors
-        A row for each trial and state, see `commonlaw.forecast_stream`.
-    few
-        Findings about objects that stand for all.
+    """A law with the forecast errors of a stream, see `commonlaw.forecast_stream`, and findings about a few of its
+    objects.
     """
 
     law: Law
@@ -80,23 +72,10 @@ class ManyFindings:
 def find_by_stream(
     law: Law, stream: TrialStream, progress: ProgressCallback, learned: TrialStream | None = None
 ) -> ManyFindings:
-    """Forecast all trials of a stream, part by part, and judge the law by few objects that stand for all.
+    """Forecast all trials of a stream, part by part, and assess the law by a few objects that represent all.
 
-    Parameters
-    ----------
-    law
-        The law.
-    stream
-        What is forecast.
-    progress
-        Takes the text of each step.
-    learned
-        What the law was learned from: other trials, or the first samples of these; the same by default.
-
-    Raises
-    ------
-    CommonlawError
-        If the law and the trials do not go together.
+    The law was fitted to `learned`: other trials, or the first samples of these; the same by default. Raises
+    `CommonlawError` if law and trials do not match.
     """
     frames = forecast_parts(law, stream, part(progress, 0.0, _FORECAST))
     errors = pd.concat(frames, ignore_index=True)

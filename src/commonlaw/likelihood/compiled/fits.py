@@ -69,10 +69,9 @@ _LEAST_NORM = LEAST_NORM(_least_norm)
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """Objects of one mesh each, and the estimates about which they are linearised.
+    """Objects of one mesh each, one behind the other, and the estimates about which they are linearized.
 
-    All points of one object stand behind those of another: on the `mesh` of all, and in `states`. Those of these
-    indices are the `first` of their own meshes, which `words` tell as in `Packed`; `kept` is what these point into.
+    `first` are the indices of first points, `words` the meshes as in `Packed`, `kept` what they point into.
     """
 
     model: ModelStructure

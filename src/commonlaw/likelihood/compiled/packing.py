@@ -20,9 +20,8 @@ from commonlaw.likelihood.observation_model import LatentSteps
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """A model's structures; `kept` are the arrays that they point into.
-
-    The meshes are also there as numbers of eight bytes, shape (meshes, fields), see `FIELDS`.
+    """A model's structures, and the arrays that they point into; meshes also as 8-byte words, shape (meshes,
+    `FIELDS`).
     """
 
     model: ModelStructure

@@ -69,13 +69,8 @@ def triangles(
 ) -> tuple[Floats, Floats]:
     """Return the triangular factor of the rows of each mesh, and the log-determinants, shape (meshes,).
 
-    Models are addresses, one for each mesh, and meshes as in `Packed`; states are of all points, shape (points, D + w),
-    and coefficients of each mesh, shape (meshes, equations, terms).
-
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
+    Models are addresses, one a mesh, meshes as in `Packed`; states have shape (points, D + w), coefficients (meshes,
+    equations, terms). Raises `NotPositiveError` if numbers are not finite, or too far apart.
     """
     size = int(free.sum()) + 1
     factors, log_determinants = np.empty((len(meshes), size, size)), np.empty(len(meshes))
@@ -123,10 +118,7 @@ def _linearize_by_parts(
 def jacobians(
     library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, index: int, estimate: Estimate, free: Bools
 ) -> Jacobians:
-    """Return what `commonlaw.likelihood.collocation.jacobians` returns of one mesh, to rounding.
-
-    Where steps have no length, between segments, the derivatives by coefficients are zero.
-    """
+    """Return what `commonlaw.likelihood.collocation.jacobians` does of one mesh, to rounding; zero between segments."""
     steps, width = len(model.meshes[index]) - 1, model.width + model.latent.width
     states, coefficients = contiguous(estimate.states[index]), contiguous(estimate.coefficients)
     free = np.ascontiguousarray(free, dtype=np.bool_)
