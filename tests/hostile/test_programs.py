@@ -3,7 +3,7 @@
 import ast
 import random
 
-from commonlaw.law.calls import rewritten
+from commonlaw.law.script import rewritten
 from tests.hostile.law_cases import recorded
 
 NAMES = {"cl", "law", "trials", "float"}

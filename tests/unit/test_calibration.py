@@ -8,7 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference.result import interval_calibration
 from commonlaw.inference.result.interval_calibration import StandardizedErrors, widening_of
-from commonlaw.law.widening import Widening
+from commonlaw.law.uncertainty import Widening
 from tests.refusals import refused
 
 

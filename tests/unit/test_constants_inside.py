@@ -14,8 +14,8 @@ from scipy.special import lambertw
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.kernel import library as kernels
-from commonlaw.law.from_text import read_equations
-from commonlaw.law.numbers import with_error
+from commonlaw.law.parse import read_equations
+from commonlaw.law.text import with_error
 from commonlaw.trials.units import parse_unit
 from tests.refusals import refused
 

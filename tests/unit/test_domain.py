@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw import Law, Trials
-from commonlaw.law.domain import Domain
+from commonlaw.law.provenance import Domain
 from commonlaw.verdict import find
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law.from_text import read_equations
+from commonlaw.law.parse import read_equations
 from tests.refusals import refused
 
 nan = np.nan

@@ -9,7 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.hierarchy import PropertyTable, explain
-from commonlaw.law.dimensions import dimensions_of
+from commonlaw.hierarchy.dimensions import dimensions_of
 from commonlaw.library import Variables
 from tests.refusals import refused
 

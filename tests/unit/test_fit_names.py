@@ -8,8 +8,8 @@ import pytest
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.law.coefficients_csv import coefficient_rows
-from commonlaw.law.from_text import read_equations
-from commonlaw.law.numbers import with_error
+from commonlaw.law.parse import read_equations
+from commonlaw.law.text import with_error
 from tests.refusals import refused
 
 X = cl.Schema(("x",))

@@ -6,7 +6,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law.script import Source, script
-from commonlaw.law.spread import letter_values, strangest
+from commonlaw.law.tables import letter_values, strangest
 from commonlaw.report.document import Picture, Table
 from commonlaw.report.law_report import all_objects
 from commonlaw.verdict import find, find_by_stream

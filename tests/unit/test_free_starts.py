@@ -10,7 +10,7 @@ import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference.fit.structural_identifiability import may_be_mixed, may_be_rescaled, may_be_shifted
-from commonlaw.law.from_text import read_equations
+from commonlaw.law.parse import read_equations
 from commonlaw.trials import Schema
 from tests.refusals import refused
 

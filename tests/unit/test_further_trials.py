@@ -11,7 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.discovery.data_check import outcomes_of_stand_ins
 from commonlaw.discovery.further_trials import outcomes_of_rivals
 from commonlaw.law import Law, PlausibleLaw, Provenance
-from commonlaw.law.domain import Domain
+from commonlaw.law.provenance import Domain
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, Variables, parse_library, parse_term
 from commonlaw.outcomes import OutcomeKind

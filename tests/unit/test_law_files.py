@@ -10,7 +10,7 @@ import commonlaw as cl
 from commonlaw.cli.later import LaterSteps
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import Law, Uncertainty
-from commonlaw.law.file import law_bytes
+from commonlaw.law.io import law_bytes
 from commonlaw.trials.parquet import parquet_bytes, parquet_columns
 from tests.refusals import refused
 
@@ -147,7 +147,7 @@ def test_a_law_in_parquet_is_the_law(tmp_path, explained_law):
 
 
 def test_a_law_that_json_is_too_large_for_is_refused_in_python_and_goes_beside_it_in_commands(tmp_path, monkeypatch):
-    monkeypatch.setattr("commonlaw.law.file.LARGEST_JSON", 1000)
+    monkeypatch.setattr("commonlaw.law.io.LARGEST_JSON", 1000)
     with refused("law-too-large-for-json", objects=5):
         LAW.save(tmp_path / "law.json")
     later = LaterSteps()

@@ -8,8 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law import Provenance
-from commonlaw.law.calls import LEFT_OUT, rewritten
-from commonlaw.law.script import written
+from commonlaw.law.script import LEFT_OUT, rewritten, written
 from commonlaw.library import Terms, Variables, parse_term
 
 

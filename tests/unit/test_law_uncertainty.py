@@ -12,8 +12,8 @@ from scipy.stats import norm
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import History, Law, Provenance, Step, Uncertainty
-from commonlaw.law.numbers import latex_with_error, with_error
 from commonlaw.law.tables import readable
+from commonlaw.law.text import latex_with_error, with_error
 from commonlaw.library import PolynomialLibrary, Variables
 from commonlaw.trials import Schema
 from tests.refusals import refused

@@ -9,7 +9,7 @@ from scipy.signal import savgol_filter
 
 import commonlaw as cl
 from commonlaw.discovery.measured_rates import is_computed, measured_rates
-from commonlaw.law.meeting import matched
+from commonlaw.law.alignment import matched
 from tests.refusals import refused
 
 TRUTH = {"a": (9.0, 0.2), "b": (6.0, 0.1)}

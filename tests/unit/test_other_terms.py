@@ -9,7 +9,8 @@ from scipy.special import lambertw
 
 import commonlaw as cl
 from commonlaw.inference.result.assembly import _is_same
-from commonlaw.law import Law, Provenance, with_constants_of
+from commonlaw.law import Law, Provenance
+from commonlaw.law.alignment import with_constants_of
 
 
 @pytest.fixture(scope="module")

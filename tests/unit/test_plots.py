@@ -16,7 +16,7 @@ from commonlaw.differentiation import parse_differentiation
 from commonlaw.forecast import fitted
 from commonlaw.formulation import StrongForm, law_variables
 from commonlaw.law import Law, Provenance, Uncertainty
-from commonlaw.law.widening import Widening
+from commonlaw.law.uncertainty import Widening
 from commonlaw.library import PolynomialLibrary
 from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render
 from commonlaw.trials import Schema, Trial, Trials

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.inference.fit.structural_identifiability import may_be_rescaled
-from commonlaw.law.from_text import read_equations
+from commonlaw.law.parse import read_equations
 from commonlaw.trials import Schema
 from tests.refusals import refused
 

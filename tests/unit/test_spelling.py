@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
-from commonlaw.law.from_text import read_equations
+from commonlaw.law.parse import read_equations
 
 SPELLINGS = [
     (

@@ -7,7 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law import Uncertainty
-from commonlaw.law.simplifying import within_errors
+from commonlaw.law.simplify import within_errors
 from commonlaw.report.markup import law_markdown
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.law.numbers import with_error
+from commonlaw.law.text import with_error
 from commonlaw.outcomes import OutcomeKind
 
 TIMES = np.arange(40) * 0.1

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.law.zero import with_outcomes_of_zero
+from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.outcomes import OutcomeKind
 
 TIMES = np.linspace(0, 10, 41)

@@ -13,12 +13,11 @@ import numpy as np
 from commonlaw.app.words import text_in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.forecast import fitted
+from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
-from commonlaw.law import Forecast, Law
-from commonlaw.law.numbers import rounded, with_error
-from commonlaw.law.simplifying import within_errors
-from commonlaw.law.text import said_within_errors
+from commonlaw.law import Law
+from commonlaw.law.simplify import within_errors
+from commonlaw.law.text import rounded, said_within_errors, with_error
 from commonlaw.library import order_of_each
 from commonlaw.progress import Stage, part
 from commonlaw.report.markup import coefficient_names, equation_parts, formula

@@ -26,8 +26,8 @@ from commonlaw.app.suggested import Budget, suggested
 from commonlaw.app.words import in_page, text_in_page
 from commonlaw.app.working import prepare
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast import Forecast
 from commonlaw.foreign import read_json
-from commonlaw.law import Forecast
 from commonlaw.law.coefficients_csv import coefficients_csv
 from commonlaw.law.script import Source
 from commonlaw.plots import plot_law, render

@@ -99,7 +99,7 @@ def _document(patterns: "Sequence[Pattern]") -> list[dict[str, object]]:
 
 def _show(found: "StreamResiduals") -> None:
     """Print patterns, letter values of what residuals of objects are over noise, and the largest."""
-    from commonlaw.law.spread import letter_values
+    from commonlaw.law.tables import letter_values
 
     print_frame(found.tests().drop(columns="meaning"))
     say(f"\n{found}")

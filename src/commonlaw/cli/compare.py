@@ -68,7 +68,7 @@ def _fitted(
 ) -> "tuple[Trials, dict[str, Law]]":
     """Return the trials, and all laws, those in words fitted to these."""
     import commonlaw as cl
-    from commonlaw.law.from_text import read_equations
+    from commonlaw.law.parse import read_equations
 
     saved = {each: cl.Law.load(each) for each in laws if is_law_file(each)}
     texts = [each for each in laws if each not in saved]

@@ -54,7 +54,7 @@ class LaterSteps:
 
     def write_law(self, path: str | None, law: "Law") -> None:
         """Write a law if that is asked for; one of so many objects that its JSON is too large as Parquet beside it."""
-        from commonlaw.law.file import law_file
+        from commonlaw.law.io import law_file
 
         failure, nothing = f"{path} was not made", ("", b"")
         name, content = self.take(failure, lambda: law_file(law, path), nothing) if path else nothing

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from commonlaw.law import Law
-    from commonlaw.law.from_text import Coefficient
+    from commonlaw.law.parameters import Coefficient
     from commonlaw.plots import Figure
     from commonlaw.trials import Trials, TrialStream
     from commonlaw.verdict import Findings, ManyFindings
@@ -152,7 +152,7 @@ class Learned:
 
     def show(self) -> None:
         """Print the law and how well it forecasts."""
-        from commonlaw.law.simplifying import within_errors
+        from commonlaw.law.simplify import within_errors
         from commonlaw.law.tables import MEANINGS, readable_candidates
         from commonlaw.law.text import MANY, said_within_errors
 

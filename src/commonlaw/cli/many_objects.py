@@ -17,7 +17,7 @@ def print_spread(law: "Law", heads: list[str]) -> None:
 
     Nothing of a law that has none.
     """
-    from commonlaw.law.spread import letter_values, strangest
+    from commonlaw.law.tables import letter_values, strangest
 
     if not heads:
         return

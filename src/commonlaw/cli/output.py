@@ -50,7 +50,7 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    from commonlaw.law.numbers import Written
+    from commonlaw.law.text import Written
 
     rows = [list(row) for row in rows]
     rows, left_out = rows[:_MOST_ROWS], rows[_MOST_ROWS:]
@@ -67,7 +67,7 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
 
 def parameter_columns(law: "Law") -> dict[str, list[object]]:
     """Return the columns of a table with a row for each letter of given equations and each object."""
-    from commonlaw.law.numbers import Written, rounded
+    from commonlaw.law.text import Written, rounded
 
     columns = defaultdict[str, list[object]](list)
     (values, errors), ends = law.letter_values(), law.letter_interval_ends()
@@ -127,7 +127,7 @@ def _console() -> "Console":
 def shown(value: object) -> str:
     """Return a cell's text: numbers to four digits or as far as their error lets them be, nothing for a missing one."""
     if isinstance(value, tuple):
-        from commonlaw.law.numbers import with_error
+        from commonlaw.law.text import with_error
 
         return with_error(*value)
     if isinstance(value, float):

@@ -172,7 +172,7 @@ def _forecast_stream(
 ) -> None:
     """Forecast the trials of files, one file after the other or by workers, and say how far off that is."""
     from commonlaw.forecast import forecast_stream
-    from commonlaw.law.spread import letter_values
+    from commonlaw.law.tables import letter_values
 
     later = LaterSteps()
     with working("Forecasting ...") as show, on_cluster_at(cluster, show):

@@ -23,11 +23,11 @@ from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
 from commonlaw.inference import can_be_carried
+from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.law import Law
-from commonlaw.law.domain import Domain
-from commonlaw.law.meeting import matched
+from commonlaw.law.alignment import matched
+from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
-from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.library import AbstractLibrary, CappedLibrary, one_order, order_of_each, parse_library
 from commonlaw.outcomes import Outcome, note
 from commonlaw.progress import ProgressCallback, on_terminal

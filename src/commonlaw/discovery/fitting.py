@@ -19,12 +19,12 @@ from commonlaw.discovery.model_structure import Known, ModelStructure
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import LawOfPart, law_of_all, outcomes_of_constants, refine, with_constants_found
+from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.law import Law, Provenance, Step, Uncertainty
-from commonlaw.law.domain import Domain
-from commonlaw.law.from_text import GivenEquations, read_equations
-from commonlaw.law.numbers import with_error
+from commonlaw.law.parse import GivenEquations, read_equations
+from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
-from commonlaw.law.zero import with_outcomes_of_zero
+from commonlaw.law.text import with_error
 from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations

@@ -9,9 +9,9 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import forecast_from
+from commonlaw.forecast.forecast import Forecast
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, PlausibleLaw
-from commonlaw.law.forecast import Forecast
 from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Trials
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.errors import CommonlawError
-from commonlaw.law.numbers import with_error
 from commonlaw.law.quantiles import two_sided
+from commonlaw.law.text import with_error
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.trials.trial import as_numbers
 

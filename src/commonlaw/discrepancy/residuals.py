@@ -10,7 +10,7 @@ from commonlaw.differentiation import noise_level
 from commonlaw.discrepancy.residual_tests import Residuals, patterns
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.meeting import matched
+from commonlaw.law.alignment import matched
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
 

@@ -14,8 +14,8 @@ from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, SURE, Search
 from commonlaw.experiments.settings import Options, Range, Settings, check_amount, read
 from commonlaw.law import Law, PlausibleLaw
-from commonlaw.law.domain import Domain
-from commonlaw.law.meeting import matched
+from commonlaw.law.alignment import matched
+from commonlaw.law.provenance import Domain
 from commonlaw.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
 

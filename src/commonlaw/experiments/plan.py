@@ -12,7 +12,7 @@ from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import LITTLE, MOST_REPEATS, SURE
 from commonlaw.law import Law, PlausibleLaw
-from commonlaw.law.numbers import with_error
+from commonlaw.law.text import with_error
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.spacing import evenly_spaced
 from commonlaw.wording import counted

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.forecast.forecast import Forecast, Part
 from commonlaw.integration import Trajectory
-from commonlaw.law.forecast import Forecast, Part
 
 
 def averaged(parts: Sequence[Part]) -> Forecast:

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.law import Forecast, Law
-from commonlaw.law.meeting import matched
+from commonlaw.forecast.forecast import Forecast
+from commonlaw.law import Law
+from commonlaw.law.alignment import matched
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.law import Forecast, Law
+from commonlaw.forecast.forecast import Forecast
+from commonlaw.law import Law
 from commonlaw.trials import Trial
 
 

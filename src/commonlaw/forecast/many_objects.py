@@ -15,8 +15,9 @@ from commonlaw.cluster import done_in_parts, on_cluster
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.files import make_folder, write_whole
+from commonlaw.forecast.forecast import Forecast
 from commonlaw.forecast.prediction import predict
-from commonlaw.law import Forecast, Law
+from commonlaw.law import Law
 from commonlaw.law.population import is_typical
 from commonlaw.progress import ProgressCallback, part
 from commonlaw.trials import Trials, TrialStream

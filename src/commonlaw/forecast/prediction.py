@@ -12,12 +12,12 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.averaging import averaged as average, remarks_on
 from commonlaw.forecast.beginning import Beginning, begin, start_covariance, with_times
+from commonlaw.forecast.forecast import Forecast, Part
 from commonlaw.forecast.leaving import with_remarks
 from commonlaw.forecast.model_error import FilteredStart, model_error_std
 from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law
-from commonlaw.law.forecast import Forecast, Part
-from commonlaw.law.meeting import matched, matched_times
+from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.population import with_objects_of
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import with_logarithms

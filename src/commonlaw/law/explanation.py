@@ -3,15 +3,16 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from typing import TYPE_CHECKING
 
-from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
 from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.law.checked_arrays import checked
-from commonlaw.law.dimensions import is_number, meaning
-from commonlaw.law.numbers import latex_with_error, with_error
-from commonlaw.law.text import Addend, summed
+from commonlaw.hierarchy.dimensions import is_number, meaning
+from commonlaw.law.text import Addend, coefficient_table, free_letters, latex_with_error, summed, with_error, with_units
+from commonlaw.library import Terms
 from commonlaw.library.notation import latex_name, powered
 
 if TYPE_CHECKING:
@@ -33,24 +34,6 @@ class Explanation:
 
     relations: tuple[Relation | None, ...]
     covariance: Floats
-
-    def checked(self, size: int) -> "Explanation":
-        """Return the same with a read-only array, for a law with so many parameters.
-
-        Raises
-        ------
-        CommonlawError
-            If it does not fit the law.
-        """
-        if len(self.relations) != size:
-            raise CommonlawError("relations-count", given=len(self.relations), expected=size)
-        wrong = next((each for each in self.relations if each and not _is_whole(each)), None)
-        if wrong is not None:
-            raise CommonlawError("relation-damaged", kind=wrong.kind)
-        count = sum(len(each.factors) for each in self.relations if each)
-        return Explanation(
-            self.relations, checked(self.covariance, "covariance of factors", "factors, the same", (count, count))
-        )
 
     @property
     def properties(self) -> tuple[str, ...]:
@@ -80,7 +63,7 @@ class Explanation:
         return pd.DataFrame(rows)
 
 
-def _is_whole(relation: Relation) -> bool:
+def is_whole(relation: Relation) -> bool:
     """Return whether the numbers of a relation are as many as its kind has, and can be."""
     follows = len(relation.properties)
     powers = follows if relation.kind is RelationKind.POWER_LAW else 0
@@ -181,3 +164,72 @@ def _latex_powers(relation: Relation) -> str:
 
 PLAIN = Notation(with_error, lambda name: powered(name, 1), " ", _plain_powers)
 LATEX = Notation(latex_with_error, latex_name, r"\, ", _latex_powers)
+
+
+@dataclass(frozen=True, eq=False)
+class RelatedCoefficients:
+    """The coefficients of a law, and what decides them.
+
+    Parameters
+    ----------
+    terms
+        Of the law.
+    support
+        Which of them are in the law, shape (equations, terms).
+    coefficients
+        Shape (objects, equations, terms).
+    explanation
+        A relation for each coefficient in the law.
+    """
+
+    terms: Terms
+    support: Bools
+    coefficients: Floats
+    explanation: Explanation
+
+    @cached_property
+    def letters(self) -> tuple[str | None, ...]:
+        """A letter for each coefficient in the law that is each object's own; a constant has its name."""
+        kinds = [each and each.kind for each in self.explanation.relations]
+        free = iter(free_letters(len(kinds), (*self.terms.variables.names, *self.explanation.properties)))
+        own = zip(kinds, np.argwhere(self.support)[:, 1].tolist(), strict=True)
+        return tuple(self.terms.constant_name(k) or next(free) if kind is RelationKind.OWN else None for kind, k in own)
+
+    def rows(
+        self, notation: Notation, lefts: Sequence[str], names: Sequence[str], digits: int, errors: bool
+    ) -> list[tuple[str, list[Addend]]]:
+        """Return what decides the coefficients before each equation's terms, and each constant that is no object's own.
+
+        Left-hand sides are those of equations, then of constants.
+        """
+        rows: list[list[Addend]] = [[] for _ in lefts]
+        equations = len(self.support)
+        related = zip(np.argwhere(self.support).tolist(), self.explanation.relations, self.letters, strict=True)
+        for (j, k), relation, letter in related:
+            row, term = rows[j], names[k]
+            if k in self.terms.constants:
+                if letter:  # Its values stand in the table of what is each object's own
+                    continue
+                row, term = rows[equations + self.terms.constants.index(k)], "1"
+            if relation is None:
+                value = float(self.coefficients[0, j, k])
+                row.append(Addend(value < 0, notation.number(abs(value), 0.0, digits), term))
+            else:
+                row.append(notation.addend(relation, letter or "", term, digits, errors, not row))
+        return [(left, row) for i, (left, row) in enumerate(zip(lefts, rows, strict=True)) if row or i < equations]
+
+    def lines(self, objects: Sequence[str], errors: Floats, units: Sequence[str | None]) -> list[str]:
+        """Return the lines that hold what relations leave open, and coefficients that are objects' own.
+
+        Standard errors have the shape (objects, equations, terms); units are those of the relations' factors.
+        """
+        names = [self.terms.names[k] for _, k in np.argwhere(self.support)]
+        every = zip(self.explanation.relations, self.letters, names, units, strict=True)
+        said = [words for each, *how in every if each is not None for words in remarks(each, how[0] or "", *how[1:])]
+        lines, own = [*([""] if said else []), *said], [each is not None for each in self.letters]
+        if any(own):
+            values, known = self.coefficients[:, self.support][:, own], errors[:, self.support][:, own]
+            pairs = zip(self.letters, units, strict=True)
+            heads = with_units(*zip(*((letter, unit) for letter, unit in pairs if letter), strict=True))
+            lines += ["", *coefficient_table(objects, heads, values, known)]
+        return lines

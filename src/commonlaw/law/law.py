@@ -2,38 +2,64 @@
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
+from operator import mul
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
+from commonlaw.differentiation import AbstractDifferentiator
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.extras import optional_import
 from commonlaw.files import write_whole
 from commonlaw.foreign import read_file
+from commonlaw.hierarchy.dimensions import quotient_unit, units_of_coefficients
+from commonlaw.integration import Event, Trajectory, VectorField
 from commonlaw.law import text
-from commonlaw.law.checked_arrays import checked
-from commonlaw.law.delegates import AbstractDelegates
-from commonlaw.law.from_text import Names, read_equations, stated_law
-from commonlaw.law.provenance import Provenance
-from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty
+from commonlaw.law.explanation import LATEX, PLAIN, Explanation, RelatedCoefficients
+from commonlaw.law.parameters import Coefficient, Part, Product
+from commonlaw.law.parse import GivenEquations, Names, latex_summands, read_equations, stated_law
+from commonlaw.law.provenance import Alternative, History, Provenance
+from commonlaw.law.quantiles import mixture_interval
+from commonlaw.law.simplification import Simplification
+from commonlaw.law.text import latex_with_error, with_error
+from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, with_rates
-from commonlaw.trials import Schema
+from commonlaw.library.equation import split_equations
+from commonlaw.library.notation import latex_name
+from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.outcomes import Outcome
+from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.properties import Properties
 from commonlaw.trials.trial import ObjectProperties, normalized
+from commonlaw.validation import check_whole_number
 from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pint
+    import sympy
+    from distributed import Client
 
-    from commonlaw.law.json import Decoded
+    from commonlaw.discrepancy.function import Discrepancy
+    from commonlaw.discrepancy.residual_tests import Residuals
+    from commonlaw.forecast.forecast import Forecast
+    from commonlaw.inference.diagnose.coefficient_limits import Bounds
+    from commonlaw.law.io import Decoded
+    from commonlaw.law.script import Source
+    from commonlaw.report.page import Page
+    from commonlaw.verdict.law_verdict import LawVerdict
 
 
 @dataclass(frozen=True, eq=False)
-class Law(AbstractDelegates):
+class Law(ShownInNotebooks):
     """Equations that several objects share, with each object's own coefficients.
 
     Parameters
@@ -112,6 +138,1003 @@ class Law(AbstractDelegates):
             if (given.terms, given.order) != (self.terms, self.order):
                 raise CommonlawError("law-terms-and-equations", terms=self.terms.names, equations=given.texts)
 
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the measured states."""
+        return self.schema.states
+
+    @cached_property
+    def support(self) -> Bools:
+        """Which terms are in which equation for at least one object, shape (equations, terms)."""
+        return np.asarray(np.any(self.coefficients != 0, axis=0))
+
+    @property
+    def rates(self) -> tuple[str, ...]:
+        """Names of the rates of the states of second order."""
+        return self.terms.variables.states[len(self.states) :]
+
+    @property
+    def state_rates(self) -> tuple[tuple[str, str], ...]:
+        """The names of the states of second order, each with that of its rate."""
+        second = (self.states[j] for j in with_rates(self.order, len(self.states)))
+        return tuple(zip(second, self.rates, strict=True))
+
+    @property
+    def left_hand_sides(self) -> tuple[str, ...]:
+        """What each equation gives, as text: ``x'``, ``x''``, or ``x[k+1]`` in a discrete-time law."""
+        return text.left_hand_sides(self.states, self.order)
+
+    @cached_property
+    def shared(self) -> bool:
+        """Whether every object has the same terms."""
+        return bool(np.all((self.coefficients != 0) == self.support))
+
+    def index(self, name: object) -> int:
+        """Return the index of an object among those of the law.
+
+        Raises
+        ------
+        CommonlawError
+            If the law has no such object.
+        """
+        index = self._indices.get(str(name))
+        if index is None:
+            raise unknown("object of this law", name, self.objects)
+        return index
+
+    @cached_property
+    def _indices(self) -> dict[str, int]:
+        """The index of each object."""
+        return {name: index for index, name in enumerate(self.objects)}
+
+    def coefficients_of(self, name: object) -> Floats:
+        """Return the coefficients of one object, shape (equations, terms).
+
+        Raises
+        ------
+        CommonlawError
+            If the law has no such object.
+        """
+        return np.asarray(self.coefficients[self.index(name)])
+
+    def evaluate(self, name: str, values: ArrayLike) -> Floats:
+        """Return the highest derivatives of one object, shape (n, equations).
+
+        Parameters
+        ----------
+        name
+            The object.
+        values
+            The law's variables (states, rates, inputs, time), shape (n, variables). Time may be left out where no term
+            depends on it.
+
+        Raises
+        ------
+        CommonlawError
+            If there is no such object, or the values are not those of the variables.
+        """
+        own, variables = self.coefficients_of(name), self.terms.variables
+        points, names = np.asarray(values, dtype=np.float64), variables.measured
+        time = variables.index(variables.time)
+        if points.ndim == 2 and points.shape[1] == len(names) - 1 and not self._depends_on(time):
+            points = np.insert(points, time, 0.0, axis=1)
+        if points.ndim != 2 or points.shape[1] != len(names):
+            raise CommonlawError("variables-shape", shape=points.shape, names=names)
+        return np.asarray(self.terms.evaluate(self.terms.at(points, own)) @ own.T)
+
+    def _depends_on(self, column: int) -> bool:
+        """Return whether a term of the law has a variable in it."""
+        return any(column in self.terms.terms[k].columns() for k in np.flatnonzero(self.support.any(axis=0)))
+
+    # How accurate they are
+
+    @cached_property
+    def standard_errors(self) -> Floats:
+        """Standard errors of the coefficients, shape (objects, equations, terms).
+
+        Zero for coefficients that are known, NaN for terms that are not in the law, and everywhere if the covariance is
+        not known.
+        """
+        errors = np.full(self.coefficients.shape, np.nan)
+        if self.uncertainty.covariance is not None:
+            errors[:, self.support] = np.sqrt(np.diagonal(self.uncertainty.covariance, axis1=1, axis2=2))
+        errors.flags.writeable = False
+        return errors
+
+    # How they are written
+
+    def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:
+        """Return the equations of one object as text: ``x'' = -9.34 + 0.0466 v``.
+
+        With errors: ``x'' = -9.34 ± 0.12 + (0.047 ± 0.010) v``, standard errors to two digits. A law that was given as
+        equations is written as these, with numbers in place of its letters: ``N' = 0.8 N (1 - N/1.4)``.
+
+        Parameters
+        ----------
+        name
+            The object; may be left out when there is only one. Of a law that `Law.explain` gave, nothing gives the
+            equations that hold for all objects: ``x'' = -9.8 + 0.25 diameter^2/mass v^2``.
+        digits
+            Significant digits of the coefficients that have no error.
+        errors
+            Whether to show standard errors; None shows them when they are known.
+
+        Raises
+        ------
+        CommonlawError
+            If the object is not named and there are several, or errors are asked for that are not known.
+        """
+        if name is None and self._is_explained:
+            lefts = (*self.left_hand_sides, *self.terms.variables.constants)
+            related = self._related.rows(PLAIN, lefts, self.terms.factors, digits, errors is not False)
+            return tuple(f"{left} = {text.summed(addends, PLAIN.times)}" for left, addends in related)
+        known = self._shown_errors(name := self._only(name), errors)
+        if self.provenance.equations:
+            numbers = {letter: text.numbered(*pair, digits) for letter, pair in self._letters_of(name, known).items()}
+            return tuple(each.with_numbers(numbers) for each in split_equations(self.provenance.equations))
+        constants = [with_error(*pair, digits, bracket=True) for pair in self._constants(name, known)]
+        written = (f"({each})" if each.startswith("-") else each for each in constants)
+        names = self.terms.factors_over((*self.terms.variables.measured, *written))
+        rows = zip(self.left_hand_sides, self._factors(name), known, strict=True)
+        return tuple(text.equation(*row, names, digits, self.terms.have_constants) for row in rows)
+
+    def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
+        """Return `equations` as LaTeX, an ``aligned`` block without dollar signs; constants have lines of their own.
+
+        So have the letters of a law that was given as equations, which is written as these: r and K of
+        ``N' = r N (1 - N/K)``.
+
+        Raises
+        ------
+        CommonlawError
+            If the object is not named and there are several, or errors are asked for that are not known.
+        """
+        left = text.latex_left_hand_sides(self.states, self.order)
+        terms = self.terms.latex_factors(self.terms.variables.names)
+        constants = [latex_name(each) for each in self.terms.variables.constants]
+        if name is None and self._is_explained:
+            return text.aligned(self._related.rows(LATEX, (*left, *constants), terms, digits, errors is not False))
+        known = self._shown_errors(name := self._only(name), errors)
+        if self.provenance.equations:
+            letters = {latex_name(letter): pair for letter, pair in self._letters_of(name, known).items()}
+            return text.latex_of_given(left, self.latex_structure(), letters, digits)
+        values = zip(constants, self._constants(name, known), strict=True)
+        return text.latex(left, self._factors(name), known, terms, digits, values, self.terms.have_constants)
+
+    def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
+        """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.
+
+        Raises
+        ------
+        CommonlawError
+            If the object is not named and there are several, or SymPy is not installed.
+        """
+        sympy = optional_import("sympy", "the SymPy form of a law", "symbolic")
+        symbols = [sympy.Symbol(each, real=True) for each in self.terms.variables.names]
+        name = self._only(name)
+        pairs = zip(self.terms.variables.constants, self._constants(name, np.zeros(self.support.shape)), strict=True)
+        values = {sympy.Symbol(each, real=True): sympy.Float(float(value)) for each, (value, _) in pairs}
+        forms = [term.sympy(symbols).subs(values) for term in self.terms.terms]
+        sums = [
+            sympy.Add(*(sympy.Float(float(c)) * form for c, form in zip(row, forms, strict=True) if c))
+            for row in self._factors(name)
+        ]
+        return {sympy.Symbol(left, real=True): each for left, each in zip(self.left_hand_sides, sums, strict=True)}
+
+    def to_script(self, path: "str | Source" = "trials.csv") -> str:
+        """Return a Python program that finds this law again in the table of its trials.
+
+        A law's file may come from a stranger: the program holds calls of commonlaw with plain values only, and a line
+        for each recorded step that is something else.
+
+        Parameters
+        ----------
+        path
+            Of the table. What was selected from it before the law was found, the law does not know; a `Source` says it.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05)
+        >>> for line in cl.fit("x'' = -g - c v", drops).to_script("drops.csv").splitlines()[2:4]:
+        ...     print(line)
+        trials = cl.Trials.read('drops.csv', time='t', states=['x'], units={'t': 's', 'x': 'm'})
+        law = cl.fit("x'' = -g - c v", trials)
+        """
+        from commonlaw.law.script import Source, script
+
+        equations = self.structure() if self.shared else ()
+        source = path if isinstance(path, Source) else Source(path)
+        return script(self.provenance.calls, equations, self.schema, source)
+
+    def to_frame(self, errors: bool = False) -> "pd.DataFrame":
+        """Return the coefficients: one row for each object, one column for each term that is in the law.
+
+        With several equations the columns have two levels, the equation and the term. A law that was given as equations
+        has a column for each of their letters.
+
+        Parameters
+        ----------
+        errors
+            Whether each column is followed by one of standard errors, ``"v ±"`` after ``"v"``.
+
+        Raises
+        ------
+        CommonlawError
+            If errors are asked for that are not known.
+        """
+        from commonlaw.law.tables import coefficient_frame, letter_frame
+
+        if errors:
+            self.uncertainty.known_covariance()
+        if self.provenance.equations:
+            return letter_frame(self.objects, self.letters, *self.letter_values(), errors)
+        names = self.objects, self.left_hand_sides, self.terms.names
+        return coefficient_frame(*names, self.support, self.coefficients, self.standard_errors if errors else None)
+
+    def coefficient_units(self) -> "dict[tuple[str, str], str]":
+        """Return the unit of each coefficient by equation and term, where the units of the variables tell it."""
+        return {key: f"{unit:~P}" for key, unit in self._units().items()}
+
+    def _units(self) -> "dict[tuple[str, str], pint.Unit]":
+        found = units_of_coefficients(self.terms, self.support, self.schema, self.order)
+        return {(self.left_hand_sides[j], self.terms.names[k]): unit for (j, k), unit in found.items()}
+
+    def structure(self) -> tuple[str, ...]:
+        """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``; as given if it was.
+
+        Known coefficients that all objects share are numbers: ``x'' = -9.81 + a v``.
+        """
+        if self.provenance.equations:
+            return self.provenance.equations
+        rows = text.labelled(self.terms.factors, self._labels(str))
+        return text.written_structure(self.left_hand_sides, rows)
+
+    def latex_structure(self) -> tuple[tuple[text.Addend, ...], ...]:
+        """Return the right-hand sides of `structure` in LaTeX."""
+        variables = self.terms.variables
+        if self.provenance.equations:
+            rows = latex_summands(self.provenance.equations, self.schema, variables, self.state_rates)
+            return tuple(tuple(text.Addend(negative, "", latex) for negative, latex in row) for row in rows)
+        factors = zip(self.terms.names, self.terms.latex_factors(variables.names), strict=True)
+        names = ["1" if name == "1" else latex for name, latex in factors]
+        return text.labelled(names, self._labels(latex_name), latex_with_error)
+
+    def _labels(self, write: Callable[[str], str]) -> tuple[tuple[tuple[int, text.Label], ...], ...]:
+        """Return for each equation its terms, by index, each with a number or a written letter before it."""
+        letters = {(each.equation, each.term): write(each.name) for each in self.named_coefficients}
+        rows: list[list[tuple[int, text.Label]]] = [[] for _ in self.states]
+        for j, k in np.argwhere(self.support & self.terms.is_factor).tolist():
+            rows[j].append((k, letters.get((j, k), float(self.coefficients[0, j, k]))))
+        return tuple(map(tuple, rows))
+
+    @property
+    def letters(self) -> tuple[str, ...]:
+        """The letters that `structure` uses, one for each coefficient that is no known number."""
+        return tuple(each.name for each in self.named_coefficients)
+
+    @cached_property
+    def named_coefficients(self) -> tuple[Coefficient, ...]:
+        """Where each letter of `structure` stands."""
+        if self.provenance.equations:
+            return self._given.coefficients
+        alike = np.all((self.standard_errors == 0) & (self.coefficients == self.coefficients[:1]), axis=0)
+        places = np.argwhere(self.support & ~(alike & self.terms.is_factor)).tolist()
+        letters = iter(text.free_letters(len(places), self.terms.variables.names))
+        named = ((self.terms.constant_name(k) or next(letters), j, k) for j, k in places)
+        return tuple(Coefficient(letter, (Part(j, k),)) for letter, j, k in named)
+
+    def _letters_of(self, name: str, errors: Floats) -> dict[str, tuple[float, float]]:
+        """Return what the letters of given equations stand for, and their errors, zero where those of terms all are."""
+        values, own = (each[self.index(name)].tolist() for each in self._letter_values)
+        shown = np.nan_to_num(own) * bool(np.any(np.nan_to_num(errors)))
+        return dict(zip(self.letters, zip(values, shown.tolist(), strict=True), strict=True))
+
+    def _constants(self, name: str, errors: Floats) -> Iterator[tuple[float, float]]:
+        """Yield the value of each constant inside of terms for an object, and its error of those of all terms."""
+        own = self.coefficients_of(name)
+        for k in self.terms.constants:
+            j = int(np.argmax(own[:, k] != 0))
+            yield float(own[j, k]), float(np.nan_to_num(errors[j, k]))
+
+    def _factors(self, name: str) -> Floats:
+        """Return the coefficients of an object that are factors of terms, shape (equations, terms)."""
+        return np.where(self.terms.is_factor, self.coefficients_of(name), 0.0)
+
+    @cached_property
+    def named_products(self) -> tuple[Product, ...]:
+        """What stands before each term, by the letters of `structure`."""
+        if self.provenance.equations:
+            return self._given.products
+        return tuple(Product(each.equation, each.term, 1.0, ((each.name, 1),)) for each in self.named_coefficients)
+
+    @cached_property
+    def _given(self) -> GivenEquations:
+        return read_equations(self.provenance.equations, self.schema, self.terms.variables)
+
+    def letter_values(self) -> tuple[Floats, Floats]:
+        """Return what the letters of `structure` stand for, and their standard errors, both (objects, letters)."""
+        return self._letter_values
+
+    @cached_property
+    def _letter_values(self) -> tuple[Floats, Floats]:
+        values, errors = np.empty((2, len(self.objects), len(self.named_coefficients)))
+        for i, each in enumerate(self.named_coefficients):
+            values[:, i] = each.of(self.coefficients)
+            errors[:, i] = self._error(each)
+        values.flags.writeable = errors.flags.writeable = False
+        return values, errors
+
+    def _error(self, coefficient: Coefficient) -> Floats:
+        """Return the standard error of a named coefficient to first order, shape (objects,)."""
+        covariance = self.uncertainty.covariance
+        if covariance is None or not all(self.support[each.equation, each.term] for each in coefficient.parts):
+            return np.full(len(self.objects), np.nan)
+        indices = {index: i for i, index in enumerate(zip(*np.nonzero(self.support), strict=True))}
+        own = [indices[each.equation, each.term] for each in coefficient.parts]
+        slopes, inner = coefficient.gradient(self.coefficients), covariance[:, own][:, :, own]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", slopes, inner, slopes), 0.0)))
+
+    def letter_units(self) -> "tuple[str | None, ...]":
+        """Return the unit of each letter of `structure`, as far as the units of the variables tell it."""
+        units, found = self._units(), list[str | None]()
+        for each in self.named_coefficients:
+            own = [units.get((self.left_hand_sides[part.equation], self.terms.names[part.term])) for part in each.parts]
+            powers = [None if unit is None else unit**part.power for unit, part in zip(own, each.parts, strict=True)]
+            known = [unit for unit in powers if unit is not None]
+            found.append(f"{reduce(mul, known):~P}" if len(known) == len(powers) else None)
+        return tuple(found)
+
+    def _heads(self) -> list[str]:
+        return text.with_units(self.letters, self.letter_units())
+
+    @property
+    def _is_explained(self) -> bool:
+        return self.uncertainty.explanation is not None and len(self.objects) > 1
+
+    def _explained(self) -> Explanation:
+        if self.uncertainty.explanation is None:
+            raise CommonlawError("relations-missing")
+        return self.uncertainty.explanation
+
+    def relations(self) -> "pd.DataFrame":
+        """Return a table of what decides each coefficient: its kind, the properties it follows, its factor, scatter.
+
+        Columns are equation, term, kind, follows, factor, standard error, unit, scatter, its error and the probability
+        of the relation; scatter is relative where all objects have the same sign, and factors of affine functions are
+        their constants.
+
+        Raises
+        ------
+        CommonlawError
+            If `Law.explain` was not asked.
+        """
+        explanation, indices = self._explained(), np.argwhere(self.support)
+        equations = [self.left_hand_sides[j] for j, _ in indices]
+        return explanation.to_frame(equations, [self.terms.names[k] for _, k in indices], self._factor_units())
+
+    def _factor_units(self) -> list[str | None]:
+        """Return the units of the relations' factors, as far as they are known."""
+        found: list[str | None] = []
+        own, units = self.coefficient_units(), self.schema.units
+        for (j, k), relation in zip(np.argwhere(self.support), self._explained().relations, strict=True):
+            unit = own.get((self.left_hand_sides[j], self.terms.names[k]))
+            if unit is None or relation is None or not {*relation.properties} <= units.keys():
+                found.append(None)
+            else:
+                powers = zip(relation.properties, map(float, relation.exponents), strict=False)
+                found.append(quotient_unit(unit, [(units[name], power) for name, power in powers]))
+        return found
+
+    @property
+    def _related(self) -> RelatedCoefficients:
+        return RelatedCoefficients(self.terms, self.support, self.coefficients, self._explained())
+
+    def _explained_body(self) -> list[str]:
+        """Return the lines that hold the relations, what they leave open, and coefficients that are objects' own."""
+        return [*self.equations(), *self._related.lines(self.objects, self.standard_errors, self._factor_units())]
+
+    def _only(self, name: str | None) -> str:
+        if name is None and len(self.objects) > 1:
+            names = ", ".join(self.objects)
+            raise CommonlawError("several-objects", objects=names)
+        return self.objects[0] if name is None else name
+
+    def _shown_errors(self, name: str, wanted: bool | None) -> Floats:
+        """Return the standard errors of one object to show, shape (equations, terms): zeros if they are not wanted."""
+        if wanted:
+            self.uncertainty.known_covariance()
+        if wanted is False or self.uncertainty.covariance is None:
+            return np.zeros(self.support.shape)
+        return np.asarray(self.standard_errors[self.index(name)])
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """See `Uncertainty`."""
+        return self.uncertainty.explanation
+
+    @property
+    def other_laws(self) -> "tuple[PlausibleLaw[Law], ...]":
+        """See `Uncertainty`."""
+        return self.uncertainty.other_laws
+
+    @property
+    def with_discrepancy(self) -> "Law | None":
+        """See `Provenance`."""
+        wider: Law | None = self.provenance.with_discrepancy
+        return wider
+
+    @property
+    def differentiation(self) -> AbstractDifferentiator | None:
+        """See `Provenance`."""
+        return self.provenance.differentiation
+
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """See `Provenance`."""
+        return self.provenance.outcomes
+
+    @property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """See `Provenance`."""
+        return self.provenance.alternatives
+
+    @property
+    def history(self) -> History:
+        """Every choice on the way to the law; it prints as a table."""
+        return History(self.provenance.history)
+
+    @property
+    def covariance(self) -> Floats | None:
+        """See `Uncertainty`."""
+        return self.uncertainty.covariance
+
+    @property
+    def noise(self) -> Floats | None:
+        """See `Uncertainty`."""
+        return self.uncertainty.noise
+
+    @property
+    def inclusion_probabilities(self) -> Floats | None:
+        """See `Uncertainty`."""
+        return self.uncertainty.inclusion_probabilities
+
+    @property
+    def has_std(self) -> bool:
+        """Whether `predict` can return standard deviations: covariance and noise are known."""
+        return self.covariance is not None and self.noise is not None
+
+    @property
+    def plausible(self) -> "tuple[PlausibleLaw[Law], ...]":
+        """All that the law could be with a probability above 1 %, itself first; it alone if no other is known.
+
+        The others have coefficients of their own, with their covariance and errors, and no record of how they were
+        found. Their probabilities and its own add up to one.
+        """
+        return PlausibleLaw(1.0 - sum(each.probability for each in self.other_laws), self), *self.other_laws
+
+    def interval_ends(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
+        """Return the lower and upper ends of the coefficients' intervals, each of shape (objects, equations, terms).
+
+        NaN for terms that an object does not have; see `intervals`.
+
+        Raises
+        ------
+        CommonlawError
+            If the covariance is not known, or the level is not between 0 and 1.
+        """
+        self.uncertainty.known_covariance()
+        laws = self.plausible if averaged else (PlausibleLaw(1.0, self),)
+        weights = np.array([each.probability for each in laws]).reshape(-1, 1, 1, 1)
+        values = np.array([self._by_own_terms(each.law, each.law.coefficients) for each in laws])
+        errors = np.nan_to_num([self._by_own_terms(each.law, each.law.standard_errors) for each in laws])
+        degrees = [each.law.uncertainty.degrees_of_freedom for each in laws]
+        whole = np.array([np.full(len(self.states), np.inf) if each is None else each for each in degrees])
+        low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
+        absent = self.coefficients == 0
+        return np.where(absent, np.nan, low), np.where(absent, np.nan, high)
+
+    def letter_interval_ends(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
+        """Return the ends of the intervals of what the letters of `structure` stand for, each (objects, letters).
+
+        NaN where they are not known; see `intervals`.
+        """
+        values, errors = self.letter_values()
+        equations = [each.parts[0].equation for each in self.named_coefficients]
+        half = errors * self.uncertainty.reach(len(self.states), level)[equations]
+        if not self.other_laws or not averaged:
+            return values - half, values + half
+        low, high = self.interval_ends(level)
+        indices = tuple(np.array([(each.parts[0].equation, each.parts[0].term) for each in self.named_coefficients]).T)
+        return low[:, *indices], high[:, *indices]
+
+    def intervals(self, level: float = 0.95, averaged: bool = True) -> "pd.DataFrame":
+        """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.
+
+        And how probable it is that the term is in the law, and the unit of its coefficient, where that is known. Of a
+        law that was given as equations it is a table of their letters: object, parameter, coefficient, standard error,
+        low, high, unit.
+
+        Low and high are averaged over what the law could be, `plausible`: the coefficient is zero where its term is
+        not in the law, so that the interval of a term that may well not be there tends to include zero. Where there is
+        something else that the law could be, the interval if it has these terms and no others stands beside it, as
+        "low given these terms" and "high given these terms". Errors follow Student's t distribution, with the degrees
+        of freedom of the estimate of the noise.
+
+        Parameters
+        ----------
+        level
+            The probability that the coefficient lies between low and high.
+        averaged
+            Whether low and high are averaged; else they are those given these terms.
+
+        Raises
+        ------
+        CommonlawError
+            If the covariance is not known, or the level is not between 0 and 1.
+        """
+        from commonlaw.law.tables import interval_frame, letter_interval_frame
+
+        if self.provenance.equations:
+            self.uncertainty.known_covariance()
+            ends_of_letters = self.letter_interval_ends(level, averaged)
+            found = letter_interval_frame(self.objects, self.letters, *self.letter_values(), *ends_of_letters)
+            of_letters = [unit or "" for unit in self.letter_units()]
+            return found.assign(unit=of_letters * len(self.objects)) if any(of_letters) else found
+        ends = {"": self.interval_ends(level, averaged)}
+        if averaged and self.other_laws:
+            ends[" given these terms"] = self.interval_ends(level, averaged=False)
+        names, errors = (self.objects, self.left_hand_sides, self.terms.names), self.standard_errors
+        found = interval_frame(*names, self.coefficients, errors, ends, self.uncertainty.inclusion_probabilities)
+        units = self.coefficient_units()
+        if units:
+            found["unit"] = [units.get(key, "") for key in zip(found["equation"], found["term"], strict=True)]
+        return found
+
+    def draws(self, count: int = 1000, seed: int = 0, averaged: bool = True) -> "pd.DataFrame":
+        """Return draws of the coefficients from what the trials tell of them, for quantities of one's own.
+
+        Each is drawn from one of the laws that are `plausible`, by their probabilities, and has zeros for terms that
+        are not in it; with the covariance of that law, of all objects together. The distribution is normal, or
+        Student's t distribution where the noise was estimated.
+
+        Parameters
+        ----------
+        count
+            How many draws of each object.
+        seed
+            The same seed gives the same draws.
+        averaged
+            Whether to draw from all that is plausible; else all draws have the terms of this law.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each draw and object, which are its index; a column for each letter of `structure`.
+
+        Raises
+        ------
+        CommonlawError
+            If the law does not know how accurate its coefficients are, or no draw is asked for.
+
+        Examples
+        --------
+        The speed at which drops no longer accelerate, of each object:
+
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05))
+        >>> draws = law.draws()
+        >>> speeds = (draws["g"] / draws["c"]).groupby("object").quantile([0.025, 0.975]).unstack()
+        >>> print(speeds.round(1).to_string(header=False, index_names=False))
+        Ball 1  90.1  108.3
+        Ball 2  31.7   33.7
+        Ball 3  30.9   32.7
+        Ball 4  19.2   19.9
+        Ball 5  13.8   14.2
+        """
+        from commonlaw.law.tables import MOST_DRAWS, draws_frame
+
+        check_whole_number("count", count, 1, MOST_DRAWS)
+        laws = self.plausible if averaged else self.plausible[:1]
+        chosen = np.zeros(count, dtype=np.intp)
+        if len(laws) > 1:
+            shares = np.cumsum([each.probability for each in laws])
+            chosen = np.searchsorted(shares, np.random.default_rng([seed, count]).uniform(0.0, shares[-1], count))
+        whole = np.zeros((count, *self.coefficients.shape))
+        for i in np.unique(chosen).tolist():
+            law, own = laws[i].law, chosen == i
+            drawn = law.uncertainty.draws(law.coefficients[:, law.support], int(own.sum()), seed)
+            whole[own] = self._by_own_terms(law, _placed(drawn, law))
+        values = [each.of(whole) for each in self.named_coefficients]
+        return draws_frame(self.objects, self.letters, np.stack(values, axis=-1))
+
+    def each_other(self, change: "Callable[[Law], Law]") -> "tuple[PlausibleLaw[Law], ...]":
+        """Return what else the law could be, each law changed alike."""
+        return tuple(PlausibleLaw(each.probability, change(each.law)) for each in self.other_laws)
+
+    def _by_own_terms(self, law: "Law", values: Floats) -> Floats:
+        """Return values of another law's terms, shape (..., equations, terms), for the terms of this one, by name."""
+        if law.terms is self.terms:
+            return values
+        found = np.zeros((*values.shape[:-1], len(self.terms)))
+        for name, own in zip(law.terms.names, np.moveaxis(values, -1, 0), strict=True):
+            if name in self.terms.names:
+                found[..., self.terms.names.index(name)] = own
+        return found
+
+    def _check_others(self) -> None:
+        """Refuse other laws that are not of the same objects and states, or whose probabilities are none."""
+        for probability, law in self.other_laws:
+            same = (law.objects, law.order, law.states) == (self.objects, self.order, self.states)
+            if not same or law.other_laws:
+                raise CommonlawError("averaged-law-differs")
+            if not 0 < probability < 1:
+                raise CommonlawError("averaged-law-probability", probability=probability)
+        if sum(each.probability for each in self.other_laws) >= 1:
+            raise CommonlawError("averaged-laws-probability")
+
+    def vector_field(self, name: str) -> VectorField:
+        """Return the right-hand side for one object, ready to integrate, see `VectorField`.
+
+        Raises
+        ------
+        CommonlawError
+            If the law has no such object.
+        """
+        free = self.support if self.shared else None
+        return VectorField(self.terms, self.coefficients_of(name), self.order, free=free)
+
+    def simulate(
+        self,
+        times: ArrayLike,
+        initial: "ArrayLike | Mapping[str, ArrayLike]",
+        *,
+        method: str = "auto",
+        tolerance: float = 1e-8,
+        events: Sequence[Event] = (),
+        dense: bool = False,
+        sensitivities: bool = False,
+        doses: Mapping[str, Mapping[float, float]] | None = None,
+    ) -> dict[str, Trajectory]:
+        """Integrate the law for every object; a divergence is an outcome of its trajectory.
+
+        Parameters
+        ----------
+        times
+            When the states are wanted; the first is the time of the initial state. Shape (n,).
+        initial
+            Initial states, followed by the initial rates of those of second order: one vector for all objects, or one
+            by name of object; objects that are not named are left out.
+        method, tolerance, events, dense
+            How to integrate and what to look for, see `commonlaw.integration.simulate`.
+        sensitivities
+            Whether to give the derivatives of states by coefficients in the support, row by row, and by initial states.
+        doses
+            Amounts by their times, of a law whose inputs are doses: ``{"dose": {3.0: 60.0}}``.
+
+        Raises
+        ------
+        CommonlawError
+            If the law has other inputs, lacks an object, or has not as many states as an initial state.
+        """
+        how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
+        simulate = resolve_name("commonlaw.forecast:simulate_law")
+        found: dict[str, Trajectory] = simulate(self, times, initial, sensitivities=sensitivities, **how)
+        return found
+
+    def predict(
+        self,
+        trials: Trials,
+        *,
+        times: ArrayLike | None = None,
+        start: int | Literal["all"] | None = None,
+        from_time: float | None = None,
+        return_std: bool = False,
+        method: str = "auto",
+        tolerance: float = 1e-8,
+        seed: int = 0,
+        input_between: str | None = None,
+        discrepancy: bool = False,
+        averaged: bool = True,
+    ) -> "Forecast":
+        """Forecast each trial from its own initial state.
+
+        Parameters
+        ----------
+        trials
+            What to forecast, at all samples, measured or not. Objects that the law, if it has several, does not know
+            have the coefficients that follow from their properties, if `Law.explain` found how, else the mean ones of
+            the others; the bands carry how far objects stray from that.
+        times
+            More times to forecast at after a trial's first sample, shape (m,). Inputs keep their last value.
+        start
+            How many of each trial's first measured samples tell where its forecast starts. 1: the first states as
+            measured, and the rates of those of second order that the law's differentiation estimates there. 2 or more:
+            the law, with its coefficients as they are, is fitted to so many samples by likelihood, which needs its
+            noise; states may be missing. More samples leave less noise in the start, and make it matter more that the
+            law is right. ``"all"``: the initial conditions are fitted to the whole trial, so that the trajectories are
+            the fit of the law and no forecasts; noise that the law does not know is estimated from differences of
+            samples. Default: 1, but if the noise is known all that were measured where others follow, those that first
+            rates would be estimated from, or as many as tell what the first sample lacks.
+        from_time
+            When the forecasts begin: what was measured before tells the initial state, all of it, or the last `start`
+            samples, and everything from then on is forecast. Trials without samples on both sides are left out, which
+            `Forecast.trials.notes` says. Without the noise of the law its last sample counts as measured, or for a law
+            of second order the first of five.
+        return_std
+            Whether `Forecast.interval` is to say how far off the forecasts may be. To first order the covariance of the
+            coefficients and that of the initial state, which the noise of the trial's first samples makes uncertain,
+            are carried along each trajectory; that noise and the errors of the coefficients count as independent, also
+            where the law was learned from these samples.
+        method, tolerance
+            How to integrate, and the relative error of a step; see `commonlaw.integration.simulate`.
+        seed
+            Of the noise that shows how accurate the rates are that a differentiation estimates at the start.
+        input_between
+            The interpolation of inputs between samples: ``"held"`` at the earlier value, as a controller does,
+            ``"linear"`` or ``"cubic"`` (a spline, for smooth inputs). Default: as the law was learned.
+        discrepancy
+            Whether to forecast with the discrepancy that was found beside the law, see `discrepancy`.
+        averaged
+            Whether forecasts are averaged over what the law could be, see `plausible`: each is the median of what
+            these laws say, weighted by their probabilities, and its interval is that of the mixture. Else they are
+            those of this law.
+
+        Raises
+        ------
+        CommonlawError
+            If a trial's object is not the only one of the law, its variables are not those of the law, standard
+            deviations are asked for and the law's covariance or noise is not known, a start cannot be fitted, or the
+            law carries no discrepancy.
+        """
+        predict = resolve_name("commonlaw.forecast:predict")
+        options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
+        how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
+        forecast: Forecast = predict(self, trials, times=times, **options, **how)
+        return forecast
+
+    def adapt(self, trials: Trials) -> "Law":
+        """Return the law of the objects of new trials, with coefficients that these trials have updated.
+
+        Before, an object has the coefficients that `predict` would take: its own if the law knows it, else those that
+        follow from its properties or are typical, with how far objects stray. That is a normal distribution; the
+        likelihood of the trials, whose initial states are free, updates it, so that few samples change what is not
+        known well, and no more. Trials that the law was learned from would count twice.
+
+        Parameters
+        ----------
+        trials
+            New trials, of few samples or many.
+
+        Raises
+        ------
+        CommonlawError
+            If the law does not know its noise or how accurate its coefficients are, has errors other than white
+            noise or is of discrete time; or if the trials cannot be used.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05)
+        >>> law = cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:4])).explain([])
+        >>> print(law.adapt(drops.select(object="Ball 5", trial=1).until(2.0)))
+        x'' = -9.856 ± 0.046 - (0.714 ± 0.011) v
+        <BLANKLINE>
+        with v = x', g [m/s²] = 9.856 ± 0.046, c [1/s] = 0.714 ± 0.011
+        """
+        return cast("Law", resolve_name("commonlaw.inference:adapt")(self, trials))
+
+    def bounds(self, trials: Trials, terms: Sequence[str] | None = None, *, level: float = 0.95) -> "Bounds":
+        """Say how large coefficients of absent terms, by default all of the library, could be unseen: see `Bounds`.
+
+        Raises
+        ------
+        CommonlawError
+            If there are more than 30 such terms, or one is named that is in the law or cannot be read.
+        """
+        return cast("Bounds", resolve_name("commonlaw.inference:bounds")(self, trials, terms, level=level))
+
+    def discrepancy(
+        self,
+        trials: Trials,
+        of: str | None = None,
+        *,
+        times: str = "1",
+        equation: str | None = None,
+        zero_at: float | Literal["auto"] | None = "auto",
+        noise: Mapping[str, float] | None = None,
+        huber_threshold: float = HUBER_THRESHOLD,
+    ) -> "Discrepancy[Law]":
+        """Find what the law leaves unexplained as a smooth function of a coordinate, the same for all objects.
+
+        The function is a Gaussian process in the likelihood of the trajectories, fitted together with the law's
+        coefficients and all initial states; its amplitude and its smoothness are integrated out. Where measurements
+        depart from law and function trial by trial, and evidence says so, that is a model error (a random walk).
+
+        A function could take over what the law's terms say. So that coefficients keep their meaning, it is zero where
+        the coordinate is zero, if that was visited or nearly: a drag vanishes at rest, and the constant of the law is
+        gravity. Of other terms that a function of the coordinate could say as well it holds nothing: it is orthogonal
+        to them over the visited samples, as it is to all such terms where no zero was visited, and of time. Terms that
+        no function of the coordinate can say need no such rule.
+
+        Parameters
+        ----------
+        trials
+            Of objects of the law.
+        of
+            The coordinate: a state, its rate, an input, time, or an expression of these and of the objects' properties
+            such as ``abs(v)*diameter/1.5e-5``. Default: the variable of largest evidence, which pays for the choice.
+        times
+            What the function is multiplied with, a term such as ``v*abs(v)*diameter^2/mass``: the function of the
+            Reynolds number is then a drag coefficient but for a constant.
+        equation
+            The state in whose equation the function stands. Default: that of largest evidence among those with
+            coefficients to be found.
+        zero_at
+            Where the function is zero, instead of the rule above; None for nowhere.
+        noise, huber_threshold
+            See `commonlaw.refine`.
+
+        Raises
+        ------
+        CommonlawError
+            If the law is of discrete time, its objects do not share their terms, or a coordinate cannot be read, is
+            not finite or does not change; the message says which.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05, quadratic=-0.02)
+        >>> found = cl.fit("x'' = -g - c v", drops).discrepancy(drops, of="v")
+        >>> found.claimed
+        True
+        """
+        options: dict[str, Any] = {"times": times, "equation": equation, "zero_at": zero_at}
+        find = resolve_name("commonlaw.discrepancy:discrepancy")
+        found: Discrepancy[Law] = find(self, trials, of, noise=noise, huber_threshold=huber_threshold, **options)
+        return found
+
+    def domain(self) -> "pd.DataFrame":
+        """Return a table of where the law may be used: the ranges of what it was learned from, with their units.
+
+        Rates are those of smooth curves through the samples. Forecasts that leave a range by more than a tenth of it
+        say so, in ``Forecast.trials.notes``.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.0))
+        >>> print(law.domain().round(1).drop(columns="unit").to_string(index=False))
+        variable   low  high
+               x   2.1  47.3
+               v -26.7  -0.2
+            drag  -0.7  -0.1
+        """
+        import pandas as pd
+
+        units = self.schema.units
+        rows = [(name, *ends, units.get(name, "")) for name, ends in self.provenance.domain.visited.items()]
+        return pd.DataFrame(rows, columns=["variable", "low", "high", "unit"])
+
+    def residuals(self, trials: Trials) -> "Residuals":
+        """Say how well the law fits trials: what measurements are off its trajectories, and which patterns that has.
+
+        Each trial's initial state is fitted to all of its samples; the coefficients stay as they are. Tests compare the
+        residuals with the noise, hold them against time, states, rates, inputs and each other, and look for memory, for
+        scatter that grows, and for errors that are not normal (Ljung and Box, Spearman, Shapiro and Wilk, F tests).
+        P-values are adjusted for their number (Benjamini and Yekutieli 2001).
+
+        Parameters
+        ----------
+        trials
+            Of objects of the law, or of others that `predict` takes.
+
+        Raises
+        ------
+        CommonlawError
+            If the law is of discrete time, or the trials cannot be used.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05)
+        >>> print(cl.fit("x'' = -g - c v", drops).residuals(drops))
+        The residuals look like white noise: no pattern is significant.
+        """
+        return cast("Residuals", resolve_name("commonlaw.discrepancy:residuals")(self, trials))
+
+    def score(self, trials: Trials, start: int | Literal["all"] | None = None) -> float:
+        """Return the R^2 of the forecasts of these trials, see `Forecast.score`; for the start see `predict`."""
+        return self.predict(trials, start=start).score()
+
+    def verdict(self, trials: Trials, learned: Trials | None = None) -> "LawVerdict":
+        """Say what the law is good for: how well and how far it forecasts, whether its bands hold, what is uncertain.
+
+        Trials are forecast over all that follows their first samples, so that growth is judged while it grows, and
+        compared with persistence, the states as they were last measured. Each forecast starts where the law, fitted
+        to the samples before, says; the coefficients stay as they are.
+
+        Parameters
+        ----------
+        trials
+            What was measured.
+        learned
+            What of it the law was learned from, such as ``trials.until(70)`` or ``trials.select(trial=1)``: judged on
+            are held-out trials, and later samples, these from the last that was learned too; objects that the law does
+            not know have the mean coefficients of the others. Without it, or if nothing was held out, judged on are all
+            trials, which the verdict says.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05)
+        >>> law = cl.fit("x'' = -g - c v", drops.select(trial=1))
+        >>> print(law.verdict(drops, drops.select(trial=1)).sentences[0])
+        This law can be used for forecasts up to 2.6 s ahead (longest horizon tested).
+        """
+        return cast("LawVerdict", resolve_name("commonlaw.verdict:judge")(self, trials, learned))
+
+    def report(
+        self, trials: Trials | TrialStream, learned: Trials | TrialStream | None = None, client: "Client | None" = None
+    ) -> "Page":
+        """Return the page of `commonlaw report` on the law: to be saved, or looked at in a notebook.
+
+        Parameters
+        ----------
+        trials
+            What was measured. All of a stream is forecast, and the page shows few objects that stand for all.
+        learned
+            What of it, or of others, the law was learned from, see `verdict`: ``law.report(*stream.split(trial=3))``.
+        client
+            A dask client, whose workers go through a stream.
+
+        Raises
+        ------
+        CommonlawError
+            If the law and the trials do not go together, or one of the others does not go with them.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05, trials=1)
+        >>> cl.fit("x'' = -g - c v", drops).report(drops).html[:15]
+        '<!DOCTYPE html>'
+        """
+        return cast("Page", resolve_name("commonlaw.report:law_page")(self, trials, learned, client))
+
+    def simplify(self, tolerance: float = 2.0) -> "Simplification[Law]":
+        """Return the law in its simplest form: numbers that are nearly zero, one, a ratio, or each other replaced.
+
+        A number is replaced by zero, a ratio of small whole numbers, or another number of the law or its opposite,
+        where that is shorter to write than its digits that are known (minimum description length; Rissanen 1983):
+        0.667 ± 0.001 becomes 2/3, and 0.67 ± 0.05 stays. The numbers that remain follow by the covariance. Numbers with
+        units become zero or each other, as what else they are depends on units. Equations are in the shortest form
+        among equivalent ones; where a part of a fraction vanishes within its error, a number goes: of ``a + b/(K + s)``
+        with b near ``-K a`` remains ``a s/(K + s)``. What several objects have is replaced for all of them, and what
+        `explain` said of them does not enter.
+
+        Parameters
+        ----------
+        tolerance
+            Standard errors that the mean over objects may be off. All replacements together may be as improbable, of
+            the mean and of all objects, by chi-square tests. With two, one in twenty numbers that are simple stays.
+
+        Raises
+        ------
+        CommonlawError
+            If the law does not know how accurate its coefficients are, objects have terms of their own, or SymPy is
+            not installed.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(drag=(-0.1, -0.2), noise=0.001)
+        >>> print(cl.fit("x'' = -g - c v + b v^2", drops).simplify().equations[0])
+        x'' = -(c*v + g)
+        """
+        return cast("Simplification[Law]", resolve_name("commonlaw.law.simplify:simplified")(self, tolerance))
+
     # Laws of other objects
 
     def average(self) -> "Law":
@@ -175,7 +1198,7 @@ class Law(AbstractDelegates):
         CommonlawError
             If the law does not know how accurate its coefficients are, or is pooled already.
         """
-        from commonlaw.law.partial_pooling import not_pooled, partially_pooled, pooling_step
+        from commonlaw.law.pooling import not_pooled, partially_pooled, pooling_step
 
         pooled = self.each_other(lambda law: law.partial_pooling(universal, others))
         found = partially_pooled(self.coefficients, self.uncertainty, self.support, universal, others)
@@ -220,7 +1243,7 @@ class Law(AbstractDelegates):
         <BLANKLINE>
         with v = x'
         """
-        from commonlaw.law.explaining import offered
+        from commonlaw.law.pooling import offered
         from commonlaw.law.script import written
 
         if not self.shared:
@@ -238,7 +1261,7 @@ class Law(AbstractDelegates):
 
     def _explained_by(self, found: Properties, names: Sequence[str]) -> "Law":
         """Return the law by properties of these names, without looking at what else it could be."""
-        from commonlaw.law.explaining import explained, explaining_step, table_of
+        from commonlaw.law.pooling import explained, explaining_step, table_of
 
         table = table_of(found, names, self.objects)
         keys = [(self.left_hand_sides[j], self.terms.names[k]) for j, k in np.argwhere(self.support)]
@@ -292,7 +1315,7 @@ class Law(AbstractDelegates):
     def __str__(self) -> str:
         own = self.provenance.equations and len(self.objects) == 1
         values = zip(self._heads(), *(each[0] for each in self.letter_values()), strict=True) if own else ()
-        simpler = resolve_name("commonlaw.law.simplifying:within_errors")(self)
+        simpler = resolve_name("commonlaw.law.simplify:within_errors")(self)
         return text.printed(self._body(), self.state_rates, values, simpler, self.outcomes)
 
     def _body(self) -> list[str]:
@@ -344,7 +1367,7 @@ class Law(AbstractDelegates):
 
     def to_json(self) -> str:
         """Return the law as JSON of a versioned schema."""
-        from commonlaw.law.json import encode
+        from commonlaw.law.io import encode
 
         return encode(self).decode()
 
@@ -357,7 +1380,7 @@ class Law(AbstractDelegates):
         CommonlawError
             If the text is damaged, or written by another version of the schema.
         """
-        from commonlaw.law.json import decode
+        from commonlaw.law.io import decode
 
         return cls._of(decode(content.encode() if isinstance(content, str) else content))
 
@@ -378,7 +1401,7 @@ class Law(AbstractDelegates):
             If the file cannot be written, or must not: it is read-only, a folder, or one of several names of a file; or
             if it would not be read again, as of so many objects in JSON, or with numbers whose squares are infinite.
         """
-        from commonlaw.law.file import law_bytes
+        from commonlaw.law.io import law_bytes
 
         write_whole(path, law_bytes(self, path))
 
@@ -391,10 +1414,17 @@ class Law(AbstractDelegates):
         CommonlawError
             If the file cannot be read or is no law; the message names the file.
         """
-        from commonlaw.law.file import decoded_file
+        from commonlaw.law.io import decoded_file
 
         content = read_file(path)
         try:
             return cls._of(decoded_file(content))
         except CommonlawError as error:
             raise error.at(str(path)) from None
+
+
+def _placed(drawn: Floats, law: Law) -> Floats:
+    """Return draws of the coefficients in the support of a law among all, shape (draws, objects, equations, terms)."""
+    whole = np.zeros((len(drawn), *law.coefficients.shape))
+    whole[..., law.support] = drawn
+    return whole

@@ -1,15 +1,135 @@
-"""How a law was found: the differentiation, the candidates, every choice, and what a user should know of it."""
+"""How a law was found, and where it may be used."""
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import zip_longest
+from itertools import product, zip_longest
 from typing import Any
 
-from commonlaw.differentiation import AbstractDifferentiator
-from commonlaw.law.domain import Domain
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
+from commonlaw.errors import CommonlawError
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
+from commonlaw.trials import Trial, Trials
+from commonlaw.trials.logarithms import natural
+from commonlaw.trials.trial import property_names, value_range
+
+_BEYOND = 0.1
+"""Share of a range that values may lie beyond it before it counts as left."""
+
+_SEGMENT, _SEGMENTS = 500, 20
+"""Samples of a segment, and segments, of long trials whose rates are looked at."""
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Where a law may be used.
+
+    Parameters
+    ----------
+    visited
+        The least and the largest value of states, rates, inputs and properties in what it was learned from, by name.
+    horizon
+        How far ahead the error of its forecasts stays within half of the states' spread; None if that was not judged.
+    judged
+        How far ahead was judged.
+    at_rest
+        Objects that were left out, as nothing changed in their trials, see `objects_at_rest`.
+    """
+
+    visited: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    horizon: float | None = None
+    judged: float | None = None
+    at_rest: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, trials: Trials, rates: Sequence[tuple[str, str]]) -> "Domain":
+        """Return what trials have visited; of some states their rates too, which are named with them.
+
+        They are those of smooth curves through the samples. States that nobody measured are not among it.
+        """
+        schema = trials.schema
+        states = natural(np.concatenate([trial.states for trial in trials]), schema)
+        inputs = np.concatenate([trial.inputs for trial in trials])
+        columns = {name: own for name, own in zip(schema.states, states.T, strict=True) if name not in schema.starts}
+        columns |= {name: own for name, own in zip(schema.inputs, inputs.T, strict=True) if name not in schema.doses}
+        if rates:
+            found = np.concatenate([_rates(trial) for trial in trials])
+            columns |= {rate: found[:, schema.states.index(state)] for state, rate in rates}
+        for name in property_names(trials.properties):
+            values = [own[name] for own in trials.properties.values() if name in own]
+            if isinstance(values[0], float):
+                columns[name] = np.array(values)
+        return cls({name: value_range(each) for name, each in columns.items()})
+
+    def with_horizon(self, horizon: float, judged: float) -> "Domain":
+        """Return the same with how far ahead forecasts are good, and how far ahead that was judged."""
+        return replace(self, horizon=horizon, judged=judged)
+
+    def horizon_sentence(self, unit: str) -> str:
+        """Return how far ahead forecasts are good, in words, given the unit of time."""
+        upto, farthest = (f"{value or 0.0:.3g} {unit}".rstrip() for value in (self.horizon, self.judged))
+        return f"Forecasts were off by less than half of the states' spread up to {upto} ahead; {farthest} were judged."
+
+    def left_by(self, name: str, values: Floats) -> float | None:
+        """Return the value that lies farthest beyond what was visited of a variable; None if none does."""
+        if name not in self.visited or not np.isfinite(values).any():
+            return None
+        low, high = self.visited[name]
+        least, largest, more = float(np.nanmin(values)), float(np.nanmax(values)), _BEYOND * (high - low)
+        ends = (low - least, least), (largest - high, largest)
+        beyond, farthest = max(ends)
+        return farthest if beyond > max(more, 1e-9 * max(abs(low), abs(high))) else None
+
+    def remarks(self, left: Mapping[str, Mapping[str, float]], unit: str, ahead: float) -> Iterator[str]:
+        """Yield what to know of forecasts that leave it.
+
+        Parameters
+        ----------
+        left
+            Of variables that were left the farthest value by trial.
+        unit
+            Of time.
+        ahead
+            How far ahead of what was measured the forecasts go.
+        """
+        parts = []
+        for name, values in left.items():
+            low, high = self.visited[name]
+            where = next(iter(values)) + (f" and {len(values) - 1} more" if len(values) > 1 else "")
+            farthest = next(iter(values.values()))
+            parts.append(f"{name} comes to {farthest:.3g} in {where}, and was {low:.3g} to {high:.3g}")
+        if parts:
+            yield f"forecasts leave what the law was learned from, and may be worse there: {'; '.join(parts)}"
+        if self.horizon is not None and ahead > (1 + _BEYOND) * self.horizon:
+            good = f"were good up to {self.horizon:.3g} {unit}".rstrip() if self.horizon else "were not good"
+            yield f"forecasts go {ahead:.3g} {unit} ahead; when the law was judged they {good}".replace("  ", " ")
+
+
+def _rates(trial: Trial) -> Floats:
+    """Return the rates of all states at the samples, shape (n, states); of long trials, in some segments."""
+    found = np.full(trial.states.shape, np.nan)
+    for rows, j in product(_segments(len(trial)), range(trial.states.shape[1])):
+        column = trial.states[rows, j]
+        seen = np.isfinite(column)
+        times, values = trial.times[rows][seen], column[seen, np.newaxis]
+        try:
+            found[rows, j][seen] = RobustSpline().differentiate(times, values, 1).derivatives[0][:, 0]
+        except CommonlawError:  # Too few samples for a smooth curve
+            if len(times) > 1:
+                found[rows, j][seen] = np.gradient(values[:, 0], times)
+    return found
+
+
+def _segments(samples: int) -> list[slice]:
+    """Return the rows whose rates are looked at: all of them, or segments that are evenly spread over a long trial."""
+    if samples <= _SEGMENTS * _SEGMENT:
+        return [slice(samples)]
+    return [slice(first, first + _SEGMENT) for first in np.linspace(0, samples - _SEGMENT, _SEGMENTS).astype(int)]
+
 
 _WIDTH = 60
 """Characters of a line of a reason."""

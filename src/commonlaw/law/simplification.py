@@ -5,8 +5,7 @@ from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from commonlaw.array_types import Floats
-from commonlaw.law.numbers import with_error
-from commonlaw.law.text import coefficient_table
+from commonlaw.law.text import coefficient_table, with_error
 from commonlaw.trials import Trials
 
 LawType = TypeVar("LawType")

@@ -5,14 +5,89 @@ from dataclasses import dataclass, replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.checked_arrays import checked, checked_covariance
-from commonlaw.law.explanation import Explanation
+from commonlaw.law.explanation import Explanation, is_whole
 from commonlaw.law.quantiles import two_sided
-from commonlaw.law.widening import Widening
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
+
+_ASYMMETRY = 1e-6
+"""Relative to the standard errors of both coefficients: more than rounding leaves of a symmetric matrix."""
+
+
+def checked(
+    values: ArrayLike, what: str, axes: str, shape: tuple[int, ...], low: float = -np.inf, high: float = np.inf
+) -> Floats:
+    """Return a read-only copy of an array of this shape, refusing values that are not between `low` and `high`."""
+    array = np.array(values, dtype=np.float64)
+    if array.shape != shape:
+        raise CommonlawError("law-array-shape", array=what, shape=array.shape, axes=axes, expected=shape)
+    if not np.all(np.isfinite(array)):
+        raise CommonlawError("law-array-not-finite", array=what)
+    if not np.all((low <= array) & (array <= high)):
+        wrong = array[(array < low) | (array > high)][0]
+        raise CommonlawError("law-array-range", array=what, value=wrong, low=low, high=high)
+    array.flags.writeable = False
+    return array
+
+
+def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: int) -> Floats:
+    """Return a read-only copy of the covariances of all objects' coefficients, symmetric to the last digit."""
+    shape = (len(objects), parameters, parameters)
+    matrices = checked(values, "covariance", "objects, coefficients in the law, the same", shape)
+    variances = np.diagonal(matrices, axis1=1, axis2=2)
+    negative = np.any(variances < 0, axis=1)
+    if negative.any():
+        name = objects[int(np.argmax(negative))]
+        raise CommonlawError("law-variance-negative", name=name)
+    errors, turned = np.sqrt(variances), matrices.transpose(0, 2, 1)
+    uneven = np.abs(matrices - turned) > _ASYMMETRY * errors[:, :, np.newaxis] * errors[:, np.newaxis]
+    if uneven.any():
+        name = objects[int(np.argmax(uneven.any(axis=(1, 2))))]
+        raise CommonlawError("law-covariance-asymmetric", name=name)
+    symmetric = matrices / 2 + turned / 2  # The sum of the largest numbers is infinite
+    symmetric.flags.writeable = False
+    return symmetric
+
+
+@dataclass(frozen=True, eq=False)
+class Widening:
+    """Factors of intervals of forecasts, as forecasts of what was left out asked for.
+
+    Parameters
+    ----------
+    horizons
+        How far ahead, increasing from zero or more, shape (m,).
+    factors
+        There, above zero, shape (m,); between horizons they lie on straight lines, and beyond them they stay.
+    """
+
+    horizons: Floats
+    factors: Floats
+
+    def checked(self) -> "Widening":
+        """Return the same as read-only arrays, refusing what is no widening.
+
+        Raises
+        ------
+        CommonlawError
+            If the shapes differ, horizons do not increase, or a factor is not above zero.
+        """
+        arrays = [np.array(each, dtype=np.float64) for each in (self.horizons, self.factors)]
+        horizons, factors = arrays
+        fits = horizons.ndim == 1 and horizons.shape == factors.shape and len(horizons) > 0
+        if not (fits and np.all(np.diff(horizons) > 0) and np.all(factors > 0) and np.isfinite(arrays).all()):
+            raise CommonlawError("interval-inflation")
+        for each in arrays:
+            each.flags.writeable = False
+        return Widening(horizons, factors)
+
+    def at(self, ahead: Floats) -> Floats:
+        """Return the factors so far ahead, of the shape of the horizons that are given."""
+        return np.asarray(np.interp(ahead, self.horizons, self.factors))
+
 
 LawType = TypeVar("LawType")
 
@@ -128,7 +203,7 @@ class Uncertainty:
             degrees = checked(degrees, "degrees of freedom", "states", support.shape[:1], low=np.finfo(float).tiny)
         pooled = self.pooled and self.pooled.checked(objects, size)
         errors, wider = _checked_errors(errors, len(support)), self.widening and self.widening.checked()
-        explanation = self.explanation and self.explanation.checked(size)
+        explanation = self.explanation and _checked_explanation(self.explanation, size)
         return Uncertainty(
             covariance, factor, noise, inclusion, errors, own, pooled, degrees, wider, explanation, self.other_laws
         )
@@ -250,3 +325,17 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
         if not getattr(errors, name) > 0:
             raise CommonlawError("law-error-not-positive", name=name, value=getattr(errors, name))
     return replace(errors, **found)
+
+
+def _checked_explanation(explanation: Explanation, size: int) -> Explanation:
+    """Return relations with a read-only covariance, for a law with so many parameters."""
+    relations = explanation.relations
+    if len(relations) != size:
+        raise CommonlawError("relations-count", given=len(relations), expected=size)
+    wrong = next((each for each in relations if each and not is_whole(each)), None)
+    if wrong is not None:
+        raise CommonlawError("relation-damaged", kind=wrong.kind)
+    count = sum(len(each.factors) for each in relations if each)
+    return Explanation(
+        relations, checked(explanation.covariance, "covariance of factors", "factors, the same", (count, count))
+    )

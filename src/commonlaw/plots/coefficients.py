@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import unknown
 from commonlaw.law import Law
-from commonlaw.law.numbers import with_error
+from commonlaw.law.text import with_error
 from commonlaw.library.notation import latex_name
 from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
 from commonlaw.plots.style import (

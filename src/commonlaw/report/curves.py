@@ -7,7 +7,7 @@ from functools import cached_property, partial
 import numpy as np
 import pandas as pd
 
-from commonlaw.law import Forecast
+from commonlaw.forecast import Forecast
 from commonlaw.plots import ForecastPanels, plot_errors
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.law_sections import LawCase, folded, listed

@@ -14,10 +14,10 @@ from commonlaw import __version__
 from commonlaw.discrepancy.function import CLAIMED
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
-from commonlaw.forecast import fitted
+from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
-from commonlaw.law import Forecast, Law
-from commonlaw.law.domain import Domain
+from commonlaw.law import Law
+from commonlaw.law.provenance import Domain
 from commonlaw.law.script import Source
 from commonlaw.law.tables import MEANINGS, readable_candidates
 from commonlaw.plots import IntervalPanels, ResidualPanels, plot_discrepancy, plot_intervals, plot_relations

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, fromstring, tostring
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
 from commonlaw.law import Law
-from commonlaw.law.simplifying import within_errors
+from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import aligned, latex_left_hand_sides, said_within_errors
 from commonlaw.names import visible
 

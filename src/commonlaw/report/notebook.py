@@ -10,8 +10,9 @@ from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.residual_tests import Residuals
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.plan import Design
+from commonlaw.forecast import Forecast
 from commonlaw.inference import Bounds
-from commonlaw.law import Forecast, History, Law
+from commonlaw.law import History, Law
 from commonlaw.law.tables import readable
 from commonlaw.names import in_line, visible
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render

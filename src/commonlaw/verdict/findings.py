@@ -8,10 +8,10 @@ from typing import TypeVar
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import fitted
+from commonlaw.forecast import Forecast, fitted
 from commonlaw.forecast.initial_state import can_fit_initial_state
-from commonlaw.law import Forecast, Law
-from commonlaw.law.meeting import matched
+from commonlaw.law import Law
+from commonlaw.law.alignment import matched
 from commonlaw.trials import Trials
 from commonlaw.verdict.judge import judge, samples_before
 from commonlaw.verdict.law_verdict import LawVerdict

@@ -13,7 +13,7 @@ from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.meeting import matched
+from commonlaw.law.alignment import matched
 from commonlaw.law.population import is_typical, with_objects_of
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import OutcomeKind

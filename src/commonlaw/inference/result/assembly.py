@@ -25,7 +25,8 @@ from commonlaw.inference.result.interval_calibration import standardized_errors,
 from commonlaw.inference.result.predictive_choice import best_forecaster
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
-from commonlaw.law import Law, PlausibleLaw, Provenance, with_constants_of
+from commonlaw.law import Law, PlausibleLaw, Provenance
+from commonlaw.law.alignment import with_constants_of
 from commonlaw.law.population import with_pooled_forecasts
 from commonlaw.likelihood import ErrorKind
 from commonlaw.progress import ProgressCallback

@@ -19,7 +19,7 @@ from commonlaw.inference.fit.covariance import degrees_of_freedom, fitted_law
 from commonlaw.inference.fit.fit import Fit, best_of
 from commonlaw.law import Law
 from commonlaw.law.quantiles import two_sided
-from commonlaw.law.widening import Widening
+from commonlaw.law.uncertainty import Widening
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 

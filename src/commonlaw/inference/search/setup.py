@@ -17,7 +17,7 @@ from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.input_interpolation import supported_interpolation, with_interpolation
 from commonlaw.law import Law
-from commonlaw.law.meeting import matched, matched_noise
+from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.library import Terms
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ErrorKind, Prior
 from commonlaw.trials import Schema, Trials

@@ -10,7 +10,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.law import Law, Step
-from commonlaw.law.meeting import matched
+from commonlaw.law.alignment import matched
 from commonlaw.law.population import with_objects_of
 from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.trials import Trials

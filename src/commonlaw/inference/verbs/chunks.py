@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, Provenance, Uncertainty
-from commonlaw.law.domain import Domain
+from commonlaw.law.provenance import Domain
 from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import ObjectProperties

@@ -20,7 +20,7 @@ from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, check_one_scale, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance
-from commonlaw.law.meeting import matched
+from commonlaw.law.alignment import matched
 from commonlaw.library import Order, parse_terms
 from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
 from commonlaw.parallel import in_parallel, threads

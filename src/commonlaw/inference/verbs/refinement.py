@@ -9,6 +9,7 @@ from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.many_objects import objects_of_parts
+from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import CovarianceKind, fitted_law, residual_freedom, total_freedom
 from commonlaw.inference.fit.latent_initialization import visited_besides
@@ -28,9 +29,8 @@ from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import LawOfPart, law_of_all, typical
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
-from commonlaw.law.domain import Domain
+from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
-from commonlaw.law.zero import with_outcomes_of_zero
 from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
 from commonlaw.parallel import threads
 from commonlaw.progress import ProgressCallback, on_terminal, part

@@ -11,7 +11,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Trajectory
 from commonlaw.law.quantiles import mixture_interval
-from commonlaw.law.widening import Widening
+from commonlaw.law.uncertainty import Widening
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome

@@ -1,12 +1,16 @@
-"""Where a law and trials meet: the same variables, in the units of the law."""
+"""A law and trials, or two laws, brought to the same variables, units and names."""
 
+from collections import defaultdict
 from collections.abc import Mapping
-from typing import Literal
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law
+from commonlaw.library.parametric import free_name
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.conversion import Conversion, in_units
 from commonlaw.trials.doses import with_doses
@@ -15,6 +19,9 @@ from commonlaw.trials.measured_rates import without_rates
 from commonlaw.trials.rest import objects_at_rest, without_objects
 from commonlaw.trials.starts import with_starts
 from commonlaw.trials.trial import as_numbers
+
+if TYPE_CHECKING:
+    from commonlaw.law.law import Law
 
 
 def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same") -> Trials:
@@ -78,3 +85,27 @@ def _units(law: Law, given: Schema) -> dict[str, str]:
     used |= {start for start in own.starts.values() if isinstance(start, str)}
     units = {name: unit for name, unit in own.units.items() if name in used}
     return units | ({given.time: own.units[own.time]} if own.time in own.units else {})
+
+
+def with_constants_of(other: "Law", law: "Law") -> "Law":
+    """Return another law in which a constant has the name that it has in a law, where it is inside of the same terms.
+
+    Others have names that the law has not: what has a name in both is the same in both.
+    """
+    same = defaultdict[frozenset[tuple[int, str]], list[str]](list)
+    for name in law.terms.variables.constants:
+        same[_places(law, name)].append(name)
+    variables, names = other.terms.variables, list[str]()
+    for each in variables.constants:
+        known = same[_places(other, each)]
+        taken = (*law.terms.variables.names, *variables.measured, *names)
+        names.append(known.pop(0) if known else free_name(each, taken))
+    return replace(other, terms=replace(other.terms, variables=replace(variables, constants=tuple(names))))
+
+
+def _places(law: "Law", name: str) -> frozenset[tuple[int, str]]:
+    """Return in which equations' terms a constant is, these with a sign in place of it and of others."""
+    variables, column = law.terms.variables, law.terms.variables.index(name)
+    signs = [*variables.measured, *("?" if each == name else "#" for each in variables.constants)]
+    pairs = np.argwhere(law.support & law.terms.is_factor).tolist()
+    return frozenset((j, law.terms.terms[k].text(signs)) for j, k in pairs if column in law.terms.terms[k].columns())

@@ -5,21 +5,222 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.equivalent_forms import right_hand_sides, shortest, symbol, symbolic
+from commonlaw.extras import optional_import
 from commonlaw.law.law import Law
-from commonlaw.law.numbers import rounded
+from commonlaw.law.parse import read_equations
 from commonlaw.law.simplification import Replacement, Simplification, p_value
-from commonlaw.law.vanishing_parts import without_vanishing_part
+from commonlaw.law.text import rounded
+from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library.equation import split_equations
+from commonlaw.library.notation import quoted
 
 if TYPE_CHECKING:
     import sympy
+
+
+def symbolic() -> Any:
+    """Return SymPy.
+
+    Raises
+    ------
+    CommonlawError
+        If it is not installed.
+    """
+    return optional_import("sympy", "the simplest form of a law", "symbolic")
+
+
+def symbol(name: str) -> "sympy.Symbol":
+    """Return the symbol of a variable, a constant inside of terms or a letter."""
+    return symbolic().Symbol(quoted(name), real=True)
+
+
+def right_hand_sides(law: Law) -> "list[sympy.Expr]":
+    """Return what the equations give, with symbols for letters."""
+    sympy, columns = symbolic(), [symbol(name) for name in law.terms.variables.names]
+    products = {(each.equation, each.term): each for each in law.named_products}
+    found = []
+    for j, k in np.argwhere(law.support & law.terms.is_factor).tolist():
+        product = products.get((j, k))
+        factors = [symbol(name) ** power for name, power in product.coefficients] if product else []
+        number = product.factor if product else float(law.coefficients[0, j, k])
+        found.append((j, sympy.Mul(_exact(number), *factors, law.terms.terms[k].sympy(columns))))
+    return [sympy.Add(*(each for i, each in found if i == j)) for j in range(len(law.states))]
+
+
+def shortest(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> tuple[str, ...]:
+    """Return each equation in the equivalent form of fewest operations if `commonlaw.fit` reads it, else as a sum."""
+    sympy = symbolic()
+    forms = (sympy.factor, sympy.factor_terms, sympy.together, sympy.collect_const, sympy.simplify)
+    plain, short = list[str](), list[str]()
+    for left, right in zip(law.left_hand_sides, right_hand_sides, strict=True):
+        found = [
+            (each.count_ops(), f"{left} = {written(each, order)}")
+            for each in (form(right) for form in (sympy.expand, *forms))
+            for order in ("lex", "rev-lex")
+        ]
+        plain.append(found[0][1])
+        short.append(min((operations, len(text), text) for operations, text in found)[2])
+    try:
+        read_equations(short, law.schema)
+    except CommonlawError:
+        return tuple(plain)
+    return tuple(short)
+
+
+def written(expression: "sympy.Expr", order: str = "lex") -> str:
+    """Return an expression in the words of equations."""
+    text = str(symbolic().sstr(expression, order=order))
+    for theirs, ours in (("**", "^"), ("Abs(", "abs("), ("atan(", "arctan(")):
+        text = text.replace(theirs, ours)
+    return text
+
+
+def _exact(number: float) -> "sympy.Expr":
+    """Return a number as a ratio of whole numbers where it is one of small ones."""
+    near = Fraction(number).limit_denominator(1000)
+    if float(near) == number:
+        return symbolic().Rational(near.numerator, near.denominator)
+    return symbolic().Float(number)
+
+
+@dataclass(frozen=True, eq=False)
+class ShorterLaw:
+    """A law with one number less, what took its place, and the squared distance of estimates from it."""
+
+    law: Law
+    replaced: Replacement
+    chi_square: float
+
+    def added_to(self, found: Simplification[Law]) -> Simplification[Law]:
+        """Return what this law was simplified to, with what was replaced before."""
+        return replace(
+            found,
+            replaced=(self.replaced, *found.replaced),
+            chi_square=found.chi_square + self.chi_square,
+            degrees_of_freedom=found.degrees_of_freedom + len(self.law.objects),
+        )
+
+
+def without_vanishing_part(law: Law, values: Floats, covariances: Floats, tolerance: float) -> ShorterLaw | None:
+    """Return a law without a part of a fraction that vanishes; none if no part does.
+
+    Parameters
+    ----------
+    law
+        That is simplified.
+    values, covariances
+        What its letters stand for, of each object by its own trials, shape (objects, letters), and their covariances.
+    tolerance
+        Standard errors: parts are as near to zero as a normal number is to so many.
+    """
+    if not law.terms.variables.constants:
+        return None
+    rights, least = right_hand_sides(law), p_value(tolerance**2, 1)
+    near = [
+        each
+        for each in _parts(law, rights)
+        if p_value(each.chi_square(law, values, covariances), len(law.objects)) >= least
+    ]
+    if not near:
+        return None
+    part = min(near, key=lambda each: each.solved(rights).count_ops())
+    rights[part.equation] = part.solved(rights)
+    return ShorterLaw(
+        _without(law, part, shortest(law, rights), *part.constrained(law, values, covariances)),
+        part.replacement(law, values, covariances),
+        part.chi_square(law, values, covariances),
+    )
+
+
+class _Part(NamedTuple):
+    """What stands before products of variables in a numerator, and a letter that it vanishes for if it is `instead`."""
+
+    equation: int
+    value: "sympy.Expr"
+    letter: str
+    instead: "sympy.Expr"
+
+    def solved(self, right_hand_sides: "Sequence[sympy.Expr]") -> "sympy.Expr":
+        """Return its equation, if it is zero."""
+        found = right_hand_sides[self.equation].subs(symbol(self.letter), self.instead)
+        return symbolic().factor(found)
+
+    def along(self, law: Law, values: Floats) -> tuple[Floats, Floats]:
+        """Return the value of each object, shape (objects,), and its derivatives, shape (objects, letters)."""
+        sympy, symbols = symbolic(), [symbol(name) for name in law.letters]
+        function = sympy.lambdify(symbols, [self.value, *(self.value.diff(each) for each in symbols)])
+        found = np.array([function(*own) for own in values], dtype=np.float64)
+        return found[:, 0], found[:, 1:]
+
+    def chi_square(self, law: Law, values: Floats, covariances: Floats) -> float:
+        """Return the squared distance of all objects from zero, in units of the variance."""
+        own, slopes = self.along(law, values)
+        variances = np.einsum("oi,oij,oj->o", slopes, covariances, slopes)
+        return float(np.sum(own**2 / variances)) if (variances > 0).all() else np.inf
+
+    def constrained(self, law: Law, values: Floats, covariances: Floats) -> tuple[Floats, Floats]:
+        """Return the estimates of largest likelihood where it is zero, with their covariances, to first order."""
+        own, slopes = self.along(law, values)
+        shared = np.einsum("oij,oj->oi", covariances, slopes)
+        variances = np.einsum("oi,oi->o", slopes, shared)
+        moved = values - shared * (own / variances)[:, np.newaxis]
+        outer = shared[:, :, np.newaxis] * shared[:, np.newaxis, :] / variances[:, np.newaxis, np.newaxis]
+        return moved, covariances - outer
+
+    def replacement(self, law: Law, values: Floats, covariances: Floats) -> Replacement:
+        """Return what to say of it: means over objects."""
+        i, count = law.letters.index(self.letter), len(values)
+        error = float(np.sqrt(covariances[:, i, i].sum())) / count
+        off = float(np.sqrt(self.chi_square(law, values, covariances) / count))
+        return Replacement(self.letter, float(values[:, i].mean()), error, written(self.instead), off)
+
+
+def _parts(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> Iterator[_Part]:
+    """Yield the parts of numerators that are sums, with each letter before a term that they are linear in."""
+    sympy, constants = symbolic(), law.terms.variables.constants
+    measured = [symbol(name) for name in law.terms.variables.measured]
+    factors = [symbol(name) for name in law.letters if name not in constants]
+    for j, right in enumerate(right_hand_sides):
+        above, below = sympy.fraction(sympy.together(right))
+        if not below.has(*map(symbol, constants)):
+            continue
+        try:
+            parts = sympy.Poly(sympy.expand(above), *measured).coeffs()
+        except sympy.PolynomialError:
+            continue
+        for part in (each for each in parts if each.is_Add):
+            for letter in factors:
+                if part.has(letter) and not part.diff(letter).has(letter):
+                    rest = part.subs(letter, 0)
+                    yield _Part(j, part, _name(law, letter), sympy.factor(-rest / part.diff(letter)))
+
+
+def _name(law: Law, wanted: "sympy.Symbol") -> str:
+    return next(each for each in law.letters if symbol(each) == wanted)
+
+
+def _without(law: Law, part: _Part, equations: Sequence[str], values: Floats, covariances: Floats) -> Law:
+    """Return the law of equations that lack a letter, with what is known of the others."""
+    schema = law.schema
+    known = {name: dict(zip(law.objects, own, strict=True)) for name, own in zip(law.letters, values.T, strict=True)}
+    del known[part.letter]
+    found = Law.from_text(equations, known, inputs=schema.inputs, time=schema.time, units=schema.units)
+    indices = {index: i for i, index in enumerate(zip(*np.nonzero(found.support), strict=True))}
+    slopes = np.zeros((len(law.objects), len(indices), len(law.letters)))
+    own = {name: values[:, i] for i, name in enumerate(law.letters)}
+    for product in found.named_products:
+        for name, power in product.coefficients:
+            slope = product.value(own) * power / own[name]
+            slopes[:, indices[product.equation, product.term], law.letters.index(name)] = slope
+    covariance = slopes @ covariances @ slopes.transpose(0, 2, 1)
+    return replace(found, uncertainty=Uncertainty(covariance=covariance, noise=law.noise))
+
 
 _LARGEST_DENOMINATOR = 12
 

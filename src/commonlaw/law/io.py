@@ -1,10 +1,14 @@
-"""The saved form of a law: JSON of a versioned schema."""
+"""Saved laws: JSON of a versioned schema, or for very many objects Parquet, a row for each of them."""
 
+import json
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from fractions import Fraction
-from typing import Any, Literal, NamedTuple, cast
+from itertools import product
+from math import prod
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import msgspec
 import numpy as np
@@ -12,9 +16,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.foreign import read_json
+from commonlaw.foreign import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
 from commonlaw.hierarchy import Relation
-from commonlaw.law.averages import AbstractAverages
 from commonlaw.law.document import (
     ErrorsDocument,
     EstimatesDocument,
@@ -26,16 +29,17 @@ from commonlaw.law.document import (
     RelationDocument,
     UncertaintyDocument,
     WideningDocument,
+    as_now,
+    compared_with_the_best,
 )
-from commonlaw.law.earlier_versions import as_now, compared_with_the_best
-from commonlaw.law.explanation import Explanation
-from commonlaw.law.from_text import read_equations
+from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Provenance
-from commonlaw.law.uncertainty import ObjectEstimates, Uncertainty
-from commonlaw.law.widening import Widening
+from commonlaw.law.uncertainty import ObjectEstimates, Uncertainty, Widening
+from commonlaw.law.explanation import Explanation
 from commonlaw.library import Order, Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Schema
+from commonlaw.trials.parquet import parquet_bytes, parquet_columns
 from commonlaw.trials.trial import ObjectProperties, nearest
 
 VERSION = 4
@@ -50,6 +54,27 @@ Fields = tuple[Terms, Schema, Order, tuple[str, ...], Floats, Uncertainty, Prove
 """What a law is made of: its fields, in order."""
 
 
+class SavedLaw(Protocol):
+    """What is saved of a law: its fields."""
+
+    @property
+    def terms(self) -> Terms: ...
+    @property
+    def schema(self) -> Schema: ...
+    @property
+    def order(self) -> Order: ...
+    @property
+    def objects(self) -> tuple[str, ...]: ...
+    @property
+    def coefficients(self) -> Floats: ...
+    @property
+    def uncertainty(self) -> Uncertainty: ...
+    @property
+    def provenance(self) -> Provenance: ...
+    @property
+    def properties(self) -> ObjectProperties: ...
+
+
 class Decoded(NamedTuple):
     """What laws of a document are made of: the law, that with its discrepancy if it has one, and what else it could be.
 
@@ -61,14 +86,14 @@ class Decoded(NamedTuple):
     others: tuple[tuple[float, Fields], ...]
 
 
-def encode(law: AbstractAverages) -> bytes:
+def encode(law: SavedLaw) -> bytes:
     """Return a law as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
     return msgspec.json.format(msgspec.json.encode(document_of(law)), indent=1) + b"\n"
 
 
-def document_of(law: AbstractAverages) -> LawDocument:
+def document_of(law: SavedLaw) -> LawDocument:
     """Return what is saved of a law."""
-    terms, provenance, wider = law.terms, law.provenance, law.with_discrepancy
+    terms, provenance, wider = law.terms, law.provenance, law.provenance.with_discrepancy
     method = provenance.differentiation
     return LawDocument(
         order=cast(Literal[0, 1, 2], law.order),
@@ -88,9 +113,9 @@ def document_of(law: AbstractAverages) -> LawDocument:
             domain=provenance.domain,
         ),
         properties={name: {**values} for name, values in law.properties.items()},
-        explanation=None if law.explanation is None else _saved_explanation(law.explanation),
+        explanation=None if law.uncertainty.explanation is None else _saved_explanation(law.uncertainty.explanation),
         with_discrepancy=None if wider is None else document_of(wider),
-        other_laws=[_saved_other(each.probability, each.law, terms) for each in law.other_laws],
+        other_laws=[_saved_other(each.probability, each.law, terms) for each in law.uncertainty.other_laws],
     )
 
 
@@ -98,7 +123,7 @@ def _saved_terms(terms: Terms) -> list[str]:
     return [term.expression(terms.variables.names) for term in terms.terms]
 
 
-def _saved_other(probability: float, law: AbstractAverages, terms: Terms) -> OtherDocument:
+def _saved_other(probability: float, law: SavedLaw, terms: Terms) -> OtherDocument:
     """Return the document of what else a law of these terms could be."""
     support, own = np.any(law.coefficients != 0, axis=0), law.terms != terms
     return OtherDocument(
@@ -106,7 +131,7 @@ def _saved_other(probability: float, law: AbstractAverages, terms: Terms) -> Oth
         support=[np.flatnonzero(own).tolist() for own in support],
         coefficients=dict(zip(law.objects, law.coefficients[:, support].tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
-        explanation=None if law.explanation is None else _saved_explanation(law.explanation),
+        explanation=None if law.uncertainty.explanation is None else _saved_explanation(law.uncertainty.explanation),
         terms=_saved_terms(law.terms) if own else None,
         constants=list(law.terms.variables.constants) if own else [],
     )
@@ -351,3 +376,140 @@ def _matrix(rows: list[list[float]], what: str, shape: tuple[int, int]) -> Float
     if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
         raise CommonlawError("law-table-size", table=what, rows=shape[0], columns=shape[1])
     return np.array(rows)
+
+
+_METADATA = b"commonlaw law"
+"""The key under which a file keeps all of a law that is not by object, as JSON."""
+
+_PARQUET = b"PAR1"
+"""What Parquet files begin with."""
+
+_BY_OBJECT = ("coefficients", "covariance", "shared_factor", "properties")
+"""Parts of a law's document that are mappings from objects; each becomes columns of the table."""
+
+_OBJECTS = "object"
+
+
+def law_bytes(law: SavedLaw, path: str | os.PathLike[str]) -> bytes:
+    """Return the file of a law: Parquet if it is named so, else JSON.
+
+    Raises
+    ------
+    CommonlawError
+        If it would be too large to be read again.
+    """
+    name, content = law_file(law, str(path))
+    if name != str(path):
+        raise CommonlawError("law-too-large-for-json", objects=len(law.objects))
+    return content
+
+
+def law_file(law: SavedLaw, path: str) -> tuple[str, bytes]:
+    """Return name and content of the file of a law: the path, or where JSON is too large Parquet beside it.
+
+    Raises
+    ------
+    CommonlawError
+        If it would be too large to be read again as Parquet, too, or has numbers that are refused where laws are read.
+    """
+    document = msgspec.to_builtins(document_of(law))
+    try:
+        check_numbers(document)
+    except CommonlawError as error:
+        raise CommonlawError("law-not-saved", where=path, error=error) from None
+    if not path.endswith(".parquet"):
+        content = encode(law)
+        if len(content) <= LARGEST_JSON:
+            return path, content
+        path += ".parquet"
+    return path, _as_parquet(law, document, path)
+
+
+def decoded_file(content: bytes) -> Decoded:
+    """Return what the law of a file is made of, see `decode`."""
+    return _of_parquet(content) if content.startswith(_PARQUET) else decode(content)
+
+
+def _as_parquet(law: SavedLaw, document: dict[str, Any], path: str) -> bytes:
+    columns: dict[str, Any] = {_OBJECTS: law.objects}
+    rest = _without_objects(document, "", law.objects, columns)
+    check_size(path, len(law.objects), len(columns))
+    return parquet_bytes(columns, {_METADATA: json.dumps(rest).encode()})
+
+
+def _without_objects(value: Any, path: str, objects: Sequence[str], columns: dict[str, Any]) -> Any:
+    """Return a document without what is by object; that becomes columns, whose names begin with the path to it."""
+    if isinstance(value, list):
+        return [_without_objects(each, f"{path}{i} ", objects, columns) for i, each in enumerate(value)]
+    if not isinstance(value, dict):
+        return value
+    rest = dict[str, Any]()
+    for key, each in value.items():
+        name = f"{path}{key} "
+        if key == "properties" and isinstance(each, dict):
+            rest[key] = {"names": list(dict.fromkeys(kind for own in each.values() for kind in own))}
+            columns |= {
+                f"{name}{kind}": [each.get(own, {}).get(kind) for own in objects] for kind in rest[key]["names"]
+            }
+        elif key in _BY_OBJECT and isinstance(each, dict):
+            array = np.array([each[own] for own in objects])
+            rest[key] = {"shape": array.shape[1:]}
+            columns |= {_column(name, index): array[:, *index] for index in np.ndindex(*array.shape[1:])}
+        else:
+            rest[key] = _without_objects(each, name, objects, columns)
+    return rest
+
+
+def _of_parquet(content: bytes) -> Decoded:
+    columns, metadata = parquet_columns("the law", content)
+    if _METADATA not in metadata or _OBJECTS not in columns:
+        raise CommonlawError("not-a-law-but-measurements")
+    objects = columns[_OBJECTS]
+    try:
+        if len({*objects}) < len(objects):
+            raise ValueError("an object stands in two rows")
+        rest = read_json(metadata[_METADATA], dict[str, Any])
+        raw = _with_objects(rest, "", objects, columns)
+    except KeyError as error:
+        raise not_a_law(ValueError(f"it lacks {error}")) from None
+    except (CommonlawError, TypeError, ValueError) as error:
+        raise not_a_law(error) from None
+    assert isinstance(raw, dict)
+    return decode_document(raw)
+
+
+def _with_objects(value: Any, path: str, objects: Sequence[str], columns: Mapping[str, list[Any]]) -> Any:
+    """Return a document with what is by object taken from columns again."""
+    if isinstance(value, list):
+        return [_with_objects(each, f"{path}{i} ", objects, columns) for i, each in enumerate(value)]
+    if not isinstance(value, dict):
+        return value
+    whole = dict[str, Any]()
+    for key, each in value.items():
+        name = f"{path}{key} "
+        if key == "properties" and isinstance(each, dict):
+            kinds = {kind: columns[f"{name}{kind}"] for kind in each["names"]}
+            cells = {own: {kind: kinds[kind][i] for kind in kinds} for i, own in enumerate(objects)}
+            whole[key] = {
+                own: {kind: cell for kind, cell in row.items() if cell is not None} for own, row in cells.items()
+            }
+        elif key in _BY_OBJECT and isinstance(each, dict):
+            whole[key] = dict(zip(objects, _nested(each["shape"], name, len(objects), columns), strict=True))
+        else:
+            whole[key] = _with_objects(each, name, objects, columns)
+    return whole
+
+
+def _nested(shape: list[int], name: str, rows: int, columns: Mapping[str, list[Any]]) -> list[Any]:
+    """Return the arrays of all objects as lists within each other, so that what is no number is found later."""
+    if len(shape) > 2 or not all(0 <= size <= MOST_COLUMNS for size in shape) or rows * prod(shape) > MOST_CELLS:
+        raise ValueError(f"{name}has the shape {shape}")
+    cells = np.empty((rows, prod(shape)), dtype=object)
+    for i, index in enumerate(product(*map(range, shape))):
+        cells[:, i] = columns[_column(name, index)]
+    nested: list[Any] = cells.reshape(rows, *shape).tolist()
+    return nested
+
+
+def _column(name: str, index: tuple[int, ...]) -> str:
+    return f"{name}{' '.join(map(str, index))}"
