@@ -32,10 +32,10 @@ from commonlaw.law.document import (
     as_now,
     compared_with_the_best,
 )
+from commonlaw.law.explanation import Explanation
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import ObjectEstimates, Uncertainty, Widening
-from commonlaw.law.explanation import Explanation
 from commonlaw.library import Order, Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Schema
