@@ -16,6 +16,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 from sphinx.util.docutils import SphinxDirective
+from sphinx.util.math import get_node_equation_number
 
 import commonlaw
 from commonlaw.cli.main import commonlaw as command
@@ -41,6 +42,8 @@ html_css_files = ["custom.css"]
 html_show_sourcelink = False
 html_static_path = ["_static"]
 html_math_renderer = "mathml"
+# Equations are numbered by page of the method: (2.3)
+numfig = math_numfig = True
 html_copy_source = html_show_sphinx = html_show_copyright = False
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
@@ -154,7 +157,11 @@ def _inline_math(translator: Any, node: nodes.math) -> None:
 
 
 def _displayed_math(translator: Any, node: nodes.math_block) -> None:
-    translator.body.append(f"<p class='formula'>{formula(node.astext(), 'block')}</p>")
+    shown, anchor = formula(node.astext(), "block"), ""
+    if node["number"]:
+        shown += f"<span class='eqno'>({get_node_equation_number(translator, node)})</span>"
+        anchor = f" id='{node['ids'][0]}'"
+    translator.body.append(f"<p class='formula'{anchor}>{shown}</p>")
     raise nodes.SkipNode
 
 

@@ -3,6 +3,7 @@
 import importlib.util
 import re
 from pathlib import Path
+from pkgutil import resolve_name
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).parents[2]
@@ -32,3 +33,21 @@ def test_every_file_that_contributors_are_led_to_is_there():
     for bold, file in re.findall(r"\*\*(\w+)\*\*|`([\w/]+\.py|\w+/)`", walk):
         room = bold or room
         assert (ROOT / "src" / "commonlaw" / room / file).exists(), f"{room}/{file}"
+
+
+METHOD = sorted((ROOT / "docs" / "method").glob("*.md"))
+FORMULA = re.compile(r"^\$\$ ?\((\w+)\)\n\n(.*(?:\n.+)*)", re.MULTILINE)
+"""The label of a displayed formula, and the paragraph below it."""
+
+
+def test_every_formula_of_the_method_names_what_computes_it():
+    text = "".join(page.read_text() for page in METHOD)
+    formulas = dict(FORMULA.findall(text))
+    displayed = len(re.findall(r"^\$\$", text, re.MULTILINE))
+    assert 2 * len(formulas) == displayed > 0
+    for label, below in formulas.items():
+        assert below.startswith("*Computed by* "), label
+        names = re.findall(r"`(commonlaw[\w.]+)`", below)
+        assert names, label
+        for name in names:
+            resolve_name(name)

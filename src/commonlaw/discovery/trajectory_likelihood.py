@@ -24,7 +24,7 @@ from commonlaw.trials import Trials, TrialStream
 class TrajectoryLikelihood(FitOptions, AbstractMethod):
     """Maximum likelihood of whole trajectories with free initial states; supports are compared by their evidence.
 
-    The law knows how accurate it is. See `commonlaw.inference`, and docs/method.md for every step.
+    The law knows how accurate it is. See `commonlaw.inference`, and docs/method for every formula.
 
     Parameters
     ----------
