@@ -17,8 +17,8 @@ from commonlaw.trials import Schema, Trial
 def law_variables(schema: Schema, order: Order) -> Variables:
     """Return the variables of a law: states, the rates of those of order 2, inputs, time.
 
-    Rates are ``v`` for a single state, ``v_x`` and ``v_y`` for several, and ``x_rate`` where such a name is taken; a
-    rate that was measured has the name of its column.
+    Rates have the names of their columns if they were measured, else ``v`` or ``v_x``, and ``x_rate`` where that is
+    taken.
     """
     second = with_rates(order, len(schema.states))
     if not len(second):
@@ -52,30 +52,17 @@ class AbstractFormulation(ABC):
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
         """Return the library rows, shape (n, terms), and the target rows, shape (n, equations), of one trial.
 
-        Raises
-        ------
-        CommonlawError
-            If the trial is too short or a term is not finite on it; the message names the trial and the sample.
+        Raises `CommonlawError` if the trial is too short or a term is not finite on it.
         """
 
     @abstractmethod
     def problems(self, trial: Trial, terms: Terms, segments: int = 1) -> list[LeastSquaresProblem]:
-        """Return the rows of a trial, compressed, in so many segments of equal length that follow each other in time.
-
-        Raises
-        ------
-        CommonlawError
-            As `rows`.
+        """Return the rows of a trial, compressed, in so many segments of equal length that follow each other in
+        time.
         """
 
     def problem(self, trials: Sequence[Trial], terms: Terms) -> LeastSquaresProblem:
-        """Return the rows of several trials, compressed together.
-
-        Raises
-        ------
-        CommonlawError
-            As `rows`.
-        """
+        """Return the rows of several trials, compressed together."""
         return merge(each for trial in trials for each in self.problems(trial, terms))
 
 

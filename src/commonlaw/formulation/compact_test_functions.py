@@ -41,9 +41,9 @@ side."""
 class CompactTestFunctions:
     """Functions ``(1 - s^2)^16`` with ``s = (t - centre) / radius``, zero outside ``|s| < 1``, in order of centres.
 
-    A power this high is a normal curve but for its tails (standard deviation radius / 5.9) and has fifteen continuous
-    derivatives, so that sums over a regular grid are integrals to many digits (Messenger and Bortz 2021, "Weak SINDy
-    for partial differential equations", section 3). Centres and radii are in units of time, shape (k,).
+    They are nearly normal curves (standard deviation radius / 5.9) with fifteen continuous derivatives, so that sums
+    over a regular grid are integrals to many digits (Messenger and Bortz 2021, "Weak SINDy for partial differential
+    equations", section 3). Centres and radii are in units of time, shape (k,).
     """
 
     centres: Floats
@@ -51,13 +51,12 @@ class CompactTestFunctions:
 
     @classmethod
     def over(cls, times: Floats, radius: float, narrowest: float) -> "CompactTestFunctions":
-        """Return test functions of a radius, in mean steps, all over a trial.
+        """Return test functions of a radius, in mean steps, all over a trial but for gaps.
 
-        Toward the ends radii shrink to the narrowest, so that little of the trial is lost; the trial has at least
-        ``2 * min(radius, narrowest) + 1`` samples. Centres are a test function's standard deviation apart, and at least
-        a step: sums of test functions are then every function that is slow enough for them (their transforms at the
-        band's edge are still a hundredth of the largest), wider test functions included, and closer ones add no more.
-        Those over a gap are left out.
+        Toward the ends radii shrink to the narrowest; the trial has at least ``2 * min(radius, narrowest) + 1``
+        samples. Centres are a standard deviation of the test function apart, and at least a step: then sums of test
+        functions span all slower functions (at the band's edge transforms are a hundredth of the largest), and closer
+        ones add nothing.
         """
         last = len(times) - 1
         margin = min(radius, narrowest)
@@ -77,15 +76,13 @@ class CompactTestFunctions:
         return CompactTestFunctions(centres[order], radii[order])
 
     def weights(self, times: Floats, highest: int) -> "list[csr_array]":
-        """Return the weights that turn a function's samples into its integrals against test functions and derivatives.
+        """Return weights, shape (k, n), that integrate a function's samples against test functions and derivatives up
+        to 2.
 
-        They are of shape (k, n) each, for the test functions' derivatives 0 to the highest, which is at most 2.
-
-        On a regular grid they are the trapezoidal rule, whose error falls faster than any power of the step here, if
-        the test function is not too narrow for it. Otherwise a polynomial of degree 9 is put through the 10 samples
-        nearest to each step, and its product with the test function integrated by Gauss quadrature; on irregular grids
-        it is fitted to the 16 nearest. At 100 samples for each oscillation that errs by less than 1e-8, and at random
-        times it keeps noise small, which polynomials through the samples themselves make ten times larger.
+        On a regular grid they are the trapezoidal rule, whose error falls faster than any power of the step if the test
+        function is not too narrow. Otherwise a polynomial of degree 9 through the 10 samples nearest to each step, on
+        irregular grids fitted to the nearest 16, is integrated with the test function by Gauss quadrature: at 100
+        samples an oscillation to 1e-8, without the amplified noise of interpolation at random times.
         """
         from scipy.sparse import vstack
 
@@ -131,19 +128,13 @@ class CompactTestFunctions:
 
 
 def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
-    """Return the radius in samples of test functions that see what is slower than the corner of the states' spectrum.
+    """Return the radius in samples of test functions that pass what is slower than the corner of the states' spectrum.
 
-    States have shape (n, d), and the standard deviation of the noise on each of them is given, shape (d,).
-
-    Beyond the corner data hold nothing but noise (the corner point of Messenger and Bortz 2021, section 4.2). Here it
-    is the number K of sine modes that estimate the state with the least error by Mallows' Cp: what K modes leave, plus
-    ``2 K noise^2``, is least. Modes are those of the state less the straight line through its ends, which decay fast
-    for every smooth state. Of several states the fastest counts. A test function's transform is nearly the normal curve
-    ``exp(-(omega radius / 5.9)^2 / 2)``; the radius puts the corner at two standard deviations, where it is 0.14, so
-    that the band is covered and little beyond it.
-
-    For the spectrum states are interpolated to a regular grid. The radius is at least `LEAST_RADIUS`, below which sums
-    are no integrals, and otherwise at most a quarter of the trial.
+    Beyond the corner there is only noise (Messenger and Bortz 2021, section 4.2). It is at the number K of sine modes
+    of least error by Mallows' Cp, their residual plus ``2 K noise^2``, of the state less the line through its ends; of
+    several states, shape (n, d), the fastest counts. The radius puts the corner at two standard deviations of the test
+    function's transform ``exp(-(omega radius / 5.9)^2 / 2)``. It is at least `LEAST_RADIUS`, below which sums are no
+    integrals, and otherwise at most a quarter of the trial.
     """
     from scipy.fft import dst
 
@@ -169,9 +160,8 @@ def _derivative(s: Floats, derivative: int) -> Floats:
 
 
 def _interpolation(times: Floats, points: Floats, size: int) -> "csr_array":
-    """Return what turns samples into values at points of each step by the samples nearest to it.
-
-    Its shape is ((n - 1) m, n), for points of shape (n - 1, m).
+    """Return the matrix, ((n - 1) m, n), from samples to values at points of each step, (n - 1, m), by the nearest
+    samples.
     """
     from scipy.sparse import csr_array
 

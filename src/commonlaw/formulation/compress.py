@@ -31,17 +31,17 @@ _SMALLEST = 1e-50
 
 @dataclass(frozen=True, eq=False)
 class ObjectRows:
-    """What the rows of an object's trials come to; those of later trials are added with ``+``.
+    """The compressed rows of an object's trials; those of more trials are added with ``+``.
 
     Parameters
     ----------
     groups
-        For each of its trials (or of 32 groups of trials, if there are more), the problems of segments that follow each
-        other in time. Short trials that follow each other count as one where segments are not wanted.
+        For each trial (or 32 groups of trials, if there are more) the problems of its segments in time. Consecutive
+        short trials count as one where no segments are needed.
     count
         How many trials there are, counted like that.
     extremes
-        The least and the largest value of every state, shape (2, states).
+        Minimum and maximum of every state, shape (2, states).
     samples
         Some of the first trials, or of long ones some samples in the middle.
     """
@@ -68,16 +68,8 @@ class ObjectRows:
 
 @dataclass(frozen=True, eq=False)
 class CompressedTrials:
-    """Problems by object, by trial, and by segment of time.
-
-    Parameters
-    ----------
-    objects
-        Names, in order of first appearance.
-    groups
-        For each object, the groups of `ObjectRows`.
-    samples
-        For each object, some of its trials, if they were asked for.
+    """Problems by object, in order of first appearance, by trial, and by segment of time; with some trials if asked
+    for.
     """
 
     objects: tuple[str, ...]
@@ -86,13 +78,7 @@ class CompressedTrials:
 
     @classmethod
     def of(cls, found: dict[str, ObjectRows], schema: Schema) -> "CompressedTrials":
-        """Return the rows of all objects.
-
-        Raises
-        ------
-        CommonlawError
-            If a state of an object never changes.
-        """
+        """Return the rows of all objects; raises `CommonlawError` if a state of an object never changes."""
         refuse_constant_states({name: each.extremes for name, each in found.items()}, schema)
         each = found.values()
         return cls(tuple(found), tuple(own.groups for own in each), tuple(own.samples for own in each))
@@ -118,27 +104,11 @@ def rows_by_object(
     sampled: bool = False,
     n_jobs: int = 1,
 ) -> dict[str, ObjectRows]:
-    """Return what the rows of each object come to, of trials that may come from a stream larger than memory.
+    """Return the compressed rows of each object, of trials in any order, that may come from a stream larger than
+    memory.
 
-    Parameters
-    ----------
-    trials
-        In any order of objects; or some of all, see `merged_rows`.
-    form
-        How a trial becomes rows.
-    terms
-        The library.
-    segments
-        Segments of time into which a trial is cut.
-    sampled
-        Whether some trials of each object are kept, of long ones some samples in the middle.
-    n_jobs
-        Processes that share the work; 1 stays in this one.
-
-    Raises
-    ------
-    CommonlawError
-        If a trial cannot be used.
+    Trials are cut into so many segments; `sampled` keeps some trials of each object. Raises `CommonlawError` if a trial
+    cannot be used.
     """
     found = dict[str, ObjectRows]()
     for some, problems in _with_problems(_in_order(trials, segments), form, terms, segments, n_jobs):
@@ -224,19 +194,9 @@ def _sizes(trials: Sequence[Trial]) -> Floats:
 
 
 def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:
-    """Refuse objects with a state that never changes: its rate is zero, its terms cannot be told from the constant.
+    """Refuse objects with a state that never changes: its terms cannot be distinguished from the constant.
 
-    Parameters
-    ----------
-    extremes
-        The least and the largest value of every state by object, shape (2, states).
-    schema
-        Names of the states.
-
-    Raises
-    ------
-    CommonlawError
-        If the two are the same.
+    `extremes` are minimum and maximum of every state by object, shape (2, states).
     """
     for name, (least, most) in extremes.items():
         for state, still in zip(schema.states, least == most, strict=True):

@@ -14,19 +14,12 @@ from commonlaw.kernel import address, kernel
 
 
 def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = False) -> Floats:
-    """Return by how much each column lowers the squares that columns inside leave, and last these squares, (columns,).
+    """Return by how much each column lowers the residual sum of squares of columns inside, and last that sum,
+    (columns,).
 
-    Parameters
-    ----------
-    factors
-        Of each object, any rows ``[columns | target]``, shape (objects, rows, columns).
-    inside
-        The columns that are there.
-    near
-        Columns of which those inside leave a smaller share of the squares than this, have too few digits there.
-    bound
-        Whether they, and those inside, count as if they explained everything, which bounds what is left from below; by
-        default they explain nothing.
+    Factors are rows ``[columns | target]`` of each object, shape (objects, rows, columns). Columns of which those
+    inside leave a smaller share of the squares than `near` have too few digits: they explain nothing, or with `bound`
+    everything, which bounds the residual from below.
     """
     library = kernel()
     if library is not None:
@@ -70,18 +63,13 @@ _DEPENDENT = 1e-12
 
 @dataclass
 class PreconditionedGram:
-    """Rows above which stands a triangular factor of earlier ones, as the Gram matrix of rows times its inverse.
+    """Rows above a triangular factor of earlier ones, as the Gram matrix of rows times its inverse.
 
-    Cholesky factorisation of a Gram matrix squares the condition, unless rows are preconditioned by a factor R of rows
-    like them: then the columns of A R^-1 are nearly orthogonal, and the factor of their Gram matrix times R is as
+    Cholesky factorization of a Gram matrix squares the condition, unless rows are preconditioned by a factor R of
+    similar rows: the columns of A R^-1 are nearly orthogonal, and the factor of their Gram matrix times R is as
     accurate as by orthogonal transformations (Yamazaki, Tomov and Dongarra 2015, "Mixed-precision Cholesky QR
-    factorization and its case studies on multicore CPU with multiple GPUs", section 3). Whether rows are alike is seen
-    in the diagonal.
-
-    Parameters
-    ----------
-    factor
-        Upper triangular, shape (k, k), of columns none of which depends on others, see `can_precondition`.
+    factorization and its case studies on multicore CPU with multiple GPUs", section 3). `factor` is upper triangular,
+    shape (k, k), see `can_precondition`.
     """
 
     factor: Floats
@@ -180,12 +168,11 @@ _SINGULAR = 1e-14
 class LeastSquaresProblem:
     """Regression rows ``[library | targets]`` compressed to their triangular factor.
 
-    Least squares on a problem equals least squares on all of its rows to rounding, for every subset of the terms:
-    the rows are ``Q @ factor`` with orthonormal ``Q``, so all inner products of columns are those of the factor
-    (Golub and Van Loan, Matrix Computations, section 5.3). Householder reflections make its error small in every column
-    by itself, so that badly scaled libraries lose nothing; where rows are like those before them, Cholesky
-    factorisation of preconditioned rows does as well (`PreconditionedGram`). Problems of the same library merge with
-    ``+``.
+    Least squares on it equals least squares on all rows to rounding, for every subset of the terms: rows are ``Q @
+    factor`` with orthonormal ``Q``, so inner products of columns are those of the factor (Golub and Van Loan, Matrix
+    Computations, section 5.3). Householder reflections keep errors small column by column, so that badly scaled
+    libraries lose nothing; similar rows take Cholesky factorization (`PreconditionedGram`). Problems of the same
+    library merge with ``+``.
 
     Parameters
     ----------
@@ -203,16 +190,8 @@ class LeastSquaresProblem:
 
     @classmethod
     def of(cls, library: Floats, targets: Floats, weights: Floats | None = None) -> "LeastSquaresProblem":
-        """Compress rows.
-
-        Parameters
-        ----------
-        library
-            Values of the candidate terms, shape (n, terms).
-        targets
-            Values to be explained, shape (n, targets).
-        weights
-            How often each row counts, shape (n,); default once.
+        """Compress rows: library of shape (n, terms), targets (n, targets), and how often each row counts, (n,),
+        default once.
         """
 
         def blocks() -> Iterator[Floats]:
@@ -226,16 +205,10 @@ class LeastSquaresProblem:
 
     @classmethod
     def of_blocks(cls, blocks: Iterable[Floats], terms: int, columns: int) -> "LeastSquaresProblem":
-        """Compress rows that come in blocks; memory does not grow with their number.
+        """Compress rows in blocks of shape (n, columns), of which so many are terms; memory does not grow with their
+        number.
 
-        Parameters
-        ----------
-        blocks
-            Rows ``[library | targets]``, each of shape (n, columns). A block is used as workspace: its values are lost.
-        terms
-            Number of library columns.
-        columns
-            Number of all columns.
+        A block ``[library | targets]`` is used as workspace: its values are lost.
         """
         factor, rows = np.zeros((columns, columns), order="F"), 0
         gram: PreconditionedGram | None = None
@@ -276,19 +249,10 @@ class LeastSquaresProblem:
         return LeastSquaresProblem(_absorb(np.zeros((len(kept),) * 2), self.factor[:, kept]), len(indices), self.rows)
 
     def least_squares(self, support: Bools, target: int, ridge: float = 0.0) -> Floats:
-        """Return the coefficients that minimise ``||library c - target||^2 + ridge ||c||^2``.
+        """Return the coefficients that minimize ``||library c - target||^2 + ridge ||c||^2``.
 
-        Where columns depend on each other the coefficients of least norm, for columns scaled to unit norm, are returned
-        (`condition` tells).
-
-        Parameters
-        ----------
-        support
-            Which terms may be used, shape (terms,); all others get zero.
-        target
-            The equation.
-        ridge
-            Weight of the squared norm of the coefficients.
+        Collinear columns get the coefficients of least norm, for columns of unit norm (see `condition`). Only terms in
+        `support`, shape (terms,), are used, all others get zero; `target` is the equation.
         """
         from scipy.linalg import lapack
 
@@ -373,18 +337,10 @@ def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
 
 
 def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[LeastSquaresProblem]:
-    """Return for each draw of several problems the one in which each of them counts as often as it was drawn.
+    """Return for each draw of several problems, shape (draws, problems), the one with so many copies of each.
 
-    The Gram matrices of the problems' factors, preconditioned by the factor of all of them, are summed by one matrix
-    product for all draws, see `PreconditionedGram`. A draw in which columns are much less independent than in all
-    problems is merged by orthogonal transformations.
-
-    Parameters
-    ----------
-    problems
-        Of the same library.
-    counts
-        How often each was drawn, shape (draws, problems).
+    Gram matrices of the problems' factors, preconditioned by the factor of all, are summed by one matrix product for
+    all draws, see `PreconditionedGram`; ill-conditioned draws are merged by orthogonal transformations.
     """
     from scipy.linalg import solve_triangular
 
@@ -401,18 +357,10 @@ def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[Lea
 
 
 def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[LeastSquaresProblem]:
-    """Return for each draw of rows the problem in which each of them counts as often as it was drawn.
+    """Return for each draw of rows, shape (draws, n), the problem with so many copies of each.
 
-    The products of each row's values, once the rows are preconditioned by the factor of all, are summed by one matrix
-    product for all draws, block by block. A draw in which columns are much less independent than in all rows is
-    compressed by orthogonal transformations.
-
-    Parameters
-    ----------
-    library, targets
-        As `LeastSquaresProblem.of` takes them, shapes (n, terms) and (n, targets).
-    counts
-        How often each row was drawn, shape (draws, n).
+    Products of each row's values, preconditioned by the factor of all rows, are summed by one matrix product for all
+    draws, block by block; ill-conditioned draws are compressed by orthogonal transformations.
     """
     from scipy.linalg import blas, lapack
 
@@ -442,10 +390,10 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
 
 
 def _factor_of(gram: Floats, factor: Floats, terms: int) -> Floats | None:
-    """Return the factor of rows from the upper half of their Gram matrix, when they are preconditioned by a factor.
+    """Return the factor of rows from the upper half of their Gram matrix, preconditioned by a factor.
 
-    None where columns of terms are much less independent than in that factor, whose rounding would be magnified, or
-    targets are explained so much better that what is left of them would be rounding.
+    None where rounding would be magnified: columns are much nearer to collinear than in that factor, or the residual of
+    targets is rounding.
     """
     from scipy.linalg import lapack
 

@@ -21,19 +21,13 @@ SAMPLES = 4096
 def effective_share(form: StrongForm, trial: Trial) -> float:
     """Return the share of a trial's rows that count as independent, above 0 and at most 1.
 
-    White noise on the states comes out of the differentiator as noise on the targets that is correlated as the
-    derivative's response d to a unit impulse is with itself: ``rho_k = sum_i d_i d_(i+k) / sum_i d_i^2``. The residual
-    variance of n such rows is as certain as that of ``n / sum_k rho_k^2`` independent ones (Bayley and Hammersley 1946,
-    "The effective number of independent observations in an autocorrelated time series"). The plainer
-    ``n sum h^2 / (sum h)^2`` for a smoother's response h is about the mean of the rows, and infinite for derivatives.
+    White noise on the states makes noise on the targets with the autocorrelation of the derivative's impulse response
+    d: ``rho_k = sum_i d_i d_(i+k) / sum_i d_i^2``. The residual variance of n rows is as certain as that of ``n / sum_k
+    rho_k^2`` independent ones (Bayley and Hammersley 1946, "The effective number of independent observations in an
+    autocorrelated time series"). The response is measured on the trial, around its states, by an impulse in the middle;
+    a method that does not respond to it, such as a median, counts one row a window.
 
-    The response is measured on the trial's own grid, around its own states, by an impulse in the middle. A method that
-    does not respond to a small impulse, such as a median, counts one row for each window.
-
-    Raises
-    ------
-    CommonlawError
-        If the trial cannot be differentiated; the message names it.
+    Raises `CommonlawError` if the trial cannot be differentiated.
     """
     middle = slice(max(0, (len(trial) - SAMPLES) // 2), (len(trial) + SAMPLES) // 2)
     times, states = trial.times[middle], trial.states[middle]
@@ -59,31 +53,14 @@ def effective_share(form: StrongForm, trial: Trial) -> float:
 def differentiation_bias(
     form: StrongForm, terms: Terms, trials: Sequence[Trial], target: int, coefficients: Floats
 ) -> float:
-    """Return the mean squared error that the differentiator itself makes in the targets of one equation.
+    """Return the mean squared error of the differentiator itself in the targets of one equation.
 
-    Steps that are too long and windows that are too wide leave an error in the rates that is a function of the state,
-    so that further terms fit it, on held-out data too. It is measured by a round trip: the rates that the equation
-    gives along a trial are integrated and differentiated again, and come back with about the error that the
-    differentiator made the first time.
+    Long steps and wide windows leave an error that is a function of the state, which further terms fit, on held-out
+    data too. A round trip measures it: rates by the equation along trials of an object are integrated and
+    differentiated again. The coefficients, shape (terms,), should follow the rates but not their noise: those of least
+    error on held-out data.
 
-    Parameters
-    ----------
-    form
-        Says how rates are estimated.
-    terms
-        The terms of the equation.
-    trials
-        Trials of one object.
-    target
-        The equation.
-    coefficients
-        The object's coefficients, of an equation that follows the rates but not their noise: the one with the least
-        error on held-out data. Shape (terms,).
-
-    Raises
-    ------
-    CommonlawError
-        If a trial cannot be differentiated; the message names it.
+    Raises `CommonlawError` if a trial cannot be differentiated.
     """
     errors = [_round_trip(form, terms, trial, target, coefficients) for trial in trials]
     return float(np.mean(np.concatenate(errors) ** 2))

@@ -30,12 +30,11 @@ class StrongForm(AbstractSampledForm):
     order
         Order of the law: 1 or 2, or that of each equation.
     library_states
-        Which states the terms are evaluated on. ``"smoothed"`` takes the differentiator's smoothed states, so that
-        states and rates come from one curve and noise does not bias the coefficients of terms in the states
-        (regression dilution). ``"measured"`` takes them as measured, as the group method of the founding paper did.
+        Terms are evaluated on ``"smoothed"`` states, so that noise does not bias coefficients (regression dilution), or
+        on ``"measured"`` ones, as in the group method of the founding paper.
     trim
-        Rows left out at each end of a trial. A smoothing window is one-sided there, and its rates are several
-        times less accurate than inside.
+        Rows left out at each end of a trial, where smoothing windows are one-sided and rates several times less
+        accurate.
 
     Raises
     ------

@@ -27,13 +27,12 @@ ruled by errors of rounding and of integration instead."""
 
 @dataclass(frozen=True, eq=False)
 class WeakRows:
-    """The rows of one trial, k of them, and how they depend on the noise of its n samples.
+    """The k rows of one trial, and how they depend on the noise of its n samples.
 
-    They are the terms tested against the test functions, shape (k, terms), and the highest derivatives tested against
-    them by parts, shape (k, states). The noise is the standard deviation on each state, and `of_targets` the weights of
-    the samples in the targets, shape (k, n). How terms depend on the samples is told by `slopes`, for the test function
-    itself, and for its derivative where terms are integrated by parts: by weights of shape (k, n) and what they weigh,
-    derivatives of the terms by the states at the samples, of shape (n, terms, states).
+    Terms tested against the test functions have shape (k, terms), highest derivatives by parts (k, states). `noise` is
+    that on each state, `of_targets` the weights of samples in the targets, shape (k, n). `slopes` has, for the test
+    function and for its derivative where terms are integrated by parts, weights of shape (k, n) and derivatives of the
+    terms by the states, shape (n, terms, states).
     """
 
     library: Floats
@@ -46,10 +45,8 @@ class WeakRows:
     def of(
         cls, test_functions: CompactTestFunctions, trial: Trial, terms: Terms, values: Floats, noise: Floats, order: int
     ) -> "WeakRows":
-        """Return the rows of a trial in a law of order 1 or 2.
-
-        Terms are evaluated at values of the states, for order 2 of their rates, and of inputs and time, shape
-        (n, variables); the trial's states make the targets.
+        """Return the rows of a trial in a law of order 1 or 2, with terms at values of all variables, shape (n,
+        variables).
         """
         size = trial.states.shape[1]
         weights = test_functions.weights(trial.times, order)
@@ -77,10 +74,9 @@ class WeakRows:
     def covariance(self, coefficients: Floats, equation: int) -> "csr_array":
         """Return the covariance of the residuals of one equation at its coefficients, linear in the noise: (k, k).
 
-        The residual of a row is ``b - A c``. Noise e on the samples changes it by ``L e``, where L has the weights of
-        the samples in the target, and less these the weights in the terms times the slope of the equation's right-hand
-        side at the samples (Bortz, Messenger and Dukic 2023, "Direct estimation of parameters in ODE models using
-        WENDy", section 2.3).
+        The residual of a row is ``b - A c``. Noise e on the samples changes it by ``L e``, with the weights of the
+        samples in the target, less those in the terms times the slope of the right-hand side (Bortz, Messenger and
+        Dukic 2023, "Direct estimation of parameters in ODE models using WENDy", section 2.3).
         """
         from scipy.sparse import csr_array
 
@@ -93,11 +89,10 @@ class WeakRows:
         return total
 
     def whitened(self, coefficients: Floats, equations: Sequence[int]) -> tuple[Floats, Floats]:
-        """Return library and target rows whose noise is white in these equations, of unit variance if it is one.
+        """Return library and target rows with white noise in these equations, of unit variance if it is one.
 
-        Rows of several equations have different covariances but one library, so one matrix must serve them all: the
-        mean of the covariances, each relative to the variance of the noise on its state. The coefficients, of all
-        equations, have shape (equations, terms).
+        Several equations share one library, so rows are whitened by the mean of their covariances, each relative to the
+        variance of the noise on its state. Coefficients have shape (equations, terms).
         """
         from scipy.linalg import cholesky_banded, lapack
 
@@ -117,10 +112,7 @@ class WeakRows:
 
 
 def antiderivative(term: Term, states: int) -> tuple[float, Term] | None:
-    """Return factor and monomial of which a term is the derivative by time, if it is one like ``x^m v``.
-
-    Of the variables of the term so many are states, and as many after them their rates.
-    """
+    """Return factor and monomial whose derivative by time is a term ``x^m v``; rates come behind so many states."""
     exponents = term.exponents or {}
     rates = [i for i in range(states) if exponents.get(states + i) == 1]
     if len(rates) != 1 or not exponents.keys() <= {rates[0], states + rates[0]}:
@@ -144,40 +136,33 @@ _FLOOR = 1e-9
 class WeakForm(AbstractFormulation):
     """Rows of ``x' = f(x)`` or ``x'' = f(x, x')``, each tested against a smooth test function phi of compact support.
 
-    By parts, ``-int phi' x dt = sum_k c_k int phi theta_k dt``, and ``int phi'' x dt`` for a law of second order: no
-    derivative is estimated, and noise is averaged over the test function (Messenger and Bortz 2021, "Weak SINDy"). In
-    laws of second order terms that are a rate times a power of its state are integrated by parts too, exactly:
-    ``int phi x^m v dt = -int phi' x^(m+1) / (m+1) dt``. All others take the rates of the smoothed states.
+    By parts, ``-int phi' x dt = sum_k c_k int phi theta_k dt``, and ``int phi'' x dt`` for second order: no derivative
+    is estimated, and noise is averaged (Messenger and Bortz 2021, "Weak SINDy"). In laws of second order terms ``x^m
+    v`` are integrated by parts exactly: ``int phi x^m v dt = -int phi' x^(m+1) / (m+1) dt``; others take rates of
+    smoothed states.
 
-    The noise of rows is correlated and differs in size, as test functions overlap and terms amplify noise differently
-    along the trial. For given coefficients its covariance is known to first order, and rows are whitened with it, so
-    that least squares on them is generalised least squares (Bortz, Messenger and Dukic 2023); `reweight` finds the
-    coefficients. With it test functions that are too narrow do no harm: rows weigh what they are worth, wide test
-    functions are sums of narrow ones, and the coefficients hardly depend on the radius. So one radius is enough. It is
-    that of the corner of the spectrum, see `corner_radius`. Toward the ends of a trial it shrinks, to 14 samples if
-    there is hardly any noise and else to 3: the error of integration stays below the noise, and the ends, which tell
-    most about a curvature, are used. What first order leaves out, noise in the library rows themselves, is felt from
-    some 5 % of noise on: there rows of equal weight can be as good for a law whose terms are known.
+    The noise of rows is correlated and heteroscedastic. For given coefficients its covariance is known to first order,
+    and whitened rows make generalized least squares (Bortz, Messenger and Dukic 2023); `reweight` finds the
+    coefficients. Then narrow test functions do no harm and one radius is enough, that of `corner_radius`, which shrinks
+    toward the ends of a trial to 14 samples without noise and else to 3. From some 5 % of noise on, noise in the
+    library rows matters, and rows of equal weight can be as good where terms are known.
 
     Parameters
     ----------
     order
         Order of the law: 1 or 2.
     radii
-        Radii of test functions in samples; test functions of all of them are used. None chooses one for each trial.
+        Radii of test functions in samples, all of which are used; None chooses one for each trial.
     noise
-        Standard deviations of the noise on each state, if they are known. None estimates them from each trial.
+        Standard deviations of the noise on each state; None estimates them from each trial.
     differentiation
-        How states are smoothed before terms are evaluated on them, which keeps noise from bending nonlinear terms, and
-        where rates of a law of second order come from if not by parts. None takes a cross-validated `SmoothingSpline`,
-        and where there is no noise the states as measured with rates of `FiniteDifference` of accuracy 8. A smoother
-        should follow what is slower than the test functions: then the covariance, which knows nothing of it, stays
-        right.
+        Smooths states before terms are evaluated, and gives rates in laws of second order; it should follow what is
+        slower than the test functions. None: a cross-validated `SmoothingSpline`, or without noise `FiniteDifference`
+        of accuracy 8.
     coefficients
-        By object, coefficients of which the covariance is taken, shape (equations, terms). None leaves rows unweighted.
+        By object, shape (equations, terms), for the covariance. None leaves rows unweighted.
     equation
-        The equation whose covariance whitens the rows. None takes the mean of all: rows of several equations share one
-        library, and so one weighting.
+        Whose covariance whitens the rows; None takes the mean of all.
 
     Raises
     ------
@@ -218,13 +203,7 @@ class WeakForm(AbstractFormulation):
         return [LeastSquaresProblem.of(*rows) for rows in cut]
 
     def tested(self, trial: Trial, terms: Terms) -> WeakRows:
-        """Return the rows of a trial as they are, before they are whitened, with what makes their covariance.
-
-        Raises
-        ------
-        CommonlawError
-            If the trial is too short or a term is not finite on it; the message names the trial and the sample.
-        """
+        """Return the rows of a trial before they are whitened, with what makes their covariance, see `rows`."""
         clock, trial = trial.times, replace(trial, times=since_start(trial.times))
         noise = self._noise(trial)
         test_functions = self._test_functions(trial, noise)
@@ -278,9 +257,9 @@ class WeakForm(AbstractFormulation):
 
 
 def since_start(times: Floats) -> Floats:
-    """Return times after the first, shape (n,), on a regular grid if they are off it by their rounding alone.
+    """Return times since the first, shape (n,), on a regular grid if they are off it by rounding alone.
 
-    Seconds since 1970 are rounded to a quarter of a microsecond, which regular samples are not irregular by.
+    Seconds since 1970 are rounded to a quarter of a microsecond.
     """
     passed = times - times[0]
     grid = np.linspace(0, passed[-1], len(times))
@@ -297,24 +276,11 @@ _SWEEPS = 30
 
 
 def reweight(trials: Trials, terms: Terms, form: WeakForm) -> tuple[WeakForm, dict[str, Floats]]:
-    """Return the form with coefficients that fit the rows that these same coefficients whiten, and the coefficients.
+    """Return the form with coefficients that fit the rows that they whiten, and the coefficients of each object.
 
-    Each sweep is generalised least squares with the covariance at the coefficients before it, for each equation its
-    own; the first is ordinary least squares. Iteratively reweighted least squares so converges in a handful of sweeps.
-
-    Parameters
-    ----------
-    trials
-        Their objects have coefficients of their own.
-    terms
-        The library.
-    form
-        How rows are made; its own coefficients are not used.
-
-    Raises
-    ------
-    CommonlawError
-        If a trial cannot be used; the message names it.
+    Iteratively reweighted least squares: each sweep is generalized least squares with the covariance at the
+    coefficients before it, for each equation its own; the first is ordinary least squares. Raises `CommonlawError` if a
+    trial cannot be used.
     """
     states = len(trials.schema.states)
     found = {

@@ -14,17 +14,7 @@ _SIGN = re.compile(r"\s*([<>])=?\s*")
 
 @dataclass(frozen=True)
 class Bound:
-    """Between which numbers a coefficient lies.
-
-    Parameters
-    ----------
-    text
-        As it was written.
-    name
-        Of the coefficient.
-    low, high
-        The numbers, infinite for none.
-    """
+    """A coefficient's limits, infinite for none, with its name and the text they are from."""
 
     text: str
     name: str
@@ -54,15 +44,8 @@ def is_bound(part: str) -> bool:
 
 
 def bounds_in(texts: str | Sequence[str]) -> tuple[Bound, ...]:
-    """Return the bounds that stand among equations.
+    """Return the bounds that stand among equations; raises `CommonlawError` if one cannot be read, or leaves no number.
 
-    Raises
-    ------
-    CommonlawError
-        If one cannot be read, or leaves no number.
-
-    Examples
-    --------
     >>> bounds_in("s' = -V s/(K + s); K > 0")
     (Bound(text='K > 0', name='K', low=0.0, high=inf),)
     """

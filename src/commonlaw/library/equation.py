@@ -70,47 +70,30 @@ class Equation:
     ) -> tuple[Summand, ...]:
         """Return the summands of the right-hand side: multiplied out, and collected by their coefficients.
 
-        However it is spelled, ``k a - k T`` is ``k (a - T)``, and ``-(p + X) G + 92 p`` is ``-p (G - 92) - X G``.
+        However it is spelled, ``k a - k T`` is ``k (a - T)``, and ``-(p + X) G + 92 p`` is ``-p (G - 92) - X G``. Names
+        that are no variables (or nonlinear parameters among them) are coefficients, factors of terms. `state_rates`
+        pairs states with their rates: ``x'`` is the rate of x. `meanings` has other names of variables, and names that
+        are refused.
 
-        Parameters
-        ----------
-        variables
-            What terms are functions of, constants inside of terms among them; other names are coefficients, which
-            stand as factors before terms.
-        state_rates
-            The names of states, and of their rates among the variables: ``x'`` is the rate of x.
-        meanings
-            Other names of variables, and names that are refused.
-
-        Raises
-        ------
-        CommonlawError
-            If the text cannot be read; the message says at which character, and lists the variables.
-        InsideError
-            If a name is a constant inside of a term, and not among those of the variables.
+        Raises `CommonlawError` if the text cannot be read, with the character, and `InsideError` if another name stands
+        inside of a term.
         """
         return _Reader(self, variables, dict(state_rates), meanings or Meanings()).summands()
 
     def latex(
         self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
     ) -> tuple[tuple[bool, str], ...]:
-        """Return the summands of the right-hand side in LaTeX, as they are written, and whether they are subtracted.
-
-        For the arguments see `summands`.
+        """Return the summands of the right-hand side in LaTeX, as written, and whether they are subtracted, see
+        `summands`.
         """
         return _Reader(self, variables, dict(state_rates), meanings or Meanings()).latex()
 
     def with_numbers(self, write: Mapping[str, Callable[[bool], tuple[bool, str]]]) -> str:
         """Return the text with numbers in place of coefficients; a number that is negative turns the sign before it.
 
-        Parameters
-        ----------
-        write
-            By the name of a coefficient, what says whether it is negative and how its size is written, given whether it
-            stands as a factor.
+        `write` has, by the name of a coefficient, what returns whether it is negative and its size, given whether it is
+        a factor.
 
-        Examples
-        --------
         >>> (one,) = split_equations("x' = a + b x")
         >>> one.with_numbers({"a": lambda _: (False, "3"), "b": lambda _: (True, "2")})
         "x' = 3 - 2 x"
@@ -165,17 +148,11 @@ class _Token:
 
 
 def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
-    """Return the equations in a text, between semicolons or lines, or in several texts; bounds among them are left out.
+    """Return the equations in texts, between semicolons or lines; bounds among them are left out.
 
-    Left-hand sides are ``T'``, ``T''``, ``dT/dt``, ``d2T/dt2`` or ``T[k+1]``.
+    Left-hand sides are ``T'``, ``T''``, ``dT/dt``, ``d2T/dt2`` or ``T[k+1]``. Raises `CommonlawError` if one cannot be
+    read, only some are in discrete time, or a state has two equations.
 
-    Raises
-    ------
-    CommonlawError
-        If a left-hand side cannot be read, only some are in discrete time, or a state has two equations.
-
-    Examples
-    --------
     >>> [(each.state, each.order) for each in split_equations("H' = a H - b H P; dP/dt = c H P - d P")]
     [('H', 1), ('P', 1)]
     """
@@ -198,10 +175,8 @@ def with_constants(
     state_rates: Sequence[tuple[str, str]] = (),
     meanings: Meanings | None = None,
 ) -> Variables:
-    """Return variables with the constants that stand inside of the terms of equations, in the order of the text.
+    """Return variables with the nonlinear parameters of equations, in the order of the text.
 
-    Examples
-    --------
     >>> with_constants(Variables(("s",)), split_equations("s' = -V s/(K + s)")).constants
     ('K',)
     """

@@ -72,9 +72,8 @@ _NUMBERS = Algebra(np.float64, OPERATIONS)
 
 
 def read(text: str, names: Sequence[str], constants: int = 0) -> ast.expr:
-    """Return the tree of an expression, the variable of column i written as the name ``v<i>``.
-
-    So many of the names, the last, are constants, which may stand in exponents.
+    """Return the tree of an expression, column i as ``v<i>``; the last names are parameters, which may stand in
+    exponents.
     """
     shown = text if len(text) <= 60 else f"{text[:57]}..."
     if len(text) > LONGEST:
@@ -111,8 +110,6 @@ def columns_in(expression: str | ast.expr) -> frozenset[int]:
 def factors_in(expression: str | ast.AST) -> float:
     """Return how many variables and functions there are in an expression, repeated for powers.
 
-    Examples
-    --------
     >>> factors_in("v0*abs(v1)"), factors_in("(1 + v0)**2")
     (3.0, 2.0)
     """
@@ -134,10 +131,8 @@ def tree_of(code: str) -> ast.expr:
 
 
 def evaluate(expression: str | ast.expr, variables: Sequence[Any] | Floats, algebra: Algebra = NUMPY) -> Any:
-    """Return what an expression is worth in an algebra, given its variables by column.
+    """Return the value of an expression in an algebra, given its variables by column.
 
-    Examples
-    --------
     >>> evaluate("v0*abs(v1)", [2.0, -3.0])
     np.float64(6.0)
     """
@@ -204,9 +199,8 @@ def _parsed(code: str, names: Sequence[str]) -> ast.expr:
 
 
 def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
-    """Refuse what the language does not have, or what could take for ever to compute.
-
-    The names after so many variables are constants.
+    """Refuse what the language does not have, or what could take for ever; names after so many variables are
+    parameters.
     """
     if depth > DEEPEST:
         raise CommonlawError("expression-too-deep", limit=DEEPEST)

@@ -37,15 +37,7 @@ def check_count(what: str, count: int) -> None:
 
 @dataclass(frozen=True)
 class Offer:
-    """What is offered beside plain terms of a law.
-
-    Parameters
-    ----------
-    terms
-        With constants inside that are to be found, or that a law takes few of.
-    ratios
-        Of sums of terms.
-    """
+    """What is offered beside plain terms of a law: terms with nonlinear parameters, and ratios of sums of terms."""
 
     terms: tuple[ParametricTerm | TiedTerms, ...]
     ratios: tuple[Ratios, ...] = ()
@@ -59,8 +51,8 @@ class Offer:
 class AbstractLibrary(ABC):
     """A family of candidate terms, not yet bound to variables.
 
-    Libraries form an algebra: ``a + b`` has the terms of both, ``a * b`` every product of a term of one with a term
-    of the other, and ``a.select("1", "v")`` and ``a.without("x^3")`` keep or drop terms by name.
+    Libraries form an algebra: ``a + b`` has the terms of both, ``a * b`` all products of their terms, and
+    ``a.select("1", "v")`` and ``a.without("x^3")`` keep or drop terms by name.
     """
 
     @abstractmethod
@@ -76,9 +68,8 @@ class AbstractLibrary(ABC):
         return ()
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
-        """Yield what is offered besides, the next where a law of those before may be wrong or could be simpler.
-
-        The first is tried in any equation. Offers are many terms: each is made when it is asked for.
+        """Yield what is offered besides: the first for any equation, the next where a law so far may be wrong or
+        simpler.
         """
         yield Offer(self.parametric(variables), self.ratios(variables))
 
@@ -209,17 +200,9 @@ class ReducedLibrary(AbstractLibrary):
 
 @dataclass(frozen=True)
 class CappedLibrary(AbstractLibrary):
-    """A library without powers of variables that take few values.
+    """A library without powers of variables that take few values, by name in `levels`.
 
-    At n values the n-th power of a variable is a sum of its lower powers, so no measurement tells them apart. Such a
-    term goes where the library has these.
-
-    Parameters
-    ----------
-    library
-        Which terms there are.
-    levels
-        How many values a variable takes, by name.
+    At n values the n-th power of a variable is a sum of its lower powers: it is left out where the library has these.
     """
 
     library: AbstractLibrary
@@ -259,13 +242,7 @@ def _is_sum_of_lower(term: Term, columns: Sequence[tuple[int, int]], among: Sequ
 
 @dataclass(frozen=True)
 class ConstantLibrary(AbstractLibrary):
-    """The constant term 1.
-
-    Examples
-    --------
-    >>> ConstantLibrary().bind(Variables(("x",))).names
-    ('1',)
-    """
+    """The constant term 1."""
 
     def bind(self, variables: Variables) -> Terms:
         return Terms(variables, (Term(),))
@@ -278,18 +255,16 @@ class PolynomialLibrary(AbstractLibrary):
     Parameters
     ----------
     degree
-        The highest degree.
+        The highest degree, 0 to 100.
     variables
         Names of the variables; without them all states (and rates) and inputs, but not time.
-    constant
-        Whether the constant term 1 is in.
-    interactions
-        Whether products of different variables are in.
+    constant, interactions
+        Whether the constant term 1, and products of different variables, are in.
 
     Raises
     ------
     CommonlawError
-        If the degree is no whole number from 0 to 100, no term is left, or a variable is named twice.
+        If an argument does not fit, no term is left, or a variable is named twice.
 
     Examples
     --------
@@ -320,14 +295,14 @@ class FourierLibrary(AbstractLibrary):
     Parameters
     ----------
     frequencies
-        The highest multiple.
+        The highest multiple, 1 to 1000.
     variables
         Names of the variables; without them all states (and rates) and inputs, but not time.
 
     Raises
     ------
     CommonlawError
-        If there are not 1 to 1000 frequencies, or a variable is named twice.
+        If an argument does not fit, or a variable is named twice.
 
     Examples
     --------
@@ -361,7 +336,7 @@ class RationalLibrary(AbstractLibrary):
     Parameters
     ----------
     degree
-        The highest degree of the numerators.
+        The highest degree of the numerators, 0 to 100.
     denominator
         An expression: ``"1 + x^2"``.
     variables
@@ -370,7 +345,7 @@ class RationalLibrary(AbstractLibrary):
     Raises
     ------
     CommonlawError
-        If the degree is no whole number from 0 to 100, or a variable is named twice.
+        If an argument does not fit, or a variable is named twice.
 
     Examples
     --------
@@ -397,17 +372,14 @@ class RationalLibrary(AbstractLibrary):
 class RatioLibrary(AbstractLibrary):
     """Ratios of two sums of terms, such as ``V s/(K + s)`` and ``V s^2/(K^2 + s^2)`` of enzymes.
 
-    An equation is a sum of some terms of the numerator divided by a sum of some of the denominator. The coefficients of
-    both are found with the law, each object's own; one in the denominator is 1. Nothing that is a factor of all terms
-    stays, and the denominator has no zero where trials have been, nor between. Without a denominator, an equation is a
-    sum of terms of the numerator.
+    An equation is a sum of terms of the numerator, divided by a sum of terms of the denominator or by nothing.
+    Coefficients of both are found with the law, object-specific; one in the denominator is 1. Common factors are
+    cancelled, and the denominator has no zero along the trials.
 
     Parameters
     ----------
-    numerator
-        The library of the terms above.
-    denominator
-        That of the terms below.
+    numerator, denominator
+        The libraries of their terms.
 
     Examples
     --------
@@ -431,9 +403,7 @@ class RatioLibrary(AbstractLibrary):
 
 @dataclass(frozen=True, init=False)
 class ExpressionLibrary(AbstractLibrary):
-    """The terms that are written, in that order.
-
-    Names inside that are no variables are constants, which are found with the law: K in ``"s/(K + s)"``.
+    """The given terms, in that order; names that are no variables are nonlinear parameters: K in ``"s/(K + s)"``.
 
     Parameters
     ----------
@@ -469,9 +439,9 @@ class ExpressionLibrary(AbstractLibrary):
 
 @dataclass(frozen=True)
 class FamilyLibrary(AbstractLibrary):
-    """Functions that occur in laws and go by a name, such as saturation: see `FAMILIES`.
+    """Functions with nonlinear parameters that go by a name, such as saturation: see `FAMILIES`.
 
-    A law takes few of them, beside plain terms; constants inside are found with the law, each object's own.
+    A law takes few of them, beside plain terms; the parameters are found with the law, object-specific.
 
     Parameters
     ----------
@@ -534,14 +504,13 @@ _HIGHEST_DEGREE = 4
 
 @dataclass(frozen=True)
 class AutoLibrary(AbstractLibrary):
-    """All that commonlaw knows to occur in laws: a library for whom none comes to mind.
+    """All kinds of terms, the simplest first: for data without a hypothesis.
 
-    Polynomials of degree 3 first, and of degree 4 where the best of these laws leaves more than noise, or needs many
-    numbers. Where the better of both leaves more than noise, or may be the beginning of a series, with three powers of
-    one variable in equal steps up to the highest: beside few of these, functions of all families, alone and as factors
-    of a state or an input. Where these laws leave something, or need many numbers, ratios of sums of terms up to degree
-    2, beside linear terms; then, in laws of first order of several trials of at most ten objects,
-    a state that nobody measured. A law takes them where its evidence pays for the larger choice.
+    Polynomials of `degree`, and of degree 4 where the best law has a lack of fit, or many terms. Where that too has
+    one, or may be a truncated series, with three powers of a variable in equal steps up to the highest: in addition a
+    few functions of all families, alone and as factors of a state or an input; then ratios of sums of terms up to
+    degree 2, with linear terms; then, in laws of first order of several trials of at most ten objects, a latent state.
+    The evidence decides.
 
     Parameters
     ----------
@@ -588,15 +557,11 @@ class AutoLibrary(AbstractLibrary):
 def parse_library(text: str) -> AbstractLibrary:
     """Return the library that a text names.
 
-    Parameters
-    ----------
-    text
-        ``poly:3``, ``fourier:2``, ``rational:2:1+x**2``, ``terms:1,v,v*abs(v)`` or ``constant``, a family of `FAMILIES`
-        such as ``saturating``, or several of them joined by ``+`` and ``*`` with spaces around: ``poly:2 + fourier:1``,
-        ``poly:1 * saturating:s``. Inside a library there are no such spaces, but for parentheses: ``terms:1+x``, not
-        ``terms:1 + x``. ``ratio(poly:2, poly:2)`` are ratios of sums of terms of two libraries.
-        Variables are listed with commas: ``poly:3:x,v``. Names in terms that are no variables are constants, which are
-        found with the law: ``poly:1 + terms:s/(K+s)``. ``auto``: see `AutoLibrary`.
+    ``poly:3``, ``fourier:2``, ``rational:2:1+x**2``, ``terms:1,v,v*abs(v)``, ``constant`` or ``auto``, a family of
+    `FAMILIES` such as ``saturating``, or several joined by ``+`` and ``*`` with spaces around: ``poly:2 + fourier:1``,
+    ``poly:1 * saturating:s``. Within a library there are no such spaces, but for parentheses: ``terms:1+x``, not
+    ``terms:1 + x``. ``ratio(poly:2, poly:2)`` are ratios of sums of terms of two libraries. Variables are listed with
+    commas: ``poly:3:x,v``. Names in terms that are no variables are nonlinear parameters: ``poly:1 + terms:s/(K+s)``.
 
     Raises
     ------

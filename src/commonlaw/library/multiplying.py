@@ -33,24 +33,11 @@ class Product(NamedTuple):
 
 
 def multiplied_out(tree: ast.expr, variables: int, inside: int | None = None) -> list[Product]:
-    """Return the products whose sum a tree is; what has no constant in it stays as it is written.
+    """Return the products whose sum a tree is; what has no parameter in it stays as it is written.
 
-    Parameters
-    ----------
-    tree
-        As `grammar.read` returns it.
-    variables
-        How many columns are variables; those after them are constants.
-    inside
-        Constants before this column may also be inside of a function, a power, or a divisor that is a sum, which stay
-        as they are written; by default none may.
-
-    Raises
-    ------
-    NotAFactorError
-        If another constant is there.
-    CommonlawError
-        If there are too many products.
+    Columns from `variables` on are parameters. Those before the column `inside` may also stand in a function, a power,
+    or a divisor that is a sum, which stay as they are written. Raises `NotAFactorError` if another one does, and
+    `CommonlawError` if there are too many products.
     """
     inside = variables if inside is None else inside
     names = _constants(tree, variables)

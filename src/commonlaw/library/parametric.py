@@ -20,14 +20,8 @@ from commonlaw.library.variables import Variables
 
 @dataclass(frozen=True)
 class ParametricTerm:
-    """A candidate term of any values of the constants inside of it.
-
-    Parameters
-    ----------
-    term
-        Over the variables with these constants, which come last.
-    constants
-        Their names.
+    """A candidate term with nonlinear parameters of any values, over the variables with these parameters, which come
+    last.
     """
 
     term: Term
@@ -67,15 +61,10 @@ class ParametricTerm:
 
 @dataclass(frozen=True)
 class TiedTerms:
-    """Terms that share their constants: ``a cos(w t) + b sin(w t)``.
+    """Terms that share their nonlinear parameters: ``a cos(w t) + b sin(w t)``.
 
-    Parameters
-    ----------
-    whole
-        A term with more constants inside that equals a sum of them: ``cos(w t + p)``. It is what is compared with other
-        terms while constants are sought.
-    parts
-        The terms, each with all constants that they share; a law has these, and a coefficient before each.
+    `whole` equals a sum of them with more parameters, ``cos(w t + p)``, and is compared with other terms; a law has
+    `parts`, with a coefficient before each.
     """
 
     whole: ParametricTerm
@@ -107,20 +96,10 @@ class TiedTerms:
 
 @dataclass(frozen=True)
 class Ratio:
-    """One ratio of two sums: a coefficient before each term above and below, but for one below, which is one.
+    """One ratio of two sums of terms with coefficients, of which that of the term `reference` below is one.
 
-    As terms with constants inside these are ``s/(K + s)``, ``s^2/(K + s)``: they share the constants.
-
-    Parameters
-    ----------
-    above
-        The terms of the numerator.
-    below
-        Those of the denominator.
-    reference
-        Which term below has the coefficient one, by its index.
-    constants
-        The names of the coefficients below, in the order of their terms, but for that of `reference`.
+    As terms with parameters these are ``s/(K + s)``, ``s^2/(K + s)``: they share `constants`, the coefficients of the
+    other terms below.
     """
 
     above: tuple[Term, ...]

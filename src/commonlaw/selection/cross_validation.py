@@ -17,18 +17,10 @@ ProblemGroups = Sequence[Sequence[Sequence[LeastSquaresProblem]]]
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """One object's data in two.
+    """One object's data in two: the problems of what is held out and of the rest.
 
-    Parameters
-    ----------
-    object
-        The index of the object.
-    held, rest
-        The problems of what is held out, and of all other data of the object.
-    trials
-        The indices, among the trials of the object, of those held out; none if segments of a single trial are held out.
-    share
-        How much the fold counts in a mean over folds in which objects count equally.
+    `trials` are the indices of held-out trials, none if segments of a single trial are held out; `share` is the weight
+    in a mean over folds in which objects count equally.
     """
 
     object: int
@@ -41,14 +33,9 @@ class Fold:
 def make_folds(groups: ProblemGroups, count: int = 10) -> tuple[Fold, ...]:
     """Return the folds of all objects.
 
-    An object of several trials holds out whole trials: one at a time if it has at most `count`, otherwise every
-    `count`-th together. An object of a single trial holds out segments of it in the same way; rows on both sides of a
-    cut share samples of the smoothing window, so these folds are a little less independent than trials.
-
-    Raises
-    ------
-    CommonlawError
-        If there are fewer than two folds, or an object has a single trial in a single segment.
+    Objects of several trials hold out trials: one at a time if there are at most `count`, otherwise every `count`-th
+    together. A single trial holds out segments in the same way, whose rows at a cut share samples of the smoothing
+    window. Raises `CommonlawError` if there are fewer than two folds, or an object has a single segment.
     """
     if count < 2:
         raise CommonlawError("too-few-folds", count=count)
@@ -68,15 +55,7 @@ def make_folds(groups: ProblemGroups, count: int = 10) -> tuple[Fold, ...]:
 
 @dataclass(frozen=True, eq=False)
 class CrossValidationScore:
-    """A candidate's errors on the folds.
-
-    Parameters
-    ----------
-    errors
-        Shape (folds,).
-    shares
-        How much each fold counts, shape (folds,); they sum to one.
-    """
+    """A candidate's errors on the folds, and their weights, which sum to one, both of shape (folds,)."""
 
     errors: Floats
     shares: Floats
@@ -97,10 +76,7 @@ class CrossValidationScore:
         return self._error_of(self.errors)
 
     def excess(self, best: "CrossValidationScore") -> tuple[float, float]:
-        """Return by how much the mean is above another candidate's, and the standard error of that difference.
-
-        Folds differ far more from each other than two candidates on one fold; the difference is taken fold by fold.
-        """
+        """Return by how much the mean exceeds another candidate's, with the standard error of the paired difference."""
         with np.errstate(invalid="ignore"):
             differences = self.errors - best.errors
         differences[np.isnan(differences)] = 0.0  # Both diverged on that fold
@@ -115,16 +91,9 @@ class CrossValidationScore:
 
 @dataclass(frozen=True, eq=False)
 class ResidualError:
-    """Scores a support on the residuals of held-out data: their mean square after a fit to the rest.
+    """Scores a support of an equation by the mean squared residuals of held-out data after a fit to the rest.
 
-    Each object's is divided by the mean square of its target, so that objects count equally.
-
-    Parameters
-    ----------
-    folds
-        From `make_folds`.
-    target
-        The equation.
+    They are relative to the mean square of each object's target, so that objects count equally.
     """
 
     folds: Sequence[Fold]
@@ -146,25 +115,25 @@ class ForecastError:
     """Scores a support of one equation on forecasts of held-out trials by the law that was fitted to the others.
 
     The error of a trial is the mean over states of the mean squared error, divided by the variance of the state over
-    the object's trials; it is infinite where a forecast diverges.
+    the object's trials; infinite where a forecast diverges.
 
     Parameters
     ----------
     folds
-        From `make_folds`, of problems whose known terms were moved to the left-hand side.
+        From `make_folds`, of problems less known terms.
     target
         The equation whose support is scored.
     law
         The law whose other equations stand, refitted on each fold.
     free
-        Which terms are to be found, shape (equations, terms); the others keep the coefficients that they have in `law`.
+        Which terms are fitted, shape (equations, terms); the others keep their coefficients in `law`.
     trials
         The trials of all folds, with the law's objects in its order.
 
     Raises
     ------
     CommonlawError
-        If an object has a single trial: segments of it cannot be forecast by themselves.
+        If an object has a single trial.
     """
 
     folds: Sequence[Fold]

@@ -19,18 +19,8 @@ from commonlaw.solvers.base import Problems, least_squares
 class FitStatistics:
     """What criteria are computed from.
 
-    Parameters
-    ----------
-    rows
-        Effective number of rows of each object, shape (objects,).
-    variances
-        Mean squared residual of each object, shape (objects,), above zero.
-    terms
-        Number of terms of each object, shape (objects,).
-    library
-        Number of terms that there were to choose from.
-    shared
-        Whether one choice of terms was made for all objects; otherwise each object had a choice of its own.
+    Effective rows, mean squared residuals and numbers of terms have shape (objects,); `library` is the number of terms
+    to choose from, and `shared` whether all objects share one choice.
     """
 
     rows: Floats
@@ -67,10 +57,11 @@ def bic(fit: FitStatistics) -> float:
 
 
 def ebic(fit: FitStatistics) -> float:
-    """Return the BIC plus ``2 log`` of the number of ways to choose so many terms from the library.
+    """Return the BIC plus ``2 log`` of the number of ways to choose so many terms from the library; shared supports
+    count once.
 
-    Chen and Chen (2008), "Extended Bayesian information criteria for model selection with large model spaces", with
-    their gamma of one. A support that objects share is chosen once.
+    Chen and Chen (2008), "Extended Bayesian information criteria for model selection with large model spaces", gamma =
+    1.
     """
     choices = fit.terms[:1] if fit.shared else fit.terms
     return bic(fit) + 2 * sum(log_choices(fit.library, int(terms)) for terms in choices)
@@ -95,20 +86,16 @@ RULES = ("one-standard-error", "held-out", *CRITERIA)
 
 @dataclass(frozen=True, eq=False)
 class ScoredCandidate:
-    """A candidate and what speaks for it.
+    """A candidate, fitted to all data, and its scores.
 
     Parameters
     ----------
-    candidate
-        The candidate, with its coefficients on all data.
-    criteria
-        Values of the information criteria by name.
-    held_out
-        Its errors on held-out data.
+    candidate, criteria, held_out
+        The candidate, its information criteria by name, and its errors on held-out data.
     stability
-        How often the least certain of its terms is chosen again on resampled data; NaN if that was not asked for.
+        How often the least certain of its terms is chosen on resampled data; NaN if that was not asked for.
     hyperparameters
-        The values of the solver's hyperparameter at which it comes along the solver's path, ascending.
+        At which it is on the solver's path, ascending.
     """
 
     candidate: Candidate
@@ -135,18 +122,9 @@ class ScoredCandidate:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The candidates of one equation, and which of them was chosen by which rule.
+    """The candidates of one equation, and which of them a rule chose, and why.
 
-    Parameters
-    ----------
-    table
-        The candidates, from the fewest coefficients to the most; those of as many by their held-out error.
-    index
-        The index of the chosen one.
-    rule
-        The name of the rule.
-    reason
-        Why it was chosen, in a sentence.
+    The table goes from the fewest coefficients to the most; those of as many by their held-out error.
     """
 
     table: tuple[ScoredCandidate, ...]
@@ -185,29 +163,24 @@ def choose(
     allowed
         Which terms might have entered, shape (terms,).
     rule
-        ``"one-standard-error"``: the fewest coefficients among those whose held-out error exceeds the smallest by no
-        more than one standard error of that difference, and what the differentiator cannot resolve (Breiman et al.
-        1984, section 3.4.3, with the standard error of the difference in place of that of the smallest).
-        ``"held-out"``: the same without the standard error. ``"aic"``, ``"aicc"``, ``"bic"``, ``"ebic"``: the
-        smallest criterion.
+        ``"one-standard-error"``: the fewest coefficients whose held-out error exceeds the smallest by no more than the
+        standard error of that difference and the bias of the differentiator (Breiman et al. 1984, section 3.4.3).
+        ``"held-out"``: without the standard error. ``"aic"``, ``"aicc"``, ``"bic"``, ``"ebic"``: the smallest
+        criterion.
     rows
         Effective number of rows of each object, shape (objects,), see `effective_share`; default: all of them.
     differentiation_bias
-        From the coefficients of the equation with the least held-out error, shape (objects, terms), to the mean squared
-        error that the differentiator makes in each object's target, shape (objects,), see
-        `formulation.differentiation_bias`. A fit that is better by less than that may explain the differentiator and
-        not the object, and does not count. Default: rounding only, a relative error of 1e-10.
+        From coefficients, shape (objects, terms), to mean squared errors of the differentiator, shape (objects,), see
+        `formulation.differentiation_bias`; smaller improvements do not count. Default: a relative error of 1e-10.
     score
-        From a support to its errors on held-out data, such as a `ForecastError`; default: a `ResidualError` on the
-        folds of `make_folds`.
+        From a support to its errors on held-out data; default: a `ResidualError` on the folds of `make_folds`.
     stability
-        What the solver finds on resampled data.
+        Of the solver on resampled data.
 
     Raises
     ------
     CommonlawError
-        If there is no candidate, the rule is not known, an object has too little data to hold some out, or every
-        candidate's forecasts diverge.
+        If there is no candidate or rule of that name, too little data to hold some out, or all forecasts diverge.
     """
     if rule not in RULES:
         raise unknown("rule", rule, RULES)

@@ -30,17 +30,7 @@ SEGMENTS = 4
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """What the rows of each object are worth, estimated from some of its trials.
-
-    Parameters
-    ----------
-    form
-        How trials became rows.
-    terms
-        The library.
-    samples
-        Some trials of each object.
-    """
+    """How accurate the rows of each object are, estimated from some of its trials."""
 
     form: AbstractFormulation
     terms: Terms
@@ -79,18 +69,15 @@ def select(
     data
         The problems of each object's trials, in segments.
     known
-        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms). They are moved
-        to the left-hand side, and count neither for nor against a candidate.
+        Fixed coefficients, NaN where they are fitted, shape (objects, equations, terms), moved to the left-hand side.
     solvers
-        Whose paths list the candidates; the first is the one that resamples are given to.
+        Whose paths list the candidates; resamples go to the first.
     accuracy
-        What the rows are worth.
+        Of the rows.
     rule
         See `choose`.
-    n_resamples
-        How many resamples tell the stability of the candidates; none by default.
-    seed
-        Of the resamples.
+    n_resamples, seed
+        Of the stability of the candidates; none by default.
     scores
         For each equation from a support to its errors on held-out data; default: residuals.
     """

@@ -28,12 +28,8 @@ Path = Callable[[Sequence[LeastSquaresProblem]], Sequence[Candidate]]
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """The supports that a solver found on resampled data.
-
-    Parameters
-    ----------
-    supports
-        For each resample the supports of its path, each of shape (objects, terms).
+    """The supports that a solver found on resampled data: for each resample those of its path, of shape (objects,
+    terms).
     """
 
     supports: tuple[tuple[Bools, ...], ...]
@@ -41,7 +37,7 @@ class Stability:
     def frequencies(self, size: int) -> Floats:
         """Return how often each term was chosen for each object, shape (objects, terms).
 
-        From each resample the largest support of at most `size` coefficients over all objects is taken, or no term.
+        Each resample counts its largest support of at most `size` coefficients over all objects, or no term.
         """
         small = [[support for support in path if support.sum() <= size] for path in self.supports]
         nothing = np.zeros_like(self.supports[0][0])
@@ -58,25 +54,9 @@ def stability(
     """Return what a solver finds on resamples of the blocks of each object's trials.
 
     Stability selection (Meinshausen and Bühlmann 2010, "Stability selection") with the block bootstrap in place of
-    subsamples: each object draws as many of its blocks as it has, with replacement. Whole blocks keep the correlation
-    of neighbouring rows; no row is touched.
-
-    Parameters
-    ----------
-    groups
-        The problems of blocks, the segments of trials; more and shorter blocks make better resamples, as long as a
-        block is much longer than a smoothing window.
-    path
-        The solver's path, or a single candidate at a fixed hyperparameter.
-    n_resamples
-        How many.
-    seed
-        A whole number or a NumPy generator.
-
-    Raises
-    ------
-    CommonlawError
-        If an object has a single block, so that there is nothing to draw.
+    subsamples: each object draws as many of its blocks as it has, with replacement, which keeps the correlation of
+    neighbouring rows. Blocks should be short, but much longer than a smoothing window. Raises `CommonlawError` if an
+    object has a single block.
     """
     blocks = [[block for trial in trials for block in trial] for trials in groups]
     if min(map(len, blocks)) < 2:

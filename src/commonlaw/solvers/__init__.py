@@ -90,10 +90,7 @@ SOLVERS: Mapping[str, Callable[..., AbstractSolver]] = {
 def parse_solver(text: str) -> AbstractSolver:
     """Make a solver from text: ``stlsq:0.04``, ``best-subset:3``, ``group-stlsq:0.2:quantile:0.25``.
 
-    Raises
-    ------
-    CommonlawError
-        If there is no such solver, or its arguments do not fit.
+    Raises `CommonlawError` if there is no such solver, or its arguments do not fit.
 
     Examples
     --------

@@ -21,26 +21,22 @@ Values = Sequence[float] | None
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One equation that a solver comes to at a value of its hyperparameter.
+    """One equation that a solver finds at a value of its hyperparameter.
 
     Parameters
     ----------
-    support
-        Which terms are in, shape (objects, terms).
-    coefficients
-        Shape (objects, terms); exactly zero outside the support.
+    support, coefficients
+        Shape (objects, terms); coefficients are exactly zero outside the support.
     hyperparameter
-        The solver's hyperparameter that gives it: a threshold, a penalty, or the number of terms.
+        A threshold, a penalty, or the number of terms.
     proven
-        Whether it is proved, to rounding, that no other support of its size has a smaller sum of squared residuals over
-        all objects, each relative to its residual variance with all terms.
+        Whether no other support of its size has a smaller sum of squared residuals over all objects, to rounding, each
+        relative to its residual variance with all terms.
     converged
-        Whether the solver came to its end: a stable support, a minimum, a finished search.
-    largest
-        The largest value that was compared with the hyperparameter, in the last step that had a term; a support that
-        is empty had a hyperparameter above it.
-    smallest
-        The smallest value that was compared with the hyperparameter and stayed; infinite if none did.
+        Whether the solver ended with a stable support, a minimum, or a finished search.
+    largest, smallest
+        The largest value compared with the hyperparameter in the last step that had a term, and the smallest that
+        stayed, infinite if none did.
     """
 
     support: Bools
@@ -95,7 +91,7 @@ class AbstractSolver(ABC):
 
     @abstractmethod
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
-        """Return the candidates of one equation at values of the hyperparameter, whatever the solver's own.
+        """Return the candidates of one equation at values of the hyperparameter.
 
         Parameters
         ----------
@@ -106,24 +102,13 @@ class AbstractSolver(ABC):
         allowed
             Which terms may enter, shape (terms,).
         values
-            Of the hyperparameter, each of which gives a candidate. None is the whole path: every equation that some
-            value gives, from the most terms to the fewest.
+            Of the hyperparameter, a candidate each. None is the whole path, from the most terms to the fewest.
         """
 
     def solve(self, problems: Problems, allowed: Bools) -> Candidates:
         """Return the candidate of each equation at the solver's own hyperparameter.
 
-        Parameters
-        ----------
-        problems
-            One for each object, all of the same library.
-        allowed
-            Which terms may enter which equation, shape (equations, terms).
-
-        Raises
-        ------
-        CommonlawError
-            If the hyperparameter has no value.
+        Terms that may enter have shape (equations, terms). Raises `CommonlawError` if the hyperparameter has no value.
         """
         value = self.hyperparameter
         if value is None:
@@ -139,8 +124,7 @@ def groups(problems: Problems, shared: bool) -> list[Problems]:
 def threshold_path(candidate_at: Callable[[float], Candidate], values: Values) -> Candidates:
     """Return the candidates of some thresholds, or of growing ones from zero until no term is left.
 
-    Where a threshold drops nothing more, everything that stayed is at least as large; nothing changes until the
-    threshold passes the smallest of it, which is the next that is tried.
+    The support changes only where the threshold passes the smallest value that stayed, which is the next that is tried.
     """
     if values is not None:
         return tuple(map(candidate_at, values))
@@ -176,8 +160,8 @@ def fixed_cardinality(
 ) -> Candidates:
     """Return one candidate for each number of terms, or with all allowed terms where these are fewer.
 
-    From the problem of objects that have one support, `choose` makes the subset for each of some numbers of terms.
-    Without values these are all numbers from all to none. Objects with own supports have as many terms each.
+    From the problem of objects that share a support `choose` makes the subset for each number of terms; without values
+    all numbers from all to none. Objects with own supports have as many terms each.
     """
     most = int(allowed.sum())
     sizes = range(most, -1, -1) if values is None else [min(int(value), most) for value in values]

@@ -22,11 +22,10 @@ _TOLERANCE = 1e-12
 class BestSubset(AbstractSolver):
     """The terms with the smallest sum of squared residuals over all objects, for every number of terms.
 
-    Exact by branch and bound, in the manner of the leaps and bounds of Furnival and Wilson (1974), Technometrics 16,
-    499: leaving out terms only raises the residuals, so what all terms that are still in question leave unexplained
-    bounds all supports among them. A candidate is ``proven`` when the search of its size came to an end. Objects
-    count relative to their residual variance, see `StandardizedProblem`. For about 60 terms this takes seconds; sizes
-    well beyond the true one, where terms compete in explaining noise, use up their nodes and are not proven.
+    Exact by branch and bound, as the leaps and bounds of Furnival and Wilson (1974), Technometrics 16, 499: leaving out
+    terms only raises the residuals, so the residual of all terms that are still open bounds all supports among them. A
+    candidate is ``proven`` when the search of its size ended. Objects count relative to their residual variance, see
+    `StandardizedProblem`. For about 60 terms this takes seconds; sizes well beyond the true one use up their nodes.
 
     Parameters
     ----------
@@ -35,12 +34,11 @@ class BestSubset(AbstractSolver):
     shared
         Whether all objects have the same terms, or each object its own.
     largest
-        The path is searched up to this number of terms; above it, it holds those of backward elimination, see
-        `StepwiseSelection`.
+        The path is searched up to this number of terms; above it is backward elimination, see `StepwiseSelection`.
     nodes
-        At most so many nodes of the search tree are visited for each number of terms (2000 take about a second for 56
-        terms and 10 objects); then the best terms found so far are returned. Beyond 60 terms, where a node is more
-        work, there are fewer, so that what is returned is the best of greedy selection and of exchanges of terms.
+        At most so many nodes of the search tree for each number of terms (2000 take about a second for 56 terms and 10
+        objects), fewer beyond 60 terms; then the best terms so far are returned, of greedy selection and exchanges at
+        least.
 
     Raises
     ------
@@ -82,10 +80,9 @@ class BestSubset(AbstractSolver):
 
 @dataclass(frozen=True, eq=False)
 class _Node:
-    """All supports that hold the terms `inside`, and further ones of those in question.
+    """All supports with the terms `inside` and some open ones, of which `bound` is the residual with all.
 
-    What the terms in question explain beside those inside is `entering`, and what it costs when they leave `leaving`,
-    in the same order; `bound` is what all of them together leave unexplained.
+    `entering` is what open terms explain beside those inside, `leaving` what their leaving costs, in the same order.
     """
 
     inside: Indices

@@ -31,9 +31,8 @@ class ConstrainedSolver(AbstractSolver):
     equal
         Indices of the terms that have one coefficient for all objects that have the term.
     matrix, right
-        Further constraints ``matrix @ coefficients.ravel() = right`` on the coefficients of the equation, of shape
-        (objects, terms), so of shapes (constraints, objects * terms) and (constraints,). A term that is out of the
-        support has the coefficient 0.
+        Further constraints ``matrix @ coefficients.ravel() = right`` on coefficients of shape (objects, terms): shapes
+        (constraints, objects * terms) and (constraints,). Absent terms have the coefficient 0.
     equation
         The equation that is constrained.
 
@@ -64,12 +63,8 @@ class ConstrainedSolver(AbstractSolver):
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         """Return those of the solver's candidates that can meet the constraints, refitted; none of them is proven.
 
-        The whole path ends early where constraints need terms.
-
-        Raises
-        ------
-        CommonlawError
-            If the constraints depend on each other or do not fit the library; with values, if they cannot be met.
+        The whole path ends early where constraints need terms. Raises `CommonlawError` if constraints depend on each
+        other or do not fit the library; with values, if they cannot be met.
         """
         path = self.solver.path(problems, target, allowed, values)
         if target != self.equation:
@@ -104,31 +99,12 @@ class ConstrainedSolver(AbstractSolver):
 
 
 def constrained_least_squares(problems: Problems, support: Bools, target: int, matrix: Floats, right: Floats) -> Floats:
-    """Return the coefficients of all objects that minimise the sum of their squared residuals under constraints.
+    """Return the coefficients of all objects, shape (objects, terms), of least squared residuals under constraints.
 
-    By the null-space method (Golub and Van Loan, Matrix Computations, section 6.2), on columns of unit norm: a
-    solution of the constraints, and least squares along the directions that keep them.
-
-    Parameters
-    ----------
-    problems
-        One for each object, all of the same library.
-    support
-        Which terms may be used, shape (objects, terms); all others get zero.
-    target
-        The equation.
-    matrix, right
-        Constraints ``matrix @ coefficients.ravel() = right``; shapes (constraints, objects * terms), (constraints,).
-
-    Returns
-    -------
-    Floats
-        Shape (objects, terms).
-
-    Raises
-    ------
-    CommonlawError
-        If the constraints are not of these shapes, depend on each other, or cannot be met with this support.
+    By the null-space method (Golub and Van Loan, Matrix Computations, section 6.2), on columns of unit norm. Terms
+    outside the support, shape (objects, terms), get zero; constraints are ``matrix @ coefficients.ravel() = right``, of
+    shapes (constraints, objects * terms) and (constraints,). Raises `CommonlawError` if they are not of these shapes,
+    depend on each other, or cannot be met with this support.
     """
     # LAPACK's gglse asks for independent columns; here dependent ones get the solution of least norm
     from scipy.linalg import block_diag

@@ -27,23 +27,23 @@ _PENALTIES = np.geomspace(1.0, 1e-4, 41)
 class Lasso(AbstractSolver):
     """Least squares with a penalty on the norm of each term's coefficients over the objects, then a refit.
 
-    The group LASSO of Yuan and Lin (2006), J. R. Statist. Soc. B 68, 49, where a term's coefficients in all objects
-    make a group; for one object, and where each object has its own terms, the LASSO of Tibshirani (1996). Columns have
-    unit norm and objects count relative to their residual variance, see `StandardizedProblem`. The minimum is found by
-    accelerated proximal gradient steps with restarts (Beck and Teboulle 2009; O'Donoghue and Candès 2015) that start
-    from the minimum of the next larger penalty; its nonzero terms are the support, for which least squares is solved.
+    The group LASSO of Yuan and Lin (2006), J. R. Statist. Soc. B 68, 49, with a term's coefficients in all objects as a
+    group; for one object, or own terms, the LASSO of Tibshirani (1996). Columns have unit norm and objects count
+    relative to their residual variance, see `StandardizedProblem`. The minimum is found by accelerated proximal
+    gradient steps with restarts (Beck and Teboulle 2009; O'Donoghue and Candès 2015), warm-started along falling
+    penalties.
 
     Parameters
     ----------
     penalty
-        As a share of the smallest penalty that removes every term, so from 0 (all terms) to 1 (none); None to have it
+        As a share of the smallest penalty that removes every term, from 0 (all terms) to 1 (none); None to have it
         chosen.
     shared
         Whether all objects have the same terms, or each object its own.
     max_iterations
         At most so many steps for each penalty.
     tolerance
-        Largest step, relative to the largest coefficient, at which the minimum counts as reached.
+        Largest step, relative to the largest coefficient, at convergence.
 
     Raises
     ------
@@ -96,10 +96,10 @@ class Lasso(AbstractSolver):
 def minimize(
     gram: Floats, right: Floats, penalty: float, start: Floats, max_iterations: int, tolerance: float
 ) -> tuple[Floats, bool]:
-    """Return what minimises ``sum_o (b_o' G_o b_o / 2 - r_o' b_o) + penalty sum_t ||b_t||``.
+    """Return the minimum of ``sum_o (b_o' G_o b_o / 2 - r_o' b_o) + penalty sum_t ||b_t||``, and whether it was
+    reached.
 
-    The matrices G have shape (objects, terms, terms); r, the first guess and the minimum have shape (objects, terms).
-    Also returned is whether the minimum was reached, to the tolerance of `Lasso`.
+    G has shape (objects, terms, terms); r, the first guess and the minimum (objects, terms).
     """
     # scikit-learn's MultiTaskLasso has one matrix of columns for all targets; here each object has its own
     rate = 1 / max(np.linalg.eigvalsh(gram)[:, -1:].max(initial=0.0), 1e-300)

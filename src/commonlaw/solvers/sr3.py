@@ -21,27 +21,27 @@ from commonlaw.validation import check_number, check_whole_number
 
 @dataclass(frozen=True)
 class SR3(AbstractSolver):
-    """Sparse relaxed regularised regression with a hard threshold, then a refit.
+    """Sparse relaxed regularized regression with a hard threshold, then a refit.
 
     Zheng, Askham, Brunton, Kutz, Aravkin (2019), IEEE Access 7, 1404, algorithm 1 with the l0 penalty: coefficients b
-    that fit, and sparse ones w that stay near them, are found in turns from
-    ``||X b - y||^2 / 2 + ||b - w||^2 / (2 nu) + penalty ||w||_0``; w is b without what lies below the threshold. With
-    a shared support the rows of w, over all objects, stay or go by their Euclidean norm. Columns are divided by their
-    norm (its root mean square over the objects), so that `nu` depends neither on units nor on the number of rows.
+    that fit and sparse ones w alternate on ``||X b - y||^2 / 2 + ||b - w||^2 / (2 nu) + penalty ||w||_0``; w is b above
+    the threshold. With a shared support the rows of w, over all objects, are thresholded by their Euclidean norm.
+    Columns are divided by their norm (root mean square over the objects), so that `nu` depends neither on units nor on
+    the number of rows.
 
     Parameters
     ----------
     threshold
-        Smallest magnitude of a coefficient, or norm over the objects of a term's coefficients, that stays, in the
-        coefficients' own units; None to have it chosen.
+        Smallest magnitude of a coefficient, or norm over the objects, that stays, in the coefficients' own units; None
+        to have it chosen.
     nu
-        How far b and w may part: towards 0 terms stay in or out as they began, large values let them come and go.
+        Relaxation: towards 0 terms stay in or out as they began, large values let them come and go.
     shared
         Whether all objects have the same terms, or each object its own.
     max_iterations
-        At most so many turns; coefficients that still change then are an outcome of the fit.
+        At most so many alternations; without convergence the fit has an outcome.
     normalize
-        Compare coefficients of columns that are scaled to unit norm, so that the threshold does not depend on units.
+        Threshold the coefficients of columns of unit norm, so that it does not depend on units.
 
     Raises
     ------

@@ -24,13 +24,11 @@ class StandardizedProblem:
     """The least-squares problems of one equation, one for each object, and the terms that may enter.
 
     Columns have unit norm. Each object's squared residuals are divided by its residual variance with all terms
-    (generalised least squares with the variances held fixed), so that their sum over objects compares supports and
-    no object decides because it is large or noisy. An object with no more rows than terms has no such variance; the
-    mean square of its target is taken.
+    (generalized least squares with fixed variances), so that no object dominates because it is large or noisy; with no
+    more rows than terms the mean square of its target is taken.
 
-    It holds the upper triangular factors of the allowed columns, shape (objects, p, p), the target in the same basis,
-    shape (objects, p), what all terms leave unexplained, summed over the objects, and each object's residual variance,
-    shape (objects,).
+    `columns` are upper triangular factors, shape (objects, p, p), `right` is the target in the same basis, shape
+    (objects, p), `rest` the residual of all terms, summed over objects, and `variance` has shape (objects,).
     """
 
     columns: Floats
@@ -77,8 +75,8 @@ class StandardizedProblem:
     def leaving(self) -> "Directions":
         """What each term's leaving of the full equation costs.
 
-        The columns are ``Q R``. Leaving out the terms D adds to the squared residuals the squared projection of
-        ``Q' target`` onto the span of those rows of ``R^-1``: terms leave by the same steps by which they enter.
+        The columns are ``Q R``. Leaving out the terms D adds to the squared residuals the squared projection of ``Q'
+        target`` onto the span of those rows of ``R^-1``: terms leave by the same steps by which they enter.
         """
         return Directions.of(np.asarray(np.linalg.inv(self.columns)), self.right, np.arange(self.size))
 
@@ -102,10 +100,8 @@ class StandardizedProblem:
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """Unit directions, one for each object and term, and the vectors whose projections onto them count.
-
-    They are of shape (objects, terms, p), zero where a term has nothing left of its own, and of shape (objects, p);
-    `indices` tells which terms these are.
+    """Unit directions of terms, shape (objects, terms, p), zero where nothing is left, and vectors projected on
+    them, (objects, p).
     """
 
     units: Floats
@@ -140,7 +136,7 @@ class Directions:
     def pair_error_reductions(self) -> Floats:
         """Squared projections onto the span of every pair, summed over the objects, shape (terms, terms).
 
-        The span of two unit vectors is that of their sum and difference, which are orthogonal.
+        Sum and difference of two unit vectors are an orthogonal basis of their span.
         """
         cosines = np.matmul(self.units, self.units.transpose(0, 2, 1))
         projections = np.matmul(self.units, self.left[..., np.newaxis])[..., 0]

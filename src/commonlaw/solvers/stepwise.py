@@ -17,12 +17,12 @@ from commonlaw.validation import check_whole_number
 class StepwiseSelection(AbstractSolver):
     """Forward selection or backward elimination, one term in each step.
 
-    Forward, the term that lowers the squared residuals most enters next: orthogonal least squares (FROLS; Chen,
-    Billings, Luo 1989, Int. J. Control 50, 1873; Billings 2013, Nonlinear System Identification, section 3.2), where
-    candidate columns are kept orthogonal to those that entered. Backward, the term whose leaving raises them least
-    leaves next: the stepwise sparse regressor of Boninsegna, Nüske, Clementi (2018), J. Chem. Phys. 148, 241723, with
-    the rise of the squared residuals after a refit, which does not depend on units, in place of the magnitude of the
-    coefficient. What objects gain or lose is added, relative to their residual variances, see `StandardizedProblem`.
+    Forward, the term that lowers the squared residuals most enters: orthogonal least squares (FROLS; Chen, Billings,
+    Luo 1989, Int. J. Control 50, 1873; Billings 2013, Nonlinear System Identification, section 3.2). Backward, the term
+    whose leaving raises them least leaves: the stepwise sparse regressor of Boninsegna, Nüske, Clementi (2018), J.
+    Chem. Phys. 148, 241723, with the rise of the squared residuals after a refit, which does not depend on units, in
+    place of the magnitude of the coefficient. Objects are summed relative to their residual variances, see
+    `StandardizedProblem`.
 
     Parameters
     ----------

@@ -62,17 +62,8 @@ class Median(AbstractImportance):
 
 @dataclass(frozen=True)
 class Quantile(AbstractImportance):
-    """A quantile of the magnitudes; a low one keeps only terms that nearly all objects need.
-
-    Parameters
-    ----------
-    level
-        Between 0 and 1.
-
-    Raises
-    ------
-    CommonlawError
-        If it is not.
+    """A quantile of the magnitudes, at a level between 0 and 1; a low one keeps only terms that nearly all objects
+    need.
     """
 
     level: float = 0.25
@@ -87,18 +78,7 @@ class Quantile(AbstractImportance):
 
 @dataclass(frozen=True)
 class Count(AbstractImportance):
-    """The number of objects whose coefficient has at least a given magnitude: a vote.
-
-    Parameters
-    ----------
-    magnitude
-        A coefficient of at least this magnitude is one vote for its term.
-
-    Raises
-    ------
-    CommonlawError
-        If the magnitude is not positive.
-    """
+    """The number of objects whose coefficient has at least a given magnitude, above zero: a vote."""
 
     magnitude: float = 0.1
 
@@ -114,33 +94,32 @@ class Count(AbstractImportance):
 class STLSQ(AbstractSolver):
     """Sequentially thresholded least squares, with one support for all objects or each object's own.
 
-    Least squares and dropping of the terms whose importance is smaller than the threshold are repeated until no term
-    is dropped. The importance of a term is taken over the coefficients of all objects (group STLSQ: de Silva, Higdon,
-    Brunton, Kutz 2020, section 2.3.2, algorithm 1), or where each object has its own support it is the magnitude of
-    the coefficient (Brunton, Proctor, Kutz 2016). The path has every breakpoint of the threshold, exactly.
+    Least squares and dropping of terms whose importance is below the threshold alternate until no term is dropped. The
+    importance is taken over the coefficients of all objects (group STLSQ: de Silva, Higdon, Brunton, Kutz 2020, section
+    2.3.2, algorithm 1), or with own supports it is the magnitude of the coefficient (Brunton, Proctor, Kutz 2016). The
+    path has every breakpoint of the threshold, exactly.
 
     Parameters
     ----------
     threshold
-        Smallest importance of a term that stays, in the coefficients' own units; None to have it chosen. What is kept,
-        and what the path lists, then depends on the units of the measurements and on where variables are counted from.
+        Smallest importance of a term that stays, in the coefficients' own units, so that it depends on units and
+        origins of the variables; None to have it chosen.
     shared
         Whether all objects have the same terms, or each object its own.
     importance
-        The measure R of a row of coefficients, for a shared support: of `commonlaw.solvers`, `L1` (the paper's), `L2`,
-        `Mean`, `Median`, `Quantile` or `Count`.
+        The measure R for a shared support: of `commonlaw.solvers`, `L1` (the paper's), `L2`, `Mean`, `Median`,
+        `Quantile` or `Count`.
     ridge
-        Weight of the squared norm of the coefficients, in their own units also where columns are scaled for the
-        threshold, in each least-squares problem.
+        Weight of the squared norm of the coefficients, in their own units, in each least-squares problem.
     max_iterations
-        At most so many sweeps; a support that still changes then is an outcome of the fit.
+        At most so many sweeps; without convergence the fit has an outcome.
     normalize
-        Compare coefficients of columns that are scaled to unit norm, so that nothing depends on units.
+        Threshold the coefficients of columns of unit norm, so that nothing depends on units.
 
     Raises
     ------
     CommonlawError
-        If a value does not fit, or there is an importance over all objects without a shared support.
+        If a value does not fit, or there is an importance without a shared support.
     """
 
     threshold: float | None = None
