@@ -133,9 +133,9 @@ class Ratio:
         return [f"({each.expression(names)})/({' + '.join(written)})" for each in self.above]
 
     def values_of_constants(self, below: Floats) -> list[float] | None:
-        """Return the values of the constants from coefficients below, shape (terms below,).
+        """Return the parameters from coefficients below, shape (terms below,).
 
-        There are none if the coefficient of `reference` is zero, or an even power would have to be below zero.
+        None if the coefficient of `reference` is zero, or an even power would have to be negative.
         """
         with np.errstate(all="ignore"):
             scaled = below / below[self.reference]
@@ -151,15 +151,7 @@ class Ratio:
 
 @dataclass(frozen=True)
 class Ratios:
-    """The ratios among which that of an equation is sought.
-
-    Parameters
-    ----------
-    above, below
-        The terms from which numerators and denominators are made.
-    beside
-        Plain terms that an equation may have besides.
-    """
+    """Ratios of sums of terms `above` over sums of terms `below`, with plain terms `beside` them."""
 
     above: tuple[Term, ...]
     below: tuple[Term, ...]
@@ -170,8 +162,7 @@ class Ratios:
     ) -> Ratio:
         """Return the ratio of sums of some terms above and some below, by their indices.
 
-        Of those below that hold a variable, the one that is largest by these sizes has the coefficient one, so that no
-        other is far from being of its size; without sizes it is the first.
+        The coefficient one goes to the largest by these sizes, or else the first, of those below that hold a variable.
         """
         terms, letters = tuple(self.below[i] for i in below), list[str]()
         sizes = np.ones(len(terms)) if sizes is None else sizes
@@ -204,33 +195,16 @@ def constants_in(expression: str, variables: Variables) -> tuple[str, ...]:
 
 @lru_cache(maxsize=4096)
 def parametric_term(expression: str, variables: Variables) -> ParametricTerm:
-    """Return the term that an expression stands for, in which other names than variables are constants.
-
-    Raises
-    ------
-    CommonlawError
-        If the text is not an expression, see `parse_term`.
-    """
+    """Return the term of an expression, see `parse_term`, in which other names than variables are parameters."""
     constants = constants_in(expression, variables)
     return ParametricTerm(parse_term(expression, replace(variables, constants=constants)), constants)
 
 
 @dataclass(frozen=True)
 class Family:
-    """Functions of one variable that go by a name, and what they occur in.
+    """Functions with a name: of a variable ``{u}``, of pairs ``{u}`` and ``{w}``, of time or not, and where they occur.
 
-    Parameters
-    ----------
-    functions
-        Of a variable ``{u}``.
-    of_pairs
-        Of two variables ``{u}`` and ``{w}``.
-    tied
-        Functions that share their constants, each behind the one that equals a sum of them, see `TiedTerms`.
-    of_time
-        Whether time is among the variables.
-    where
-        What they occur in.
+    `tied` are functions that share their parameters, behind the one that equals a sum of them, see `TiedTerms`.
     """
 
     functions: tuple[str, ...]
@@ -292,12 +266,9 @@ FAMILIES: Mapping[str, Family] = {
 def terms_of_family(
     name: str, variables: Variables, chosen: Sequence[str] | None = None
 ) -> tuple[ParametricTerm | TiedTerms, ...]:
-    """Return the terms of a family over the chosen variables; without these over states, inputs and, if due, time.
+    """Return the terms of a family over the chosen variables; default: states, inputs and, if due, time.
 
-    Raises
-    ------
-    CommonlawError
-        If there is no such family or variable.
+    Raises `CommonlawError` if there is no such family or variable.
     """
     check_choice("family", name, FAMILIES)
     family = FAMILIES[name]

@@ -45,20 +45,9 @@ class Program:
     """Operations in order, each on earlier registers; common parts are computed once.
 
     A polynomial then costs one multiplication a term: ``x^2 v`` is ``x^2`` times v. A term has one way of being
-    computed, so its value does not depend on the others. Registers hold the variables, then the constants, then the
-    result of each operation.
-
-    Parameters
-    ----------
-    variables
-        How many there are.
-    constants
-        Their values, shape (constants,).
-    code
-        Number of the operation, first and second register of each, shape (operations, 3); functions have the same
-        register twice.
-    outputs
-        The register of each term, shape (terms,).
+    computed, so its value does not depend on the others. Registers hold so many variables, then `constants`, then the
+    results of `code`: number of the operation and registers of its operands, shape (operations, 3), functions with the
+    same one twice. `outputs` are the registers of the terms.
     """
 
     variables: int

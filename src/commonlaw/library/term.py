@@ -88,17 +88,16 @@ class Factor(str):
 class Term:
     """A function of variables that can be multiplied by a coefficient: ``x^2 v``, ``v*abs(v)``, ``x/(1 + x^2)``.
 
-    It knows variables by their columns; names come in as arguments. Equal terms compare equal however they were
-    written. `parse_term`, `monomial` and `product` make terms.
+    Variables are columns; names come in as arguments. Equal terms compare equal however they were written.
+    `parse_term`, `monomial` and `product` make terms.
 
     Parameters
     ----------
     powers
-        The factors with their powers, variables first and then functions; negative powers divide, and without any
-        factor it is the constant 1.
+        The factors, variables first, with their powers; negative powers divide, and no factor is the constant 1.
     parameter
-        The column of a nonlinear parameter, such as K in ``s/(K + s)``: the term is the place of that parameter among
-        the terms of a law, and its coefficient the value. By itself it is zero, and has no factors.
+        The column of a nonlinear parameter, such as K in ``s/(K + s)``, of which the term is the place among the terms
+        of a law: its coefficient is the value. By itself it is zero, and has no factors.
     """
 
     powers: tuple[tuple[Factor, int], ...] = ()
@@ -148,17 +147,13 @@ class Term:
         return inside.union(*(columns_in(factor) for factor, _ in self.powers))
 
     def complexity(self) -> float:
-        """Return how many factors it takes to write the term: variables and functions, but no numbers.
-
-        Three for ``x^2 v``, two for ``sin(2 x)``, none for ``1``.
+        """Return how many variables and functions the term is written with: 3 for ``x^2 v``, 2 for ``sin(2 x)``, 0
+        for ``1``.
         """
         return sum(factor.complexity() * abs(power) for factor, power in self.powers)
 
     def evaluate(self, values: Floats) -> Floats:
-        """Return the term's values, shape (n,), at the rows of `values`, shape (n, number of variables).
-
-        Where the term is not defined, it is infinite or not a number; no warning is given.
-        """
+        """Return values, shape (n,), at rows of variables, shape (n, variables); infinite or NaN where undefined."""
         return Program.of((self._product,), values.shape[1]).evaluate(values)[:, 0]
 
     def gradient(self, values: Floats) -> Floats:
@@ -209,15 +204,10 @@ class Term:
         return expression_latex(self.code, names)
 
     def sympy(self, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
-        """Return the term as a SymPy expression in the given symbols, one for each variable.
+        """Return the term as a SymPy expression in symbols, one for each variable.
 
-        The symbols should be real: only then is the derivative of ``abs(x)`` the sign of x.
-
-        Raises
-        ------
-        CommonlawError
-            If SymPy is not installed, or the variables cancel out, as in ``exp((x - x + 9)**99)``, and leave a number
-            beyond all bounds.
+        They should be real, so that the derivative of ``abs(x)`` is the sign of x. Raises `CommonlawError` if SymPy is
+        not installed, or variables cancel and leave a huge number, as in ``exp((x - x + 9)**99)``.
         """
         return sympy_form(self.code, symbols)
 
@@ -234,13 +224,7 @@ def sinusoid(function: str, frequency: float, column: int) -> Term:
 
 
 def product(*terms: Term) -> Term:
-    """Return the product of terms; what stands above and below is cancelled.
-
-    Raises
-    ------
-    CommonlawError
-        If the powers are larger than any law has.
-    """
+    """Return the product of terms, cancelled; raises `CommonlawError` if powers are too high."""
     found = Counter[Factor]()
     for term in terms:
         for factor, power in term.powers:
@@ -254,22 +238,16 @@ def product(*terms: Term) -> Term:
 def parse_term(text: str, variables: Variables) -> Term:
     """Return the term that an expression stands for; the inverse of ``term.expression(variables.names)``.
 
-    Products and whole powers are taken apart, so that equal terms compare equal however they are written. A name that
-    is not a plain word stands between backticks.
-
-    Parameters
-    ----------
-    text
-        Numbers, variables, ``+ - * /``, ``**`` or ``^`` with a number or constants above, and the functions abs, sqrt,
-        exp, log, sin, cos, tan, sinh, cosh, tanh, arctan (or atan) and sign.
-    variables
-        What the term may be a function of.
+    Products and whole powers are taken apart, so that equal terms compare equal however they are written. Expressions
+    have numbers, variables (between backticks unless they are plain words), ``+ - * /``, ``**`` or ``^`` with a number
+    or parameters above, and the functions abs, sqrt, exp, log, sin, cos, tan, sinh, cosh, tanh, arctan (or atan) and
+    sign.
 
     Raises
     ------
     CommonlawError
-        If the text is not an expression, names an unknown variable or function, has a numeric factor (a term has no
-        coefficient of its own), or is too long or too large.
+        If the text is not an expression, has an unknown name or a numeric factor (terms have no coefficients of their
+        own), or is too long or too large.
 
     Examples
     --------

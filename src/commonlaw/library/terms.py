@@ -15,17 +15,7 @@ from commonlaw.library.variables import Variables
 
 
 class Fraction(str):
-    """The name of a term behind its coefficient, ``s/(K + s)``, with what stands above and below.
-
-    Parameters
-    ----------
-    whole
-        The name.
-    above, below
-        Of the numerator and the denominator.
-    form
-        How these are joined.
-    """
+    """The name of a term with a coefficient, ``s/(K + s)``, with numerator, denominator, and how they are joined."""
 
     __slots__ = ("above", "below", "form")
 
@@ -50,18 +40,10 @@ class Fraction(str):
 
 
 def _fraction(term: Term, write: Callable[[Term], str], form: str, measured: int) -> Fraction | None:
-    """Return the name of a term that is divided by something with constants in it; none for any other.
+    """Return the name of a term that is divided by something with parameters; None for any other.
 
-    Parameters
-    ----------
-    term
-        The term.
-    write
-        Returns its name, and those of its parts.
-    form
-        How these are joined.
-    measured
-        How many variables are no constants.
+    `write` returns names of terms and of their parts, `form` joins them, and parameters follow so many measured
+    variables.
     """
     below = term.denominator
     if max(below.columns(), default=0) < measured:
@@ -72,15 +54,7 @@ def _fraction(term: Term, write: Callable[[Term], str], form: str, measured: int
 
 @dataclass(frozen=True)
 class Terms:
-    """Terms over named variables, evaluated together.
-
-    Parameters
-    ----------
-    variables
-        What the terms are functions of.
-    terms
-        The candidate functions, in order.
-    """
+    """Terms over named variables, evaluated together."""
 
     variables: Variables
     terms: tuple[Term, ...]
@@ -114,9 +88,8 @@ class Terms:
 
     @cached_property
     def complexities(self) -> Floats:
-        """How many factors it takes to write each term, see `Term.complexity`, shape (number of terms,).
-
-        What terms are divided by counts once if there are constants in it: it is written below all of them.
+        """The complexity of each term, see `Term.complexity`, shape (terms,); divisors with parameters, which are
+        shared, count once.
         """
         first, seen, found = len(self.variables.measured), set[Term](), list[float]()
         for term in self.terms:
@@ -133,13 +106,7 @@ class Terms:
 
     @cached_property
     def constants(self) -> tuple[int, ...]:
-        """The index of each constant's own term, see `Term`: they come last.
-
-        Raises
-        ------
-        CommonlawError
-            If the last terms are not those of the constants.
-        """
+        """The index of each parameter's own term, see `Term`; raises `CommonlawError` if these are not the last."""
         own = tuple(Term(parameter=self.variables.index(name)) for name in self.variables.constants)
         first = len(self.terms) - len(own)
         if self.terms[max(first, 0) :] != own:
@@ -165,9 +132,8 @@ class Terms:
         return tuple(any(column >= first for column in term.columns()) for term in self.terms)
 
     def at(self, values: Floats, coefficients: Floats) -> Floats:
-        """Return values of states, inputs and time, shape (n, variables), with those of the constants beside them.
-
-        These are coefficients, shape (equations, terms).
+        """Return values of states, inputs and time, shape (n, variables), followed by parameters from coefficients
+        (equations, terms).
         """
         if not self.constants:
             return values
@@ -175,14 +141,9 @@ class Terms:
         return np.column_stack([values, np.broadcast_to(own, (len(values), len(own)))])
 
     def index(self, name: str) -> int:
-        """Return the index of the term of that name.
+        """Return the index of the term of that name, without spaces or with stars: ``x^2 v`` is also ``x**2*v``.
 
-        Spaces do not count, and a product or power may be written with stars: ``x^2 v`` is also ``x**2*v``.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no such term.
+        Raises `CommonlawError` if there is no such term.
         """
         if name in self.names:
             return self.names.index(name)
@@ -196,9 +157,10 @@ class Terms:
         return Terms(self.variables, tuple(self.terms[i] for i in indices))
 
     def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
-        """Return the matrix of terms, shape (n, number of terms), in Fortran order, at the rows of `values`.
+        """Return the matrix of terms, shape (n, terms), in Fortran order, at the rows of `values`; `out` is filled if
+        given.
 
-        A value does not depend on which other terms there are, to the last bit. If `out` is given, it is filled.
+        A value does not depend on which other terms there are, to the last bit.
         """
         return self.program.evaluate(values, out)
 
@@ -207,23 +169,9 @@ class Terms:
         return self.program.jacobian(values)
 
     def check_finite(self, matrix: Floats, values: Floats, where: str = "", before: int = 0) -> None:
-        """Refuse a matrix of terms that holds a value that is not finite.
+        """Refuse a matrix of terms, shape (n, terms), at values of the variables, that is not finite.
 
-        Parameters
-        ----------
-        matrix
-            What `evaluate` returned, shape (n, number of terms).
-        values
-            The variables that it was evaluated at, shape (n, number of variables).
-        where
-            What the rows are samples of, for the message: ``"Golf Ball, trial 1"``.
-        before
-            How many samples come before the first row.
-
-        Raises
-        ------
-        CommonlawError
-            If a value is not finite; the message names the term, the sample and the variables there.
+        The `CommonlawError` names the term, the values, the sample, counted from those `before`, and `where`: a trial.
         """
         # The sum is finite when every entry is, and costs no temporary matrix.
         with np.errstate(all="ignore"):

@@ -89,10 +89,7 @@ def traced(function: Callable[..., Any], values: dict[str, float | None]) -> Any
 def summands(result: Any, names: tuple[str, ...]) -> list[tuple[float, str]]:
     """Return the numbers and the terms, as texts over names, whose products are the summands of what was traced.
 
-    Raises
-    ------
-    CommonlawError
-        If it is neither a number nor traced, or has too many summands.
+    Raises `CommonlawError` if it is neither a number nor traced, or has too many summands.
     """
     tree = read(_code(result), names)
     found = [(number, with_names(write(each), [quoted(name) for name in names])) for number, each in _expanded(tree)]

@@ -17,27 +17,11 @@ if TYPE_CHECKING:
 
 
 def term_unit(term: Term, variables: Variables, units: "Mapping[str, str | pint.Unit]") -> "pint.Unit | None":
-    """Return the unit of a term, from the units of the variables in it.
+    """Return the unit of a term, from units of variables by name, of pint or as text: ``"m/s^2"``.
 
-    There is none (`None`) when a variable in the term has no unit in `units`, and when the term joins what cannot be
-    joined: the sine of a length, a length added to a number.
+    None when a variable has no unit, or for the sine of a length, or a length added to a number. Raises
+    `CommonlawError` if pint does not know a unit.
 
-    Parameters
-    ----------
-    term
-        The term.
-    variables
-        What it is a function of.
-    units
-        Unit of a variable by its name, of pint or in a form that pint reads: ``"m/s^2"``.
-
-    Raises
-    ------
-    CommonlawError
-        If pint does not know a unit.
-
-    Examples
-    --------
     >>> from commonlaw.library import parse_term
     >>> variables = Variables(("x", "v"))
     >>> print(term_unit(parse_term("x*v^2", variables), variables, {"x": "m", "v": "m/s"}))
@@ -80,7 +64,7 @@ _OF_ANY_UNIT = ("abs", "sqrt", "sign")
 
 
 def units_of_constants(terms: Terms, units: "Mapping[str, pint.Unit]") -> "dict[str, pint.Unit]":
-    """Return the units of constants, from those of variables by their names, as far as these tell them.
+    """Return the units of parameters that follow from those of variables by name.
 
     K of ``s/(K + s)`` has the unit of s, U of ``exp(u/U)`` that of u, and a power none.
     """

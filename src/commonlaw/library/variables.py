@@ -18,22 +18,20 @@ States and rates stand side by side in one vector: all states, and then the rate
 
 @dataclass(frozen=True)
 class Variables:
-    """The names that terms may use, in the order of the columns of the array that terms are evaluated on.
+    """The variables of terms, in the order of the columns of the array that terms are evaluated on.
 
     Parameters
     ----------
     states
-        The state variables, followed by the rates of those of second order.
-    inputs
-        Measured inputs.
-    time
-        The name of time, the column after states and inputs.
+        The states, followed by the rates of those of second order.
+    inputs, time
+        Measured inputs, and the name of time, the next columns.
     logarithmic
-        The states that vector fields follow by their logarithms; terms are of the states themselves.
+        Log-scaled states of vector fields; terms are of the states themselves.
     constants
-        Numbers inside of terms that are to be found, such as K in ``s/(K + s)``: the last columns.
+        Nonlinear parameters, such as K in ``s/(K + s)``: the last columns.
     orders
-        The order of each state's equation, if they differ: else there are rates of all states, or of none.
+        The order of each equation, if they differ: else there are rates of all states, or of none.
     """
 
     states: tuple[str, ...]
@@ -58,13 +56,7 @@ class Variables:
         return self.orders or len(self.states) // equations
 
     def index(self, name: str) -> int:
-        """Return the column of a variable.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no variable of that name.
-        """
+        """Return the column of a variable; raises `CommonlawError` if there is none of that name."""
         if name not in self.names:
             raise unknown("variable", name, self.names)
         return self.names.index(name)
@@ -84,13 +76,7 @@ class Variables:
         return self.columns(self.logarithmic)
 
     def columns(self, names: Sequence[str] | None = None) -> tuple[int, ...]:
-        """Return the columns of the named variables; without names those of all states and inputs, but not time.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no variable of some name.
-        """
+        """Return the columns of the named variables; default: of all states and inputs, but not time."""
         if names is None:
             return tuple(range(len(self.states) + len(self.inputs)))
         return tuple(self.index(name) for name in names)
@@ -141,10 +127,7 @@ def highest_columns(order: Order, states: int) -> Indices:
 
 
 def split_derivatives(derivatives: Sequence[Floats], order: Order) -> tuple[Floats, Floats]:
-    """Return rates and highest derivatives from the first (and second) derivatives of all states.
-
-    The rates are those of the states of second order, shape (n, rates); highest derivatives have the shape (n, states).
-    """
+    """Return rates, shape (n, rates), and highest derivatives, (n, states), from the derivatives of all states."""
     states = derivatives[0].shape[1]
     if not isinstance(order, tuple):
         return derivatives[0][:, : states * (order - 1)], derivatives[order - 1]

@@ -45,12 +45,11 @@ _OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One coefficient of every object: the index of its equation, its term, labels, and values of shape (objects,).
+    """One coefficient of every object: its equation, term, labels, and values of shape (objects,), with averaged 95 %
+    intervals.
 
-    Of a law that was given as equations it is one of their letters, which then stands for the term.
-
-    A letter or unit that is not known is empty, and so are values NaN; standard errors that are not known are zero.
-    The ends of 95 % intervals are averaged over what the law could be.
+    It is a coefficient by its name where the law was given as equations. Unknown names and units are empty, unknown
+    values NaN, and unknown standard errors zero.
     """
 
     equation: int
@@ -74,8 +73,8 @@ class Coefficient:
 class DotPlot:
     """The coefficients of a law, and of the true one if it is known, as dots.
 
-    Each coefficient of several objects has a panel with a line for each object; those of a single object have a line
-    each in the panel of their equation.
+    Several objects have a line each in a panel for each coefficient, a single one a line for each in that of its
+    equation.
     """
 
     law: Law
@@ -207,9 +206,8 @@ class DotPlot:
         panels[-1].set_xlabel("coefficient, on a logarithmic scale" if logarithmic else "coefficient")
 
     def _scale(self, panel: Axes) -> bool:
-        """Make the axis logarithmic on both sides of zero if coefficients differ by a factor above a hundred.
-
-        Returns whether they do.
+        """Make the axis logarithmic on both sides of zero if coefficients differ by a factor above a hundred; return
+        whether.
         """
         values = np.abs([[*each.learned, *each.true] for each in self.coefficients])
         low, high = np.nanmin(values), np.nanmax(values)
@@ -255,12 +253,7 @@ _DRAWN = 1000
 def plot_intervals(law: Law) -> Figure:
     """Plot every coefficient of every object as a dot, with its 95 % interval where that is known.
 
-    Objects have a line each; more than fifty are in the order of each coefficient, and have no names.
-
-    Parameters
-    ----------
-    law
-        The law.
+    Objects have a line each; more than fifty are sorted by each coefficient, without names.
     """
     dots = DotPlot(law)
     if len(law.objects) > _NAMED:
@@ -273,13 +266,7 @@ def plot_intervals(law: Law) -> Figure:
 
 @dataclass(frozen=True, eq=False)
 class IntervalPanels:
-    """The panels of `plot_intervals` for a law of several objects, each as a small figure of its own.
-
-    Parameters
-    ----------
-    law
-        The law.
-    """
+    """The panels of `plot_intervals` for a law of several objects, each as a small figure."""
 
     law: Law
 
@@ -334,8 +321,8 @@ def _draw_in_order(panel: Axes, each: Coefficient) -> None:
 def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Figure:
     """Plot the magnitude of every coefficient, objects by terms, one panel for each equation.
 
-    Colours are logarithmic, grey cells are terms that are not in an object's equation, and the values are printed
-    where they fit (the founding paper's heat maps of learned coefficients).
+    Colours are logarithmic, grey cells are absent terms, and values are printed where they fit (the founding paper's
+    heat maps of learned coefficients).
 
     Parameters
     ----------
@@ -361,7 +348,7 @@ def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Fig
 class HeatMaps:
     """Magnitudes of coefficients, objects by terms, one panel for each equation.
 
-    The terms `chosen`, shape (terms,), get a column, all of them if it is none; terms of the true law get a frame.
+    The `chosen` terms, shape (terms,), default all, get a column; terms of the true law get a frame.
     """
 
     law: Law

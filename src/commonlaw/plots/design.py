@@ -16,15 +16,10 @@ _MOST = 4
 
 @styled()
 def plot_design(design: Design) -> Figure:
-    """Plot what each plausible law forecasts of the first experiments, with 95 % bands of what would be measured.
+    """Plot each plausible law's forecast of the first trials of the design, with 95 % bands of the measurements.
 
-    Shown are differences from the forecast of the most probable law, or ratios to it on a logarithmic scale. Where
-    bands part, one measurement tells the laws apart. Of an experiment with every object, its first one is drawn.
-
-    Parameters
-    ----------
-    design
-        What `commonlaw.design` returned.
+    Shown are differences from the forecast of the most probable law, or ratios on a logarithmic scale. Where bands
+    part, one measurement distinguishes the laws. Of an experiment with every object, the first one is drawn.
     """
     drawn, schema = design.experiments[:_MOST], design.laws[0].law.schema
     states = drawn[0].forecasts.states

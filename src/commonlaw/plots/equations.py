@@ -29,9 +29,9 @@ def left_hand_sides(law: Law) -> list[str]:
 
 
 def equation_lines(law: Law) -> str:
-    """Return the law as lines of mathtext: with numbers if it has one object, else with the law's letters.
+    """Return the law as lines of mathtext: with numbers if it has one object, else with the names of coefficients.
 
-    A law that was given as equations stands as these. A last line says what rates are, and what letters stand for.
+    A last line defines rates and names.
     """
     lines = []
     for j, left in enumerate(left_hand_sides(law)):

@@ -39,13 +39,12 @@ _POINTS: Mapping[str, Any] = {"markersize": 3, "alpha": 0.45, "markeredgewidth":
 
 @styled()
 def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> Figure:
-    """Plot measured points and curves of a law, and below them the residuals, two panels for each object and state.
+    """Plot measured points and curves of a law, and below them residuals, two panels for each object and state.
 
-    Residuals are measured minus fitted states, in the unit of the state; of a forecast the lower panels show its
-    errors, forecast minus measured states. Curves and bands are drawn at more times than were measured, so that they
-    are smooth. A curve that diverged ends at a cross; values that are not finite are not drawn, and axes are set by
-    what was measured. Curves with standard deviations have a band that a measurement lies in with a probability of
-    95 %, its noise included if that is known; around the errors it is a band around zero.
+    Residuals are measured minus fitted states, errors of a forecast forecast minus measured states. Curves and bands
+    are drawn at more times than were measured. A diverged curve ends at a cross; axes follow the measurements. Bands
+    hold a measurement with a probability of 95 %, its noise included if it is known, and around errors are drawn about
+    zero.
 
     Parameters
     ----------
@@ -68,9 +67,8 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
 
 
 def forecast_grid(forecast: Forecast, most: int = 5) -> tuple[int, int]:
-    """Return the number of columns, if possible not above `most`, and of lines of pairs of panels.
-
-    The states of an object stand in one line.
+    """Return the number of columns, if possible not above `most`, and of lines of pairs of panels, all states of an
+    object in one.
     """
     states, objects = len(forecast.trials.schema.states), len(forecast.trials.objects)
     across = columns_for(objects, max(1, most // states))

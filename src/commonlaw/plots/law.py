@@ -19,9 +19,8 @@ _MOST_DOTS = 12
 def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> Figure:
     """Plot a law: above its equations, at the left its coefficients, at the right its fit to trials.
 
-    The curves are solutions of the law whose initial conditions are estimated from all samples of each trial, and below
-    them stand the residuals. Where the law knows how accurate it is, coefficients have 95 % intervals and curves 95 %
-    bands. Of laws in discrete time forecasts are drawn.
+    Curves start at initial conditions estimated from all samples of each trial, with residuals below. Where the law has
+    a covariance, coefficients have 95 % intervals and curves 95 % bands. Of laws in discrete time forecasts are drawn.
 
     Parameters
     ----------
@@ -30,7 +29,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     trials
         Measurements to fit; or a forecast, which is then drawn in place of the fit.
     truth
-        The law that the data were simulated with; its coefficients of the law's candidate terms are open markers.
+        The law that the data were simulated with; its coefficients are open markers.
 
     Raises
     ------

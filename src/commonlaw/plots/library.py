@@ -40,15 +40,10 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
 
     Parameters
     ----------
-    trial
-        The trial.
-    form
-        How the trial becomes library rows.
-    terms
-        The candidate functions.
+    trial, form, terms
+        The trial, how it becomes library rows, and the candidate functions.
     units
-        Units of the states, inputs and time by name: ``trials.schema.units``. Terms whose unit follows from them have
-        it beside their axis.
+        Of the states, inputs and time by name: ``trials.schema.units``; terms get theirs where it follows.
 
     Raises
     ------
@@ -101,7 +96,7 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     law
         A law that was chosen from the path of one solver.
     hyperparameter
-        What the solver's hyperparameter is called.
+        Its name on the axis.
     marks
         Values to be marked by a line, by name.
 

@@ -32,15 +32,7 @@ Limits = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class ForecastPanels:
-    """The forecasts of each object's trials beside what was measured, drawn object by object.
-
-    See `plot_forecast` for what is drawn; figures are as wide as a phone, and have no legend.
-
-    Parameters
-    ----------
-    forecast
-        What `Law.predict` returned.
-    """
+    """Forecasts of trials, drawn object by object, see `plot_forecast`; figures fit a phone, and have no legend."""
 
     forecast: Forecast
 
@@ -68,14 +60,8 @@ class ForecastPanels:
 
     @styled()
     def overview(self, names: Sequence[str]) -> Figure:
-        """Return one figure of many objects: what was measured and forecast in a cell for each, below its name.
-
-        Cells have the same axes, which are not drawn.
-
-        Parameters
-        ----------
-        names
-            Of the objects.
+        """Return one figure with a small cell for each of these objects, below its name, all with the same hidden
+        axes.
         """
         states = range(len(self.forecast.trials.schema.states))
         lines = -(-len(names) // _CELLS)
@@ -134,14 +120,11 @@ def plot_trials(
     Parameters
     ----------
     trials
-        What was measured.
-    state
-        One state; all of them by default, one panel each.
-    objects
-        Some of the objects; they keep the colours that they have among all.
+        The measurements.
+    state, objects
+        One state, and some of the objects, in their colours among all; default: all.
     references
-        Curves to compare with, such as a simulated fall: times and values by label, each of shape (n,); black, in
-        their own line styles, in every panel.
+        Curves to compare with: times and values by label, each of shape (n,); black lines in every panel.
 
     Raises
     ------

@@ -57,23 +57,23 @@ class _Coefficient:
 
 @styled()
 def plot_relations(law: Law) -> Figure:
-    """Plot each coefficient against what decides it, one row each, all objects with their 95 % intervals.
+    """Plot each coefficient against the properties that it depends on, one row each, with 95 % intervals of all
+    objects.
 
-    Coefficients are each object's own estimates, before they learned from the others. Those that follow properties
-    stand against each, on logarithmic axes where the relation is a power law; and against what the relation makes of
-    several together, where the objects collapse onto one line. Grey is where 95 % of the objects are by their scatter
-    about it. Universal coefficients, and each object's own, stand beside the objects' names. More than forty objects
-    have no names, and look the same.
+    Coefficients are object-specific estimates before pooling. Relations of a power law have logarithmic axes, and of
+    several properties also a panel on which objects collapse onto one line. The grey band holds 95 % of the objects by
+    their scatter. Shared and object-specific coefficients stand beside the objects' names, which more than forty
+    objects do not have.
 
     Parameters
     ----------
     law
-        That `Law.explain` gave.
+        From `Law.explain`.
 
     Raises
     ------
     CommonlawError
-        If nothing is known of what decides its coefficients.
+        If the law has no relations.
     """
     rows = [*_coefficients(law)]
     columns = max(each.panels for each in rows)

@@ -34,14 +34,8 @@ _LAGS = 20
 def plot_residuals(residuals: Residuals) -> Figure:
     """Plot residuals over noise, one row for each state.
 
-    Against time since the trial's start, states, rates and inputs, with means and their 95 % intervals in tenths of
-    what was visited; against the next state's, if there are several; the correlation of neighbours, with the range in
-    which 95 % lie by chance; and their quantiles beside those of a normal distribution.
-
-    Parameters
-    ----------
-    residuals
-        What `Law.residuals` returned.
+    Against time since the trial's start, states, rates and inputs, with binned means and their 95 % intervals; against
+    other states' residuals; the autocorrelation, with its 95 % range for white noise; and normal quantiles.
     """
     states = residuals.trials.schema.states
     rows = [_panels(residuals, j) for j in range(len(states))]
@@ -57,13 +51,7 @@ def plot_residuals(residuals: Residuals) -> Figure:
 
 @dataclass(frozen=True, eq=False)
 class ResidualPanels:
-    """The panels of `plot_residuals`, each as a small figure of its own.
-
-    Parameters
-    ----------
-    residuals
-        What `Law.residuals` returned.
-    """
+    """The panels of `plot_residuals`, each as a small figure."""
 
     residuals: Residuals
 
@@ -153,13 +141,7 @@ _FAR = 3
 def plot_errors(forecast: Forecast) -> Figure:
     """Plot forecast minus measured states against time, a panel for each state, all trials together.
 
-    Errors outside of the 95 % band of their forecast, where it has one, are orange; axes show all but those of the
-    farthest hundredth that are three times as large as all others.
-
-    Parameters
-    ----------
-    forecast
-        What `Law.predict` returned.
+    Errors outside of 95 % bands are orange; axes leave out outliers among the largest hundredth.
     """
     schema = forecast.trials.schema
     states, curves = schema.states, curves_of(forecast, forecast)
@@ -203,14 +185,9 @@ _BEYOND = 0.15
 
 @styled()
 def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
-    """Plot the function with its 95 % band, and below it how many samples are where.
+    """Plot the function of a discrepancy with its 95 % band, and below it the density of samples.
 
     Beyond what was visited, between the dotted lines, the band is that of a forecast.
-
-    Parameters
-    ----------
-    found
-        What `Law.discrepancy` returned.
     """
     basis, more = found.basis, _BEYOND * found.basis.range
     along = np.linspace(basis.low - more, basis.high + more, _POINTS)

@@ -65,9 +65,8 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Use the look of these figures, whatever the user's settings are, and restore those afterwards.
-
-    One thread at a time draws, as settings and formulas of matplotlib are of the whole process.
+    """Use the look of these figures, whatever the user's settings are, and restore those afterwards; one thread at a
+    time.
     """
     # A character that no font has is drawn as a box; the warning names no remedy
     with quiet(UserWarning, "Glyph .* missing from"), style.context(["default", dict(SETTINGS)]):
@@ -75,10 +74,8 @@ def styled() -> Iterator[None]:
 
 
 def frozen_layout(figure: Figure) -> Figure:
-    """Lay the figure out once and for all, so that the same data give the same bytes, however often it is drawn.
-
-    The solver behind matplotlib's constrained layout rounds differently from run to run, and moves panels a little
-    with every drawing.
+    """Lay the figure out once, so that the same data give the same bytes: the constrained layout differs from run to
+    run.
     """
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -107,10 +104,7 @@ def plain(text: str, width: int = 28) -> str:
 
 
 def math(latex: str, text: str) -> str:
-    """Return LaTeX as mathtext, or `text` where mathtext does not know a command in it.
-
-    No dots stand over words, and words keep a space between them.
-    """
+    """Return LaTeX as mathtext, without dots over words, or `text` where mathtext does not know a command in it."""
     if found := re.fullmatch(r"\\(d+)ot\{(\\mathrm.*)\}", latex):
         power = "" if found[1] == "d" else "^2"
         latex = rf"\mathrm{{d}}{power} {found[2]}/\mathrm{{d}}t{power}"
@@ -201,12 +195,8 @@ _METADATA: Mapping[str, Mapping[str, Any]] = {
 
 
 def figure_format(path: str | os.PathLike[str]) -> str:
-    """Return the format that a path, or only its suffix, asks for: ``"png"``, ``"svg"`` or ``"pdf"``.
-
-    Raises
-    ------
-    CommonlawError
-        If it is none of these.
+    """Return the format of a path or suffix: ``"png"``, ``"svg"`` or ``"pdf"``; raises `CommonlawError` for any
+    other.
     """
     name = Path(path)
     kind = (name.suffix or name.name).lstrip(".").lower()
@@ -216,21 +206,10 @@ def figure_format(path: str | os.PathLike[str]) -> str:
 
 
 def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> bytes:
-    """Return the figure as the content of a file of that name; the same data give the same bytes.
+    """Return the figure as the content of a file of that name or suffix; the same data give the same bytes.
 
-    Parameters
-    ----------
-    figure
-        What to draw.
-    path
-        A path, or only its suffix: ``.png``, ``.svg`` or ``.pdf``. No file is written.
-    text
-        Whether an SVG holds its text as text, to be searched and copied, in the fonts of who reads it; else as curves.
-
-    Raises
-    ------
-    CommonlawError
-        If the suffix is not one of these.
+    With `text` an SVG holds its text as text, in the fonts of the reader; else as curves. Raises `CommonlawError` if
+    the suffix is not ``.png``, ``.svg`` or ``.pdf``.
     """
     kind = figure_format(path)
     content = BytesIO()
@@ -240,11 +219,7 @@ def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> 
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write the figure in the format of the path's suffix, whole or not at all.
-
-    Raises
-    ------
-    CommonlawError
-        If the suffix is not ``.png``, ``.svg`` or ``.pdf``, or the file cannot be written.
+    """Write the figure in the format of the path's suffix, whole or not at all; raises `CommonlawError` if that
+    fails.
     """
     write_whole(path, render(figure, path))

@@ -70,14 +70,8 @@ def _legend(forecast: Forecast) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Curves of trials beside what was measured, and what they are off, each object by itself and all together.
-
-    Parameters
-    ----------
-    forecast
-        A fit, or forecasts.
-    kind
-        The word that begins the names of its figures and tables.
+    """Curves of a fit or a forecast, and their errors, by object and together; `kind` begins the names of figures
+    and tables.
     """
 
     forecast: Forecast

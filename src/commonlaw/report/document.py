@@ -23,9 +23,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def cell(value: object, digits: int) -> str:
-    """Return a table's cell as text; a missing value is None.
-
-    Numbers get a minus sign instead of a hyphen, also those that come as text to keep their digits.
+    """Return a table's cell as text, with minus signs; a missing value is None.
 
     >>> cell(-0.123456, 3), cell(None, 3), cell(12, 3), cell("a-b", 3), cell("-0.50", 3), cell(True, 3)
     ('−0.123', '', '12', 'a-b', '−0.50', 'yes')
@@ -92,9 +90,8 @@ class _Named:
 
 @dataclass(frozen=True)
 class Text:
-    r"""Paragraphs or lists: Markdown, with LaTeX mathematics between dollar signs.
-
-    Two dollar signs put a formula on its own line; ``\$`` is a dollar sign.
+    r"""Paragraphs or lists: Markdown, with LaTeX between dollar signs, two for a displayed formula; ``\$`` is a
+    dollar sign.
     """
 
     text: str
@@ -107,18 +104,13 @@ class Table(_Named):
     Parameters
     ----------
     name
-        Name of the file: lower-case letters, digits and hyphens.
+        Name of the file: lower-case letters, digits and hyphens, or a `CommonlawError`.
     caption
-        What it shows, so that it can be read without the text; Markdown.
+        What it shows, in Markdown.
     frame
-        Columns of numbers or text; the index is not shown. A missing value is an empty cell.
+        Columns of numbers or text, without the index. A missing value is an empty cell.
     digits
         Significant digits of the numbers on the page.
-
-    Raises
-    ------
-    CommonlawError
-        If the name is not of that kind.
     """
 
     caption: str
@@ -132,21 +124,10 @@ class Table(_Named):
 
 @dataclass(frozen=True, eq=False)
 class Picture(_Named):
-    """A figure; it is drawn when it is wanted.
+    """A figure, drawn by `draw` when it is needed.
 
-    Parameters
-    ----------
-    name
-        Name of the files: lower-case letters, digits and hyphens.
-    caption
-        What it shows, so that it can be read without the text; Markdown.
-    draw
-        Returns the figure.
-
-    Raises
-    ------
-    CommonlawError
-        If the name is not of that kind.
+    The name of its files has lower-case letters, digits and hyphens, or there is a `CommonlawError`; the caption is
+    Markdown.
     """
 
     caption: str
@@ -162,15 +143,7 @@ class Gallery:
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """What few readers need: a line that opens.
-
-    Parameters
-    ----------
-    title
-        The line; Markdown.
-    blocks
-        What it opens.
-    """
+    """Details behind a line that opens, in Markdown."""
 
     title: str
     blocks: "tuple[Block, ...]"
@@ -181,21 +154,11 @@ Block = Text | Table | Picture | Gallery | Fold
 
 @dataclass(frozen=True)
 class Verdict:
-    """One sentence on how a result compares with what was published.
+    """One sentence, in Markdown, on how a result compares with what was published.
 
-    Parameters
-    ----------
-    kind
-        ``"reproduced"``; ``"reproduced with correction"``, where the print errs and the method gives something else;
-        ``"differs"``; ``"beyond the paper"``, where nothing was published; or ``"left out"``, where something that it
-        needs is missing.
-    text
-        The sentence, with the numbers; Markdown with mathematics between dollar signs.
-
-    Raises
-    ------
-    CommonlawError
-        If the kind is not one of these.
+    Its kind is ``"reproduced"``; ``"reproduced with correction"``, where the print errs; ``"differs"``; ``"beyond the
+    paper"``, where nothing was published; or ``"left out"``, where something is missing; else there is a
+    `CommonlawError`.
     """
 
     kind: str
@@ -213,21 +176,13 @@ class Section(_Named):
     Parameters
     ----------
     name
-        Anchor in the page: lower-case letters, digits and hyphens.
-    title
-        Heading.
-    blocks
-        Text, tables and pictures in the order of reading.
+        Anchor in the page: lower-case letters, digits and hyphens, or a `CommonlawError`.
+    title, blocks
+        Heading; text, tables and pictures.
     verdicts
         How the results compare with what was published.
     results
-        Numbers by key, nested as one likes, with NumPy arrays and numbers as they are. The keys are the report's own:
-        no two sections have the same.
-
-    Raises
-    ------
-    CommonlawError
-        If the name is not of that kind.
+        Numbers by keys, unique in the report, nested, with NumPy arrays and numbers as they are.
     """
 
     title: str
@@ -238,19 +193,7 @@ class Section(_Named):
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A finished investigation.
-
-    Parameters
-    ----------
-    title
-        Heading of the page.
-    summary
-        What was asked, done and found; Markdown with LaTeX mathematics between dollar signs.
-    sections
-        In the order of reading.
-    blocks
-        What stands below the summary.
-    """
+    """A title, a summary in Markdown with `blocks` below it, and sections."""
 
     title: str
     summary: str

@@ -62,18 +62,17 @@ def law_report(
     Parameters
     ----------
     findings
-        The law, with what it is good for.
+        The law and its assessment.
     command, table
-        The command that asked for the report, and the file of the trials, as the report shows them; empty if there is
-        none.
+        The command of the report and the file of the trials, as shown; empty if there is none.
     words
-        Turns messages of the library into the words of whoever asked.
+        Turns messages of the library into the words of the caller.
     progress
-        Takes what is being done.
+        Takes the text of each step.
     rivals
-        Candidates that were fitted before, the law among them; fitted for the report if there are none.
+        Candidates that were fitted before, the law among them; default: fitted for the report.
     everything
-        What all objects of a stream show, if the findings are about few that stand for them.
+        Results of all objects of a stream, if the findings are about a few of them.
     """
     check_packages()
     case, law = LawCase(findings, words, tuple(rivals)), findings.law

@@ -34,16 +34,8 @@ _LONG = 12
 
 @dataclass(frozen=True, eq=False)
 class LawCase:
-    """What a report is made of.
-
-    Parameters
-    ----------
-    findings
-        The law, with what it is good for.
-    words
-        Turns messages of the library into the words of whoever asked for the report.
-    rivals
-        Candidates that were fitted before, the law among them.
+    """The findings of a report, with rival laws, and what turns messages of the library into the words of the
+    caller.
     """
 
     findings: Findings

@@ -28,9 +28,8 @@ _MOST_OWN = 6
 
 
 def law_markdown(law: Law) -> str:
-    """Return the equations of a law as Markdown: with numbers where all objects share them, else with letters.
-
-    What they are within errors follows, where that is simpler.
+    """Return the equations of a law as Markdown, with numbers where all objects share them, and a simpler form if
+    there is one.
     """
     if not law.shared and len(law.objects) > 1:
         return "".join(_own(law))
@@ -196,13 +195,7 @@ def plain(text: str) -> str:
 
 
 def formula(latex: str, display: str = "inline") -> str:
-    """Return LaTeX mathematics as MathML, which browsers draw by themselves.
-
-    Raises
-    ------
-    CommonlawError
-        If it cannot be read, or does more than mathematics does: links and styles.
-    """
+    """Return LaTeX mathematics as MathML; raises `CommonlawError` for syntax errors, links and styles."""
     convert_to_element = optional_import("latex2mathml.converter", _NEED, "report").convert_to_element
     try:
         # That package draws the other name of this environment alone

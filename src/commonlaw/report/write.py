@@ -37,9 +37,8 @@ _LEAST = 0.64
 
 
 def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) -> bytes:
-    """Return the page; `drawings` are the pictures by name as SVG.
-
-    A page that stands `alone` has no files beside it: it holds the drawings themselves, and tables as data.
+    """Return the page; `drawings` are the pictures by name as SVG, which a page that stands `alone` holds, and
+    tables as data.
     """
     check_packages()
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -125,22 +124,11 @@ def _look(column: Sequence[str]) -> str:
 def write_report(
     report: Report, folder: str | os.PathLike[str], drawn: Callable[[str], None] | None = None
 ) -> tuple[Path, ...]:
-    """Write a report into a folder, which is made if it is not there: all files, or none of them.
+    """Write a report into a folder, made if necessary: all files, or none of them.
 
-    Parameters
-    ----------
-    report
-        What to write.
-    folder
-        Receives ``report.html``, ``results.json``, ``tables/NAME.csv``, and ``figures/NAME.svg`` and ``.png``. Other
-        files in it are left alone.
-    drawn
-        Called with the name of each picture when it is drawn.
-
-    Raises
-    ------
-    CommonlawError
-        If two parts have the same name, a formula cannot be read, or the folder cannot be written to.
+    These are ``report.html``, ``results.json``, ``tables/NAME.csv``, ``figures/NAME.svg`` and ``.png``; others are left
+    alone. `drawn` is called with the name of each picture when it is drawn. Raises `CommonlawError` if two parts have
+    the same name, a formula cannot be read, or the folder cannot be written to.
     """
     # Before the pictures are drawn, as that takes long
     make_folder(folder)
@@ -169,19 +157,10 @@ def contents(report: Report, drawn: Callable[[str], None] | None = None) -> dict
 
 
 def to_page(report: Report, drawn: Callable[[str], None] | None = None) -> bytes:
-    """Return a page that holds everything by itself: figures with their text as text, and tables to take away.
+    """Return a self-contained page: figures with their text as text, and tables as data.
 
-    Parameters
-    ----------
-    report
-        What to show.
-    drawn
-        Called with the name of each picture when it is drawn.
-
-    Raises
-    ------
-    CommonlawError
-        If two parts have the same name, or a formula cannot be read.
+    `drawn` is called with the name of each picture when it is drawn. Raises `CommonlawError` if two parts have the same
+    name, or a formula cannot be read.
     """
     _check_names(report)
     drawings: dict[str, bytes] = {}
