@@ -7,7 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.hierarchy import informative, shrink
-from commonlaw.law.population import with_objects_of
+from commonlaw.law.population import with_objects_of, with_pooled_forecasts
 from commonlaw.library import PolynomialLibrary, Variables
 from tests.refusals import refused
 from tests.unit.estimates import measured
@@ -114,3 +114,14 @@ def test_an_unseen_object_is_one_more_of_the_population_that_objects_with_inform
     found, _ = with_objects_of(blank, unseen)
     np.testing.assert_allclose(found.coefficients, expected.coefficients, rtol=1e-6)
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-6)
+
+
+def test_rates_and_simulations_follow_the_coefficients_that_forecasts_do():
+    own = law_of()
+    law, pooled = with_pooled_forecasts(own, np.zeros_like(own.support), True), own.partial_pooling()
+    np.testing.assert_array_equal(law.coefficients, own.coefficients)
+    points = np.array([[1.0, 0.5], [0.2, -3.0]])
+    np.testing.assert_allclose(law.evaluate("ball 2", points), pooled.evaluate("ball 2", points))
+    assert abs(law.evaluate("ball 2", points) - own.evaluate("ball 2", points)).max() > 1e-3
+    end, expected = (each.simulate([0, 1], [0, 1])["ball 2"].states[-1] for each in (law, pooled))
+    np.testing.assert_allclose(end, expected)

@@ -197,8 +197,18 @@ class Law(ShownInNotebooks):
         """
         return np.asarray(self.coefficients[self.index(name)])
 
+    def _followed_coefficients(self, name: object) -> Floats:
+        """Return the coefficients of one object that rates and forecasts follow: pooled ones if the law has them."""
+        pooled, found = self.uncertainty.pooled, self.coefficients_of(name)
+        if pooled is not None:
+            found = found.copy()
+            found[self.support] = pooled.coefficients[self.index(name)]
+        return found
+
     def evaluate(self, name: str, values: ArrayLike) -> Floats:
-        """Return the highest derivatives of one object, shape (n, equations).
+        """Return the highest derivatives of one object as forecasts follow them, shape (n, equations).
+
+        By pooled coefficients where the law has them (``law.uncertainty.pooled``), as these err less.
 
         Parameters
         ----------
@@ -213,7 +223,7 @@ class Law(ShownInNotebooks):
         CommonlawError
             If there is no such object, or the values are not those of the variables.
         """
-        own, variables = self.coefficients_of(name), self.terms.variables
+        own, variables = self._followed_coefficients(name), self.terms.variables
         points, names = np.asarray(values, dtype=np.float64), variables.measured
         time = variables.index(variables.time)
         if points.ndim == 2 and points.shape[1] == len(names) - 1 and not self._depends_on(time):
@@ -775,7 +785,7 @@ class Law(ShownInNotebooks):
             raise CommonlawError("averaged-laws-probability")
 
     def vector_field(self, name: str) -> VectorField:
-        """Return the right-hand side for one object, ready to integrate, see `VectorField`.
+        """Return the right-hand side for one object as forecasts follow it, ready to integrate, see `VectorField`.
 
         Raises
         ------
@@ -783,7 +793,7 @@ class Law(ShownInNotebooks):
             If the law has no such object.
         """
         free = self.support if self.shared else None
-        return VectorField(self.terms, self.coefficients_of(name), self.order, free=free)
+        return VectorField(self.terms, self._followed_coefficients(name), self.order, free=free)
 
     def simulate(
         self,
