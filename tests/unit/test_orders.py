@@ -12,6 +12,7 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery import orders, pipeline
 from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.errors import CommonlawError
 from commonlaw.inference import may_be_of_first_order, prepare, score_of_order
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.lack_of_fit import in_words
@@ -300,3 +301,16 @@ def test_a_law_that_leaves_many_times_the_noise_does_not_explain():
     problem = prepare(trials, terms, known, noise=None, huber_threshold=4.0)
     fit = fit_with(problem, problem.allowed, 0.0)
     assert in_words(fit.departures) == "residuals of x are mostly more than 4 standard deviations of its noise"
+
+
+def test_what_fails_for_some_orders_is_left_out_and_refused_if_it_does_for_all():
+    def step(number):
+        if number > 1:
+            raise CommonlawError("no-law-near-measurements")
+        return 10 * number
+
+    found, failed = orders.stepped(step, [1, 2, 0])
+    assert found == [10, 0]
+    assert [each.code for each in failed] == ["no-law-near-measurements"]
+    with refused("no-law-near-measurements"):
+        orders.stepped(step, [2, 3])

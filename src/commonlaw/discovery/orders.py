@@ -159,6 +159,14 @@ def those_found(find: Callable[[Given], Found], given: Iterable[Given]) -> tuple
     return found, refused
 
 
+def stepped(step: Callable[[Found], Found], given: Sequence[Found]) -> tuple[list[Found], list[CommonlawError]]:
+    """Return what is found after a step, without those for which it fails, and why; refuse if it fails for all."""
+    found, failed = those_found(step, given)
+    if not found:
+        raise failed[-1]
+    return found, failed
+
+
 def _neighbours(orders: tuple[int, ...], possible: Sequence[Sequence[int]]) -> Iterator[tuple[int, ...]]:
     """Yield orders that differ in that of one state."""
     for j, own in enumerate(possible):

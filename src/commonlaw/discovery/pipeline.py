@@ -12,7 +12,7 @@ from dataclasses import replace
 from commonlaw.discovery.candidate import Candidate
 from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.discovery.orders import of_best_order, those_found, with_order_said
+from commonlaw.discovery.orders import of_best_order, stepped, those_found, with_order_said
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import (
     assemble,
@@ -56,11 +56,9 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
     candidates, refused = _plain_laws(search, structure, possible)
     best = min(candidates)
     if several and (not best.is_simple or may_be_of_lower_order(best.pool)):
-        candidates = [search.finer(each) for each in candidates]
+        candidates, _ = stepped(search.finer, candidates)
     candidates = _with_richer_terms(search, candidates)
     candidates, failed = _with_errors(search, candidates)
-    if not candidates:
-        raise failed[-1]
     best = min(candidates)
     if several:
         candidates, best = _explaining_whole_trials(search, candidates)
@@ -109,19 +107,20 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
             break
         chosen = lowest if implied or may_be_lower else left[0]
         left = [each for each in left if each is not chosen]
-        done.append(search.richer(chosen))
+        found, _ = those_found(search.richer, [chosen])
+        done += found or [replace(chosen, has_richer=True)]
     return [*done, *left]
 
 
 def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[list[Candidate], list[CommonlawError]]:
     """Return laws with the errors that are chosen, the largest evidence first, and why there are none of others."""
-    is_auto, best = search.options.errors == "auto", min(candidates)
+    is_auto, best, failed = search.options.errors == "auto", min(candidates), list[CommonlawError]()
     if len(candidates) > 1 and is_auto and not best.pool.best.reason_for_errors:
-        candidates = [search.resolved(each) for each in candidates]  # A coarse mesh may hide a reason
+        candidates, failed = stepped(search.resolved, candidates)  # A coarse mesh may hide a reason
         best = min(candidates)
-    failed = list[CommonlawError]()
     if len(candidates) == 1 or not is_auto or best.pool.best.reason_for_errors:
-        candidates, failed = those_found(search.with_errors, candidates)
+        candidates, more = stepped(search.with_errors, candidates)
+        failed = [*failed, *more]
     return sorted(candidates), failed
 
 

@@ -234,8 +234,8 @@ def _determines(codes: Codes, others: Codes) -> bool:
 def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Codes, *, named: bool) -> str | None:
     """Return the column of these that labels the trials of objects, shape (n,) in `owners`; None if there is no such.
 
-    It has the name of one, or it is text or counts from 0 or 1, and without it times of an object would go back. Where no
-    object is `named`, only a name will do.
+    It has the name of one, or it is text or counts from 0 or 1, and without it times of an object would go back. Where
+    no object is `named`, only a name will do.
 
     Raises
     ------
