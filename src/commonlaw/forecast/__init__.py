@@ -1,9 +1,7 @@
 """Laws forecast trials: where each trial starts, its trajectory, and how far off it may be."""
 
-from commonlaw.forecast.fitted import fitted
 from commonlaw.forecast.forecast import Forecast
-from commonlaw.forecast.law_simulation import simulate_law
 from commonlaw.forecast.many_objects import forecast_stream
-from commonlaw.forecast.prediction import forecast_from, predict
+from commonlaw.forecast.prediction import fitted, forecast_from, predict, simulate_law
 
 __all__ = ["Forecast", "fitted", "forecast_from", "forecast_stream", "predict", "simulate_law"]

@@ -1,6 +1,6 @@
-"""From measured trials to forecasts, and how far off these may be."""
+"""Forecasts of trials by a law, from given or estimated initial conditions, and how far they may be off."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -9,19 +9,103 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.averaging import averaged as average, remarks_on
-from commonlaw.forecast.beginning import Beginning, begin, start_covariance, with_times
 from commonlaw.forecast.forecast import Forecast, Part
-from commonlaw.forecast.leaving import with_remarks
+from commonlaw.forecast.initial_state import Beginning, begin, start_covariance, with_times
 from commonlaw.forecast.model_error import FilteredStart, model_error_std
-from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
+from commonlaw.integration import Event, InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.population import with_objects_of
+from commonlaw.library import Terms
+from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.doses import MOMENT
 from commonlaw.trials.logarithms import with_logarithms
 from commonlaw.trials.property_inputs import with_property_inputs
+
+
+def with_remarks(law: Law, forecast: Forecast) -> Forecast:
+    """Return a forecast whose trials say where it leaves what the law was learned from, see `Law.domain`."""
+    domain, left, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
+    for trial, trajectory in zip(forecast.trials, forecast.trajectories, strict=True):
+        for name, values in _values(law, forecast, trial, trajectory.states):
+            farthest = domain.left_by(name, values)
+            if farthest is not None:
+                left.setdefault(name, {})[trial.label] = farthest
+        known = trial.times[np.isfinite(trial.states).any(axis=1)][-1]
+        since = known if forecast.from_time is None else min(known, forecast.from_time)
+        ahead = max(ahead, float(trial.times[-1] - since))
+    unit = forecast.trials.schema.units.get(forecast.trials.schema.time, "")
+    remarks = tuple(domain.remarks(left, unit, ahead))
+    if not remarks:
+        return forecast
+    return replace(forecast, trials=replace(forecast.trials, notes=(*forecast.trials.notes, *remarks)))
+
+
+def _values(law: Law, forecast: Forecast, trial: Trial, states: Floats) -> Iterator[tuple[str, Floats]]:
+    """Yield the values that a forecast has of every variable and property."""
+    names = (*law.states, *law.rates)
+    yield from zip(names, states.T, strict=True)
+    yield from zip(forecast.trials.schema.inputs, trial.inputs.T, strict=True)
+    for name, value in forecast.trials.properties.get(trial.object, {}).items():
+        if isinstance(value, float):
+            yield name, np.array([value])
+
+
+def simulate_law(
+    law: Law,
+    times: ArrayLike,
+    initial: "ArrayLike | Mapping[str, ArrayLike]",
+    *,
+    method: str = "auto",
+    tolerance: float = 1e-8,
+    events: Sequence[Event] = (),
+    dense: bool = False,
+    sensitivities: bool = False,
+    doses: Mapping[str, Mapping[float, float]] | None = None,
+) -> dict[str, Trajectory]:
+    """Integrate a law for every object, see `Law.simulate`."""
+    if law.schema.inputs != law.schema.doses:
+        raise CommonlawError("simulate-with-inputs")
+    for name in doses or {}:
+        check_choice("dose", name, law.schema.doses)
+    natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
+    starts = initial if isinstance(initial, Mapping) else dict.fromkeys(law.objects, initial)
+    width, grid = len(law.terms.variables.states), np.asarray(times, dtype=np.float64)
+    inputs = inputs_of_doses(grid, [(doses or {}).get(name, {}) for name in law.schema.doses])
+    problems = {}
+    for name, start in starts.items():
+        state = np.atleast_1d(np.asarray(start, dtype=np.float64))
+        if state.shape != (width,):
+            wanted = ", ".join(law.terms.variables.states)
+            raise CommonlawError("initial-state-size", where=name, given=state.size, expected=width, names=wanted)
+        field = replace(law.vector_field(name), terms=natural, inputs=inputs)
+        problems[name] = InitialValueProblem(field, state, grid, name)
+    found = simulate(
+        problems.values(),
+        method=method,
+        tolerance=tolerance,
+        events=events,
+        dense=dense,
+        sensitivities=sensitivities,
+    )
+    return dict(zip(problems, found, strict=True))
+
+
+def inputs_of_doses(grid: Floats, doses: Sequence[Mapping[float, float]]) -> Inputs | None:
+    """Return inputs that add amounts in the moment after their times, none without any; see `with_doses`."""
+    if not doses:
+        return None
+    moment = MOMENT * float(np.diff(grid).min(initial=np.inf))
+    given = np.array(sorted({time for each in doses for time in each}), dtype=np.float64)
+    values = np.array([[each.get(float(time), 0.0) for each in doses] for time in given]).reshape(-1, len(doses))
+    times = np.column_stack([given, given + moment, given + 2 * moment]).ravel()
+    pulses = np.stack([np.zeros_like(values), values / moment, np.zeros_like(values)], axis=1)
+    pulses = pulses.reshape(-1, len(doses))
+    first = np.array([min([grid[0], *given]) - 1.0])
+    return Inputs.of(np.append(first, times), np.vstack([np.zeros((1, len(doses))), pulses]))
 
 
 def predict(
@@ -245,3 +329,41 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
     other_laws = law.each_other(lambda other: replace(other, objects=(name,)))
     uncertainty = replace(law.uncertainty, other_laws=other_laws)
     return replace(law, objects=(name,), uncertainty=uncertainty), trials.with_trials(trials.trials, note)
+
+
+def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
+    """Return the solutions of a law whose initial conditions are estimated from all samples of each trial.
+
+    ``x0 = argmin sum_i ((y_i - x(t_i; x0)) / sigma_i)^2`` with the coefficients as they are, and the Huber loss
+    for outliers. Sigma is the standard deviation of a measurement: it varies along a trial where errors grow with the
+    states. Process noise is left out, so that the residuals are all that the equations leave; such fits have no bands.
+
+    Parameters
+    ----------
+    law
+        A law in continuous time.
+    trials
+        What was measured.
+    return_std
+        Whether the curves are to have bands.
+
+    Raises
+    ------
+    CommonlawError
+        If the law is in discrete time, or not finite near the samples of a trial.
+    """
+    errors, trials = law.uncertainty.error_model, matched(law, trials)
+    solution = replace(law, uncertainty=replace(law.uncertainty, error_model=NO_ERRORS))
+    return_std = return_std and not errors.of_law
+    fit = solution.predict(trials, start="all", return_std=return_std, averaged=False)
+    if law.noise is None or law.schema.logarithmic or (errors.proportional is None and errors.correlated is None):
+        return fit
+    # Errors that grow with the states are known once these are
+    deviations = [
+        errors.measurement_std(np.nan_to_num(curve.states[:, : len(law.states)]), trial.std(law.noise))
+        for trial, curve in zip(trials, fit.trajectories, strict=True)
+    ]
+    weighted = tuple(replace(trial, noise=each) for trial, each in zip(trials, deviations, strict=True))
+    names = {name: f"standard deviation of {name}" for name in law.states} | dict(trials.schema.noise_columns)
+    trials = replace(trials, trials=weighted, schema=replace(trials.schema, noise_columns=names))
+    return solution.predict(trials, start="all", return_std=return_std, averaged=False)
