@@ -20,6 +20,7 @@ from commonlaw.likelihood import (
     ObservationModel,
     Prior,
     TrajectoryModel,
+    compiled,
     fit,
     fitting,
     linearization,
@@ -27,8 +28,7 @@ from commonlaw.likelihood import (
     meshes,
 )
 from commonlaw.likelihood.collocation import jacobians
-from commonlaw.likelihood.compiled import rows
-from commonlaw.likelihood.compiled.packing import packed
+from commonlaw.likelihood.compiled import packed
 from tests.refusals import refused
 from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, of_prey, prey, trial
 
@@ -194,7 +194,7 @@ def test_a_prior_of_coefficients_draws_fits_to_it_alike(case):
 
 @pytest.mark.parametrize("most", [0, 20_000], ids=["by LAPACK", "in one call"])
 def test_linearizations_are_those_of_numpy(case, monkeypatch, most):
-    monkeypatch.setattr(rows, "_MOST", most)
+    monkeypatch.setattr(compiled, "_MOST", most)
     model, estimate, free = case
     for columns in (None, free, np.zeros_like(free)):
         found = linearize(model, estimate, 0.1, columns)
@@ -246,7 +246,7 @@ def test_objects_at_other_levels_of_errors_are_linearized_as_one_by_one(library,
 def test_defects_and_their_derivatives_are_those_of_numpy(case, library):
     model, estimate, free = case
     for index, (mesh, states, latent) in enumerate(model.parts(estimate)):
-        found = rows.jacobians(library, model, packed(model), index, estimate, free)
+        found = compiled.jacobians(library, model, packed(model), index, estimate, free)
         expected = jacobians(model.field(estimate.coefficients, free), mesh, states, latent)
         for name in ("defects", "start", "end", "coefficients"):
             own, theirs = getattr(found, name)[mesh.contiguous], getattr(expected, name)[mesh.contiguous]
@@ -260,7 +260,7 @@ def test_libraries_of_all_kinds_are_programs(library, order, text, names):
     model = TrajectoryModel(field.terms, (mesh,), ObservationModel(np.ones(equations)), np.ones(len(names)))
     estimate = Estimate((states,), field.coefficients)
     found, expected = (
-        rows.jacobians(library, model, packed(model), 0, estimate, field.free),
+        compiled.jacobians(library, model, packed(model), 0, estimate, field.free),
         jacobians(field, mesh, states),
     )
     np.testing.assert_allclose(found.defects, expected.defects, rtol=1e-11, atol=1e-11)
@@ -273,7 +273,7 @@ def test_every_function_of_terms_is_in_programs(library, text):
     estimate = replace(estimate, coefficients=np.array([[0.7, 0.1], [-0.4, 0.3]]))
     free = np.ones((2, 2), dtype=bool)
     (mesh,), (states,) = model.meshes, estimate.states
-    found = rows.jacobians(library, model, packed(model), 0, estimate, free)
+    found = compiled.jacobians(library, model, packed(model), 0, estimate, free)
     expected = jacobians(model.field(estimate.coefficients, free), mesh, states)
     for name in ("defects", "start", "end"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-11, atol=1e-12, err_msg=name)

@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.experiments.settings import EACH, Value, check_amount
-from commonlaw.forecast.law_simulation import inputs_of_doses
+from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
 from commonlaw.wording import counted

@@ -9,10 +9,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.kernel import kernel
-from commonlaw.likelihood import fitting, linearization
-from commonlaw.likelihood.compiled import fits, rows
-from commonlaw.likelihood.compiled.fits import Together, together
-from commonlaw.likelihood.compiled.packing import Packed, packed
+from commonlaw.likelihood import compiled, fitting, linearization
+from commonlaw.likelihood.compiled import Packed, Together, packed, together
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.observation_model import LatentProcesses
@@ -72,11 +70,11 @@ def whitened(
 
     The targets are the innovations of the states: what each sample adds to those before it.
     """
-    compiled = _compiled([model])
-    if compiled is None:
+    prepared = _compiled([model])
+    if prepared is None:
         return linearization.whitened(model, estimate, model_error, columns)
-    library, (structures,) = compiled
-    return rows.whitened(library, model, structures, estimate, model_error, _free(estimate, columns))
+    library, (structures,) = prepared
+    return compiled.whitened(library, model, structures, estimate, model_error, _free(estimate, columns))
 
 
 def threads_pay(models: Sequence[TrajectoryModel]) -> bool:
@@ -92,10 +90,10 @@ def _fit_each(
     model_errors: Sequence[float],
     steps: int,
 ) -> list[Estimate]:
-    compiled = _compiled(models)
-    if compiled is not None:
-        library, structures = compiled
-        return fits.fit_each(library, models, structures, starts, support, model_errors, steps)
+    prepared = _compiled(models)
+    if prepared is not None:
+        library, structures = prepared
+        return compiled.fit_each(library, models, structures, starts, support, model_errors, steps)
     pairs = zip(models, starts, strict=True)
     return [fitting.fit(model, start, support, model_errors, steps) for model, start in pairs]
 
@@ -103,10 +101,12 @@ def _fit_each(
 def _linearize_each(
     models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], model_error: float, columns: Bools | None
 ) -> list[Linearization]:
-    compiled = _compiled(models)
-    if compiled is not None:
-        library, structures = compiled
-        return rows.linearize_each(library, models, structures, estimates, model_error, _free(estimates[0], columns))
+    prepared = _compiled(models)
+    if prepared is not None:
+        library, structures = prepared
+        return compiled.linearize_each(
+            library, models, structures, estimates, model_error, _free(estimates[0], columns)
+        )
     pairs = zip(models, estimates, strict=True)
     return [linearization.linearize(model, estimate, model_error, columns) for model, estimate in pairs]
 

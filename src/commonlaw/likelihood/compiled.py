@@ -1,0 +1,381 @@
+"""Fits and linearizations of whole objects by the compiled kernel, in one call each, as those of NumPy to rounding."""
+
+import ctypes
+from collections.abc import Sequence
+from ctypes import addressof
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.formulation import LeastSquaresProblem, merge
+from commonlaw.kernel import LEAST_NORM, MeshStructure, ModelStructure, ProgramStructure, Vagueness, address
+from commonlaw.library import highest_columns, with_rates
+from commonlaw.library.program import Program
+from commonlaw.likelihood.collocation import Jacobians
+from commonlaw.likelihood.fitting import GAIN, SHORTEST, Estimate, NotPositiveError, TrajectoryModel, least_norm
+from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, orthogonalized
+from commonlaw.likelihood.mesh import Grid, Mesh, joined
+from commonlaw.likelihood.observation_model import LatentProcesses, LatentSteps
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """A model's structures, and the arrays that they point into; meshes also as 8-byte words, shape (meshes,
+    `FIELDS`).
+    """
+
+    model: ModelStructure
+    meshes: Any
+    words: NDArray[np.uint64]
+    kept: tuple[object, ...]
+
+
+FIELDS = {name: getattr(MeshStructure, name).offset // 8 for name, *_ in MeshStructure._fields_}
+
+
+def addresses(structures: Sequence[Packed], counts: Sequence[int] | None = None) -> NDArray[np.uint64]:
+    """Return where models are, each as often as counts say."""
+    found = np.array([addressof(each.model) for each in structures], dtype=np.uint64)
+    return found if counts is None else np.repeat(found, counts)
+
+
+_MODELS: "WeakKeyDictionary[TrajectoryModel, Packed | None]" = WeakKeyDictionary()
+
+
+def packed(model: TrajectoryModel) -> Packed | None:
+    """Return the structures of a model, None if it has what the kernel does not do."""
+    if model not in _MODELS:
+        suits = model.order == 1 or not model.terms.variables.logarithmic
+        _MODELS[model] = _packed(model) if suits else None
+    return _MODELS[model]
+
+
+def _packed(model: TrajectoryModel) -> Packed:
+    program = model.terms.program
+    noise = model.observation.noise
+    meshes = [_mesh(mesh, noise, steps) for mesh, steps in zip(model.meshes, model.latent_steps, strict=True)]
+    unit, logarithmic = contiguous(model.unit), np.zeros(model.width, dtype=np.uint8)
+    second, highest = (of(model.order, model.equations).astype(np.int64) for of in (with_rates, highest_columns))
+    logarithmic[list(model.terms.variables.logarithmic_columns)] = 1
+    inside = np.array(model.terms.constants, dtype=np.int64)
+    prior = (None, None) if model.prior is None else tuple(map(contiguous, model.prior))
+    latent = model.latent_steps[0]
+    std = np.zeros(0) if latent is None else contiguous(latent.std)
+    structure = ModelStructure(
+        model.equations,
+        len(second),
+        model.meshes[0].inputs.shape[1],
+        model.latent.width,
+        any(each.held for each in model.meshes),
+        model.latent.correlated is not None,
+        -1 if latent is None or latent.force is None else latent.force,
+        len(inside),
+        float(model.observation.huber_threshold),
+        address(unit),
+        address(std),
+        address(logarithmic),
+        address(inside),
+        address(second),
+        address(highest),
+        *(address(each) if each is not None else 0 for each in prior),
+        _program(program),
+    )
+    kept = (unit, std, logarithmic, inside, second, highest, prior, program, meshes)
+    structures = (MeshStructure * len(meshes))(*(own for own, _ in meshes))
+    return Packed(
+        structure, structures, np.frombuffer(memoryview(structures), np.uint64).reshape(len(meshes), -1), kept
+    )
+
+
+_PROGRAMS: "WeakKeyDictionary[Program, ProgramStructure]" = WeakKeyDictionary()
+
+
+def _program(program: Program) -> ProgramStructure:
+    if program not in _PROGRAMS:
+        counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
+        arrays = (program.constants, program.code, program.outputs)
+        _PROGRAMS[program] = ProgramStructure(*counts, *map(address, arrays))
+    return _PROGRAMS[program]
+
+
+_GRIDS: "WeakKeyDictionary[Grid, tuple[int, ...]]" = WeakKeyDictionary()
+"""Addresses of arrays; those that a grid would carry itself would be wrong in another process."""
+
+
+def _mesh(mesh: Mesh, noise: Floats, latent: LatentSteps | None) -> tuple[MeshStructure, object]:
+    """Return the structure of a mesh, and what it points into."""
+    grid = mesh.grid
+    if grid not in _GRIDS:
+        _GRIDS[grid] = (*map(address, grid.arrays), address(grid.contiguous))
+    std = contiguous(np.broadcast_to(noise * mesh.scale, mesh.measured.shape))
+    hidden = () if latent is None else tuple(map(contiguous, (latent.start, latent.end, latent.anchors)))
+    addresses = tuple(map(address, hidden)) or (0, 0, 0)
+    return MeshStructure(len(mesh), mesh.typical_step, *_GRIDS[grid], address(std), *addresses), (grid, std, hidden)
+
+
+def contiguous(values: Floats) -> Floats:
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
+_NOT_POSITIVE = 2
+
+_MOST = 20_000
+"""Numbers in rows that are in cache: of more of them LAPACK makes triangles sooner, by blocks."""
+
+_VAGUENESS = Vagueness(MISSING, RATE, HIDDEN)
+
+
+def linearize_each(
+    library: ctypes.CDLL,
+    models: Sequence[TrajectoryModel],
+    structures: Sequence[Packed],
+    estimates: Sequence[Estimate],
+    model_error: float,
+    free: Bools,
+) -> list[Linearization]:
+    """Return what `commonlaw.likelihood.linearization.linearize` returns of each, to rounding and signs of rows."""
+    columns = int(free.sum()) + 1
+    large = [not in_one_call(model, columns) for model in models]
+    if any(large):
+        return [
+            _linearize_by_parts(library, model, own, estimate, model_error, free)
+            if alone
+            else linearize_each(library, [model], [own], [estimate], model_error, free)[0]
+            for model, own, estimate, alone in zip(models, structures, estimates, large, strict=True)
+        ]
+    counts = [len(model.meshes) for model in models]
+    where, meshes = addresses(structures, counts), np.concatenate([each.words for each in structures])
+    states = np.concatenate([values for estimate in estimates for values in estimate.states])
+    coefficients = np.repeat([each.coefficients for each in estimates], counts, axis=0)
+    factors, log_determinants = triangles(library, where, meshes, free, states, coefficients, model_error)
+    cuts = np.cumsum(counts)[:-1]
+    parts = zip(models, np.split(factors, cuts), np.split(log_determinants, cuts), strict=True)
+    return [Linearization(_merged(model, triangle), float(logs.sum())) for model, triangle, logs in parts]
+
+
+def _merged(model: TrajectoryModel, factors: Floats) -> LeastSquaresProblem:
+    """Return the problem of one object from the factors of its meshes, each (columns + 1) x (columns + 1)."""
+    width, terms = model.width + model.latent.width, factors.shape[1] - 1
+    rows = [int(np.count_nonzero(mesh.contiguous)) * width for mesh in model.meshes]
+    pairs = zip(factors, rows, strict=True)
+    return merge(LeastSquaresProblem(np.asfortranarray(factor), terms, count) for factor, count in pairs)
+
+
+def triangles(
+    library: ctypes.CDLL,
+    models: NDArray[np.uint64],
+    meshes: NDArray[np.uint64],
+    free: Bools,
+    states: Floats,
+    coefficients: Floats,
+    model_error: float,
+) -> tuple[Floats, Floats]:
+    """Return the triangular factor of the rows of each mesh, and the log-determinants, shape (meshes,).
+
+    Models are addresses, one a mesh, meshes as in `Packed`; states have shape (points, D + w), coefficients (meshes,
+    equations, terms). Raises `NotPositiveError` if numbers are not finite, or too far apart.
+    """
+    size = int(free.sum()) + 1
+    factors, log_determinants = np.empty((len(meshes), size, size)), np.empty(len(meshes))
+    free = np.ascontiguousarray(free, dtype=np.bool_)
+    inside = (address(each) for each in (free, states, coefficients))
+    failed = library.commonlaw_linearize(
+        *(address(models), address(meshes), len(meshes), *inside, model_error, _VAGUENESS),
+        *(address(factors), address(log_determinants)),
+    )
+    _check(failed)
+    return factors, log_determinants
+
+
+def in_one_call(model: TrajectoryModel, columns: int) -> bool:
+    """Whether rows of so many columns are made and compressed by the kernel: in cache, and of full rank."""
+    sizes = [(len(mesh) - 1) * (model.width + model.latent.width) for mesh in model.meshes]
+    return max(sizes) * columns <= _MOST and min(sizes) > columns
+
+
+def whitened(
+    library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, estimate: Estimate, model_error: float, free: Bools
+) -> list[tuple[Floats, float]]:
+    """Return what `commonlaw.likelihood.linearization.whitened` returns, to rounding."""
+    found = []
+    for index in range(len(model.meshes)):
+        rows, mixed, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
+        found.append((np.column_stack([rows[:, :-1] @ mixed, rows[:, -1]]), log_determinant))
+    return found
+
+
+def _linearize_by_parts(
+    library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, estimate: Estimate, model_error: float, free: Bools
+) -> Linearization:
+    """Return the linearisation of one object of which LAPACK compresses the rows."""
+    problems, total = [], 0.0
+    for index in range(len(model.meshes)):
+        rows, mixed, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
+        factor = LeastSquaresProblem.of(rows[:, :-1], rows[:, -1:]).factor
+        few = LeastSquaresProblem.of(factor[:, :-1] @ mixed, factor[:, -1:])
+        problems.append(LeastSquaresProblem(few.factor, few.terms, len(rows)))
+        total += log_determinant
+    return Linearization(merge(problems), total)
+
+
+def jacobians(
+    library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, index: int, estimate: Estimate, free: Bools
+) -> Jacobians:
+    """Return what `commonlaw.likelihood.collocation.jacobians` does of one mesh, to rounding; zero between segments."""
+    steps, width = len(model.meshes[index]) - 1, model.width + model.latent.width
+    states, coefficients = contiguous(estimate.states[index]), contiguous(estimate.coefficients)
+    free = np.ascontiguousarray(free, dtype=np.bool_)
+    shapes = (steps, width), (steps, width, width), (steps, width, width), (steps, width, int(free.sum()))
+    found = [np.empty(shape) for shape in shapes]
+    inside = (address(each) for each in (free, states, coefficients, *found))
+    if library.commonlaw_jacobians(packed.model, packed.meshes[index], *inside):
+        raise MemoryError
+    return Jacobians(*found)
+
+
+def _whitened(
+    library: ctypes.CDLL,
+    model: TrajectoryModel,
+    packed: Packed,
+    index: int,
+    estimate: Estimate,
+    model_error: float,
+    free: Bools,
+) -> tuple[Floats, Floats, float]:
+    """Return rows [mixtures of columns | target] of one mesh, what makes columns of these, and the log-determinant."""
+    mesh = model.meshes[index]
+    linear = jacobians(library, model, packed, index, estimate, free)
+    columns = linear.coefficients.reshape(linear.defects.size, -1)
+    target = columns @ estimate.coefficients[free] - linear.defects.ravel()
+    if not (np.isfinite(columns).all() and np.isfinite(target).all()):
+        raise NotPositiveError
+    # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
+    basis, mixed = orthogonalized(columns, free, model)
+    rows = np.column_stack([basis, target])
+    states, result = contiguous(estimate.states[index]), np.empty(1)
+    failed = library.commonlaw_whiten(
+        *(packed.model, packed.meshes[index], address(states), model_error, _VAGUENESS),
+        *(address(linear.start), address(linear.end), address(rows), rows.shape[1], address(result)),
+    )
+    _check(failed)
+    if not mesh.contiguous.all():
+        rows = rows[np.repeat(mesh.contiguous, linear.defects.shape[1])]
+    return rows, mixed, float(result[0])
+
+
+def _check(failed: int) -> None:
+    if failed:
+        raise NotPositiveError if failed == _NOT_POSITIVE else MemoryError
+
+
+def fit_each(
+    library: ctypes.CDLL,
+    models: Sequence[TrajectoryModel],
+    structures: Sequence[Packed],
+    starts: Sequence[Estimate],
+    support: Bools,
+    model_errors: Sequence[float],
+    steps: int,
+) -> list[Estimate]:
+    """Return what `commonlaw.likelihood.fitting.fit` returns of each object, to rounding."""
+    if not len(model_errors):
+        return list(starts)
+    shapes = [(sum(map(len, model.meshes)), model.width + model.latent.width) for model in models]
+    states = [np.concatenate(start.states, dtype=np.float64) for start in starts]
+    of_law = (models[0].equations, len(models[0].terms))
+    if [each.shape for each in states] != shapes or any(start.coefficients.shape != of_law for start in starts):
+        raise ValueError("states or coefficients do not have the shapes of the model")
+    whole, coefficients = np.concatenate(states), np.array([start.coefficients for start in starts], dtype=np.float64)
+    counts = np.array([len(model.meshes) for model in models], dtype=np.int64)
+    own, meshes = addresses(structures), np.concatenate([each.words for each in structures])
+    free, errors = np.ascontiguousarray(support, dtype=np.bool_), np.array(model_errors, float)
+    reached = np.empty((len(models), 2))
+    failed = library.commonlaw_fit(
+        *(address(own), len(models), address(meshes), address(counts)),
+        *(address(free), address(errors), len(errors), steps, GAIN, SHORTEST, _LEAST_NORM),
+        *(address(whole), address(coefficients), address(reached)),
+    )
+    if failed:
+        raise MemoryError
+    lengths = [len(mesh) for model in models for mesh in model.meshes]
+    parts = iter(np.split(whole, np.cumsum(lengths)[:-1]))
+    return [
+        Estimate(tuple(next(parts) for _ in model.meshes), found, *of_fit)
+        for model, found, of_fit in zip(models, coefficients, reached.tolist(), strict=True)
+    ]
+
+
+def _least_norm(count: int, matrix: Any, right: Any, solution: Any) -> int:
+    """Fill the solution of least norm of a symmetric system; return whether there is one."""
+    as_array = np.ctypeslib.as_array
+    try:
+        as_array(solution, (count,))[:] = least_norm(as_array(matrix, (count, count)), as_array(right, (count,)))
+    except np.linalg.LinAlgError:
+        return 0
+    return 1
+
+
+_LEAST_NORM = LEAST_NORM(_least_norm)
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Objects of one mesh each, one behind the other, and the estimates about which they are linearized.
+
+    `first` are the indices of first points, `words` the meshes as in `Packed`, `kept` what they point into.
+    """
+
+    model: ModelStructure
+    words: NDArray[np.uint64]
+    mesh: Mesh
+    first: Indices
+    states: Floats
+    coefficients: Floats
+    free: Bools
+    kept: Sequence[object]
+
+    def linearize(
+        self, library: ctypes.CDLL, std: Floats, latent: LatentProcesses, model_error: float
+    ) -> tuple[Floats, float]:
+        """Return the factor of each object's rows, and the sum of log-determinants, see `AboutEstimates`."""
+        meshes, model = self.words.copy(), ModelStructure.from_buffer_copy(self.model)
+        arrays, std = {}, contiguous(std)
+        if latent.width:
+            steps = latent.along(self.mesh)
+            arrays = {name: contiguous(getattr(steps, own)) for name, own in _LATENT.items()}
+            model.latent_std = address(deviations := contiguous(steps.std))
+            assert len(deviations) == model.latent
+        for name, array in {"std": std, **arrays}.items():
+            meshes[:, FIELDS[name]] = address(array) + array.strides[0] * self.first
+        own = np.full(len(meshes), ctypes.addressof(model), dtype=np.uint64)
+        inside = (self.free, self.states, self.coefficients)
+        factors, log_determinants = triangles(library, own, meshes, *inside, model_error)
+        return factors, float(log_determinants.sum())
+
+
+_LATENT = {"latent_start": "start", "latent_end": "end", "anchors": "anchors"}
+
+
+def together(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], free: Bools) -> Together | None:
+    """Return objects that are linearised together; None if they have what is better done one by one."""
+    structures = [each for model in models if (each := packed(model)) is not None]
+    if len(structures) < len(models) or not all(
+        len(model.meshes) == 1 and in_one_call(model, int(free.sum()) + 1) for model in models
+    ):
+        return None
+    mesh = joined([model.meshes[0] for model in models])
+    lengths = np.array([len(model.meshes[0]) for model in models])
+    return Together(
+        structures[0].model,
+        np.concatenate([each.words for each in structures]),
+        mesh,
+        np.cumsum(lengths) - lengths,
+        np.concatenate([each.states[0] for each in estimates]),
+        np.array([each.coefficients for each in estimates]),
+        np.ascontiguousarray(free, dtype=np.bool_),
+        structures,
+    )
