@@ -14,9 +14,8 @@ from commonlaw.integration import Trajectory
 def averaged(parts: Sequence[Part]) -> Forecast:
     """Return the average of forecasts of the same trials, of which the first is that of the law itself.
 
-    States are the median of what the laws say, weighted with their probabilities: that of one law wherever it is more
-    probable than all others together. Standard deviations are about that, and intervals hold their share of the mixture
-    of all. A law that diverges in a trial does not count for it, as the trial goes on; where all do, the law stands
+    States are medians over laws, weighted by their probabilities; standard deviations are about these, and intervals
+    hold their share of the mixture. A law that diverges in a trial does not count for it; where all do, the law stands
     alone.
     """
     if len(parts) == 1:
@@ -40,10 +39,7 @@ def _averaged_at(parts: Sequence[Part], times: Sequence[Floats]) -> Forecast:
 
 
 def remarks_on(found: Forecast) -> tuple[str, ...]:
-    """Return in a sentence what else the law could be, where it diverges or that moves a forecast by more than it errs.
-
-    Nothing of the latter without standard deviations, and nothing if there is no other law.
-    """
+    """Return a sentence on rival laws where the law diverges, or where they shift a forecast by more than its error."""
     if len(found.parts) < 2:
         return ()
     own, farthest = found.parts[0], 0.0

@@ -27,10 +27,9 @@ _MOST_POINTS = 1_000_000
 
 
 class Part(NamedTuple):
-    """The forecast by one of the laws that an average is over, and how probable that law is.
+    """The forecast by one of the laws of an average, with that law's probability and equations.
 
-    The weights are what it counts in each trial, where those that diverge do not count; the equations are those of the
-    law, with letters.
+    `weights` are its weights in each trial, zero where it diverges.
     """
 
     probability: float
@@ -45,34 +44,31 @@ class Forecast(ShownInNotebooks):
 
     Parameters
     ----------
-    trials
-        What was measured.
-    trajectories
-        One for each trial, at its sample times.
+    trials, trajectories
+        The measurements, and a trajectory for each trial at its sample times.
     std
-        For each trial the standard deviation of every state of its trajectory, due to the coefficients and the initial
-        state, of the shape of ``trajectory.states``; None if it was not asked for.
+        Standard deviations of the states by the errors of coefficients and initial states, of the shape of
+        ``trajectory.states``; None if they were not asked for.
     noise
         Standard deviation of the measurement noise of each state, shape (states,), for samples without one of their
         own; None if it is not known.
     from_time
-        When forecasts begin, if that is not at the first sample. What was measured before told the initial states, and
-        is not in tables, errors and scores.
+        When forecasts begin, if that is not at the first sample. Measurements before it determined the initial states,
+        and are not in tables, errors and scores.
     error_model
         Errors of measurements beside that noise.
     at_more_times
-        Makes the same forecasts with more times for each trial, see `smooth`; None if they cannot be made again.
+        Makes the same forecasts at more times, see `smooth`; None if they cannot be made again.
     followed
-        The same forecast with logarithms in place of the states that the law follows by these, if there are any; its
-        errors are symmetric.
+        The same forecast with log-scaled states by their logarithms, if there are any; its errors are symmetric.
     degrees_of_freedom
         Of the estimate of each state's noise, shape (states,), see `Uncertainty`; None if the noise was given.
     parts
-        What it is the average of, if the law could be another; the first is by the law itself.
+        What it is the average of, that of the law itself first.
     horizons
-        Of each trial how far ahead of what told its initial state each sample is, zero before that, shape (n,).
+        How far ahead each sample of each trial is of those that determined its initial state, zero before, shape (n,).
     widening
-        By how much intervals are wider that far ahead, see `Uncertainty`.
+        Factor by which intervals are wider that far ahead, see `Uncertainty`.
     """
 
     trials: Trials
@@ -123,9 +119,8 @@ class Forecast(ShownInNotebooks):
     def to_frame(self) -> "pd.DataFrame":
         """Return a long table: object, trial, time, and each state as measured, as forecast, and their difference.
 
-        With standard deviations, the ends of the interval that holds the state with a probability of 95 % follow each
-        state ("low" and "high"), and where the noise is known those for a measurement of it ("measured low" and
-        "measured high").
+        With standard deviations each state has the ends of its 95 % interval ("low", "high"), and where the noise is
+        known those for a measurement ("measured low", "measured high").
         """
         import pandas as pd
 
@@ -147,13 +142,9 @@ class Forecast(ShownInNotebooks):
     def smooth(self, points: int = 300) -> "Forecast":
         """Return the forecasts at more times, to draw them as curves.
 
-        Each trial gets so many `points`, but none where its samples are as close; they have no measured states. Laws in
-        discrete time, and forecasts that `Law.predict` did not make, have nothing between samples and stay as they are.
-
-        Raises
-        ------
-        CommonlawError
-            If there are to be fewer than two points, or more than a million.
+        Each trial gets so many `points`, but none where its samples are as close. Laws in discrete time, and forecasts
+        that `Law.predict` did not make, stay as they are. Raises `CommonlawError` if there are not 2 to a million
+        points.
         """
         if not 2 <= points <= _MOST_POINTS:
             raise CommonlawError("curve-points", points=points, limit=_MOST_POINTS)
@@ -189,13 +180,7 @@ class Forecast(ShownInNotebooks):
         return pd.concat(parts, ignore_index=True)
 
     def bands(self, level: float = 0.95, measured: bool = False) -> tuple[tuple[Floats, Floats], ...]:
-        """Return the lower and upper ends of the intervals of each trial, each of shape (n, states); see `interval`.
-
-        Raises
-        ------
-        CommonlawError
-            If the forecast has no standard deviations, the level is not between 0 and 1, or the noise is not known.
-        """
+        """Return the lower and upper ends of the intervals of each trial, each of shape (n, states); see `interval`."""
         if self.followed is not None:
             ends, schema = self.followed.bands(level, measured), self.followed.trials.schema
             return tuple((natural(low, schema), natural(high, schema)) for low, high in ends)
@@ -215,13 +200,7 @@ class Forecast(ShownInNotebooks):
         )
 
     def margins(self, level: float = 0.95, measured: bool = False) -> tuple[Floats, ...]:
-        """Return half the widths of the intervals of each trial, each of shape (n, states); see `interval`.
-
-        Raises
-        ------
-        CommonlawError
-            If the forecast has no standard deviations, the level is not between 0 and 1, or the noise is not known.
-        """
+        """Return half the widths of the intervals of each trial, each of shape (n, states); see `interval`."""
         return tuple((high - low) / 2 for low, high in self.bands(level, measured))
 
     def _scales(self, measured: bool) -> list[Floats]:
@@ -242,17 +221,10 @@ class Forecast(ShownInNotebooks):
         return np.full(states, np.inf) if self.degrees_of_freedom is None else self.degrees_of_freedom
 
     def measurement_std(self, white: bool = False) -> tuple[Floats, ...]:
-        """Return how far measurements are off by themselves: standard deviations for each trial, of shape (n, states).
+        """Return the standard deviations of measurements in each trial, shape (n, states), or of their `white` noise
+        alone.
 
-        Parameters
-        ----------
-        white
-            Whether errors with a memory are left out.
-
-        Raises
-        ------
-        CommonlawError
-            If the noise is not known.
+        Raises `CommonlawError` if the noise is not known.
         """
         if self.noise is None:
             raise CommonlawError("forecast-without-noise")
@@ -284,11 +256,10 @@ class Forecast(ShownInNotebooks):
         )
 
     def errors(self) -> "pd.DataFrame":
-        """Return a table of errors, one row for each trial and state that has a column.
+        """Return a table of errors, one row for each trial and measured state.
 
-        Columns: the root of the mean squared error, the largest and the last absolute error, all in the state's unit,
-        and when the forecast diverged (NaN if it did not; its errors are then infinite). Samples in which the state was
-        not measured do not count; a state that never was has no errors (NaN).
+        RMS error, largest and last absolute error, in the state's unit, and when the forecast diverged (NaN if it did
+        not; its errors are then infinite). Missing measurements do not count; a state without any has NaN.
         """
         import pandas as pd
 
@@ -315,8 +286,8 @@ class Forecast(ShownInNotebooks):
     def score(self) -> float:
         """Return the mean over states of R^2, the share of the states' variation within trials that is forecast.
 
-        1 is perfect, 0 is as good as each trial's mean, and a forecast that diverged makes it minus infinity.
-        Samples in which a state was not measured do not count; NaN if no state was seen to vary.
+        1 is perfect, 0 is as good as each trial's mean, minus infinity a divergence; NaN if no state varied. Missing
+        measurements do not count.
         """
         compared = self._compared()
         if any(np.isnan(forecast).any() for _, forecast in compared):
@@ -326,10 +297,10 @@ class Forecast(ShownInNotebooks):
         return float(np.mean(1 - missed[varied > 0] / varied[varied > 0])) if varied.any() else np.nan
 
     def bounded_score(self) -> float:
-        """Return the mean of R^2 over trials and states, each at least -1, which a forecast that diverged counts.
+        """Return the mean of R^2 over trials and states, each at least -1, also where the forecast diverged.
 
-        It is finite, and one forecast that goes astray does not outweigh many that are good. Samples in which a state
-        was not measured do not count, nor does a state that did not vary in a trial; NaN if none did.
+        One forecast that fails does not outweigh many good ones. Missing measurements and states that did not vary do
+        not count; NaN if none did.
         """
         scores = [_bounded(forecast - states, states - _means(states)) for states, forecast in self._compared()]
         known = np.concatenate(scores)

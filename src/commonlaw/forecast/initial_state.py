@@ -37,9 +37,8 @@ MIN_SAMPLES = 5
 
 @dataclass(frozen=True, eq=False)
 class FittedInitialState:
-    """The initial state of largest likelihood under a law whose coefficients stay as they are.
-
-    Shape (width,), fitted to the first samples of a trial, which are worth what the observation model says.
+    """The maximum-likelihood initial state, shape (width,), at fixed coefficients, given the first samples of a
+    trial.
     """
 
     initial: Floats
@@ -67,9 +66,8 @@ class FittedInitialState:
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return a trajectory from this start with derivatives that let the start follow the coefficients.
 
-        The start makes up for errors of the coefficients, as far as the samples tell. Beside it the covariance of the
-        start by the noise alone, shape (width, width): the inverse of the information in the samples, NaN if the
-        trajectory, which must have sensitivities, ends before they tell all of it.
+        With it the covariance of the start by the noise alone, shape (width, width): the inverse of the information in
+        the samples, NaN if the trajectory, which must have sensitivities, ends before these determine it.
         """
         assert trajectory.sensitivities is not None
         width, states = len(self.initial), self.trial.states.shape[1]
@@ -97,11 +95,11 @@ Start = FittedInitialState | FilteredStart
 
 
 def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Start:
-    """Return the start of largest likelihood, given the noise of the law and a trial's first samples.
+    """Return the maximum-likelihood start, given the noise of the law and a trial's first `count` samples, or all it
+    has.
 
-    The states at these are fitted as in `commonlaw.likelihood`, from a smooth curve through them to a solution of the
-    law; the start is the first of them. States may be missing, in the first sample too; a trial that has fewer samples
-    than the count is used whole.
+    States at these are fitted as in `commonlaw.likelihood`, from a smooth curve to a solution of the law; the start is
+    the first of them. States may be missing, in the first sample too.
     """
     noise = _noise_of(law)
     unmeasured = _unmeasured(law, trial)
@@ -146,10 +144,9 @@ def can_fit_initial_state(law: Law) -> bool:
 
 
 def with_weights(law: Law, trials: Trials) -> Law:
-    """Return a law whose noise weighs the samples of every state, so that starts can be fitted to them.
+    """Return a law with noise for every state, so that starts can be fitted.
 
-    Noise that the law does not know, or says is zero, is estimated from differences of neighbouring samples, and is as
-    large as rounding errors at least.
+    Unknown or zero noise is the difference-based estimate, at least the size of rounding errors.
     """
     known = np.zeros(len(law.states)) if law.noise is None else law.noise
     if law.order == 0 or known.all():
@@ -168,9 +165,9 @@ def _unmeasured(law: Law, trial: Trial) -> list[str]:
 
 
 def _guess(law: Law, trial: Trial) -> Floats:
-    """Return a curve through a trial's samples: its states, and the rates of those of second order.
+    """Return a curve through a trial's samples: states, and rates of those of second order.
 
-    A state that was not measured begins in the middle of where the law was learned from, and moves when it is fitted.
+    An unmeasured state begins in the middle of its range in the training data.
     """
     states, visited = trial.states.copy(), law.provenance.domain.visited
     for name in _unmeasured(law, trial):
@@ -223,16 +220,8 @@ _MOST = 500
 class Beginning:
     """Where the forecast of one trial begins.
 
-    Parameters
-    ----------
-    trial
-        At whose times to forecast.
-    inputs
-        At any time.
-    start_samples
-        The samples that tell the initial state.
-    fitted
-        The initial state that is fitted to them, or None for the first of them as measured.
+    Inputs are known at any time; `start_samples` determine the initial state, `fitted` to them, or None for the first
+    of them as measured.
     """
 
     trial: Trial
@@ -327,10 +316,10 @@ def _begin_later(
 
 
 def _count(law: Law, trial: Trial, ahead: bool) -> int:
-    """Return how many samples tell where a forecast starts, if that is left open.
+    """Return how many samples determine where a forecast starts, by default.
 
-    All if others are to be forecast; else the first, or those that its rate, or what it lacks, would be estimated from:
-    the law knows better than a polynomial how the states move there, if it knows what the samples are worth.
+    All if other trials are to be forecast; else the first, or, if the law has noise, those that its rate, or what it
+    lacks, would be estimated from.
     """
     if not can_fit_initial_state(law) or ahead:
         return len(trial) if ahead and can_fit_initial_state(law) else 1
@@ -345,10 +334,7 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
 
 
 def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
-    """Return a trial with samples to be forecast at more times after its first.
-
-    Between samples their standard deviations lie on straight lines.
-    """
+    """Return a trial with samples at more times after its first, with linearly interpolated standard deviations."""
     index = np.interp(wanted, trial.times, np.arange(len(trial)))
     between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)
     grid = np.concatenate([trial.times, wanted[between]])
@@ -393,13 +379,10 @@ def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:
 
 
 def start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Floats:
-    """Return the covariance of a trial's initial states (and rates) due to noise, shape (width, width).
+    """Return the covariance of a trial's initial states (and rates) due to noise of each sample, shape (width, width).
 
-    The noise is that of each sample, shape (n, states).
-
-    Rates are estimated once more from the measured states with noise on top, many times: with draws that are white to
-    the last digit, so that this is exact for every linear differentiator. For others it is close; for medians, which
-    are the odd ones, it is up to a quarter too much.
+    Rates are estimated again with noise added, with draws that are exactly white: exact for linear differentiators, up
+    to a quarter too large for medians.
     """
     second = with_rates(law.order, len(law.states))
     if not len(second):

@@ -43,34 +43,34 @@ def forecast_stream(
     client: "Client | None" = None,
     progress: ProgressCallback = lambda _: None,
 ) -> "pd.DataFrame":
-    """Forecast each trial of a stream from its own initial state, file by file, and return how far off that is.
+    """Forecast each trial of a stream from its own initial state, file by file, and return the errors.
 
     Parameters
     ----------
     law
-        The law; of several objects it must know those of the stream, or what their coefficients follow from.
+        It must have the objects of the stream, or relations that give their coefficients.
     stream
         What to forecast.
     folder
-        Where each file of the stream has its forecasts written, in the columns of `Forecast.to_frame`, as
-        ``forecast-000001.parquet`` and so on; on a cluster the workers write them.
+        Where the forecasts of each file are written, in the columns of `Forecast.to_frame`, as
+        ``forecast-000001.parquet`` and so on; on a cluster by the workers.
     start, from_time
         See `Law.predict`. Trials without samples on both sides of that time are left out.
     client
-        A dask client, whose workers do it; else it is done here.
+        A dask client whose workers compute; default: this process.
     progress
         Takes the text of each step.
 
     Returns
     -------
     errors
-        A row for each trial and state: the columns of `Forecast.errors`, how many samples were compared, the standard
-        deviation of what was measured (``spread``), and the share of it in 95 % bands if the law tells these.
+        A row for each trial and state: the columns of `Forecast.errors`, the number of compared samples, the standard
+        deviation of the measurements (``spread``), and the share of them in 95 % bands, if there are any.
 
     Raises
     ------
     CommonlawError
-        If the law and the trials do not go together, see `Law.predict`, or no trial can be forecast.
+        If law and trials do not match, see `Law.predict`, or no trial can be forecast.
     """
     import pandas as pd
 
@@ -91,10 +91,7 @@ def forecast_parts(
     folder: str | os.PathLike[str] | None = None,
     **how: Any,
 ) -> "list[pd.DataFrame]":
-    """Return the errors of `forecast_stream` for each part of a stream; `how` are arguments of `Law.predict`.
-
-    Those of a part of which no trial can be forecast have no rows.
-    """
+    """Return the errors of `forecast_stream` for each part of a stream; `how` are arguments of `Law.predict`."""
     parts = stream.parts or (stream,)
     laws = laws_of_parts(law, parts, part(progress, 0.0, _LISTED))
     where = None if folder is None else Path(folder).absolute()
@@ -130,12 +127,8 @@ def _objects(stream: TrialStream) -> tuple[str, ...]:
 
 
 def law_of(law: Law, names: Collection[str]) -> Law:
-    """Return what a law says of some objects: of those that it knows, and of others by what it was learned from.
-
-    Raises
-    ------
-    CommonlawError
-        If it does not know one of them, and what its coefficients follow from was not found.
+    """Return a law of some objects: its own, and others by relations or means; raises `CommonlawError` if there are
+    none.
     """
     if len(law.objects) == 1:
         return law

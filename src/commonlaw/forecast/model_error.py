@@ -35,20 +35,10 @@ add: what is tolerated adds up, over all steps of a thousand samples, to a fifti
 
 @dataclass(frozen=True, eq=False)
 class FilteredStart:
-    """The states at the first samples of a trial, as these and the law tell, both with their errors.
+    """The states at the k first samples of a trial, given these and the law.
 
-    Parameters
-    ----------
-    times
-        Of those samples, shape (k,).
-    states
-        At those samples, shape (k, D); the forecast starts at the last.
-    std
-        Their standard deviations where the coefficients are right, shape (k, D).
-    covariance
-        Of the last state, likewise, shape (D, D).
-    sensitivity
-        Its derivative as it follows the coefficients in the law, shape (D, parameters).
+    `states` and their standard deviations at fixed coefficients have shape (k, D); the forecast starts at the last, of
+    `covariance` (D, D) and `sensitivity` (D, parameters): its derivative by the coefficients.
     """
 
     times: Floats
@@ -85,9 +75,8 @@ class FilteredStart:
         return np.concatenate([np.column_stack([np.interp(earlier, self.times, own) for own in values.T]), after])
 
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
-        """Return a trajectory from this start with derivatives that let the start follow the coefficients.
-
-        Beside it the covariance of the start by all but the coefficients, shape (D, D).
+        """Return a trajectory from this start whose derivatives follow the coefficients, and the start's other
+        covariance, (D, D).
         """
         assert trajectory.sensitivities is not None
         by_own, by_start = np.split(trajectory.sensitivities, [-self.states.shape[1]], axis=2)
@@ -97,18 +86,17 @@ class FilteredStart:
 
 
 def unit_of_errors(law: Law, noise: Floats, trial: Trial) -> Floats:
-    """Return the unit of the model error of each state (and rate), shape (width,).
-
-    A rate that is off by this moves the state by its noise until the last sample.
+    """Return the unit of the model error of each state (and rate), shape (width,): that of a rate moves the state by
+    its noise.
     """
     second = with_rates(law.order, len(law.states))
     return np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
 
 
 def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise: Floats) -> FilteredStart | None:
-    """Return the states at the samples of a trial under a law with errors, its coefficients as they are.
+    """Return the states at the samples of a trial under a law with errors, at fixed coefficients.
 
-    The guess at the states (and rates) has shape (k, D); None if the likelihood cannot be computed.
+    The guess has shape (k, D); None if the likelihood cannot be computed.
     """
     errors, own = law.uncertainty.error_model, law.coefficients_of(trial.object)
     (mesh,) = meshes([trial], POINTS, len(trial))
@@ -143,10 +131,9 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
 
 
 def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> Floats:
-    """Return what the law's own error adds to a forecast that starts at a trial's first sample, shape (n, D).
+    """Return the standard deviation that process noise adds to a forecast from a trial's first sample, shape (n, D).
 
-    The standard deviation of the linearised law, driven by its random walk and its force; the forecast has shape
-    (n, D), NaN once it diverged. It is infinite from where the law has no derivatives.
+    By the linearized law; infinite from where that has no derivatives, and NaN after a divergence.
     """
     errors = law.uncertainty.error_model
     (mesh,) = meshes([trial], POINTS, len(trial))

@@ -154,23 +154,21 @@ def predict(
 
 
 def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast:
-    """Forecast an object from a state that is given, with standard deviations where the law knows how accurate it is.
+    """Forecast an object from a given state, with standard deviations where the law has a covariance.
 
     Parameters
     ----------
-    law
-        A law without inputs.
-    name
-        One of its objects.
+    law, name
+        A law without inputs, and one of its objects.
     times
-        When the states are wanted; the first is the time of the start. Shape (n,).
+        Shape (n,); the first is that of the start.
     start
-        The states, followed by the rates of those of second order, shape (width,). They count as certain.
+        The states, followed by the rates of those of second order, shape (width,), without error.
 
     Raises
     ------
     CommonlawError
-        If the start has not as many numbers as the law has states, or must be positive and is not.
+        If the start has the wrong number of values, or must be positive and is not.
     """
     variables, states = law.terms.variables.states, len(law.states)
     if len(start) != len(variables):
@@ -273,10 +271,7 @@ class _Forecaster:
 def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
     """Return the law with its discrepancy as further terms, and trials with the properties that these take as inputs.
 
-    Raises
-    ------
-    CommonlawError
-        If it has none, or the law was changed since.
+    Raises `CommonlawError` if it has none, or the law was changed since.
     """
     wider, own = law.with_discrepancy, law.support.any(axis=0)
     if wider is None:
@@ -294,8 +289,7 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
 def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:
     """Return the standard deviation of every state of a trajectory, to first order, shape (n, states).
 
-    From the covariances of the parameters and of the initial states, which are independent of each other; NaN where the
-    trajectory has diverged.
+    From the independent covariances of parameters and initial states; NaN where the trajectory has diverged.
     """
     if trajectory.sensitivities is None:
         raise CommonlawError("sensitivities-missing")
@@ -334,23 +328,11 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
 def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
     """Return the solutions of a law whose initial conditions are estimated from all samples of each trial.
 
-    ``x0 = argmin sum_i ((y_i - x(t_i; x0)) / sigma_i)^2`` with the coefficients as they are, and the Huber loss
-    for outliers. Sigma is the standard deviation of a measurement: it varies along a trial where errors grow with the
-    states. Process noise is left out, so that the residuals are all that the equations leave; such fits have no bands.
+    ``x0 = argmin sum_i ((y_i - x(t_i; x0)) / sigma_i)^2`` at fixed coefficients, with the Huber loss; sigma, the
+    standard deviation of a measurement, is heteroscedastic where errors grow with the states. Process noise is left
+    out, so that residuals are all that the equations leave; such fits have no bands.
 
-    Parameters
-    ----------
-    law
-        A law in continuous time.
-    trials
-        What was measured.
-    return_std
-        Whether the curves are to have bands.
-
-    Raises
-    ------
-    CommonlawError
-        If the law is in discrete time, or not finite near the samples of a trial.
+    Raises `CommonlawError` if the law is in discrete time, or not finite near the samples of a trial.
     """
     errors, trials = law.uncertainty.error_model, matched(law, trials)
     solution = replace(law, uncertainty=replace(law.uncertainty, error_model=NO_ERRORS))
