@@ -7,77 +7,39 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from commonlaw.errors import CommonlawError
 from commonlaw.library.grammar import FUNCTIONS, OTHER_NAMES, constant, read, with_names, write
 from commonlaw.library.notation import quoted
 
+_NAMES = {"absolute": "abs", **OTHER_NAMES}
+_SIGNS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "power": "**"}
+_COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 _MOST = 200
 """Summands of a function."""
 
 
-class Traced:
+class Traced(NDArrayOperatorsMixin):
     """A variable, or what was computed of variables, as an expression of the language of terms."""
-
-    __array_priority__ = 1000
 
     def __init__(self, code: str) -> None:
         self.code = code
 
-    def __add__(self, other: Any) -> "Traced":
-        return _joined(self, "+", other)
-
-    def __radd__(self, other: Any) -> "Traced":
-        return _joined(other, "+", self)
-
-    def __sub__(self, other: Any) -> "Traced":
-        return _joined(self, "-", other)
-
-    def __rsub__(self, other: Any) -> "Traced":
-        return _joined(other, "-", self)
-
-    def __mul__(self, other: Any) -> "Traced":
-        return _joined(self, "*", other)
-
-    def __rmul__(self, other: Any) -> "Traced":
-        return _joined(other, "*", self)
-
-    def __truediv__(self, other: Any) -> "Traced":
-        return _joined(self, "/", other)
-
-    def __rtruediv__(self, other: Any) -> "Traced":
-        return _joined(other, "/", self)
-
-    def __pow__(self, other: Any) -> "Traced":
-        return _joined(self, "**", other)
-
-    def __neg__(self) -> "Traced":
-        return Traced(f"(-{self.code})")
-
-    def __pos__(self) -> "Traced":
-        return self
-
-    def __abs__(self) -> "Traced":
-        return Traced(f"abs({self.code})")
-
     def __bool__(self) -> bool:
-        return self._chosen(None)
-
-    def _chosen(self, _: Any) -> bool:
         raise CommonlawError("known-function-branches")
 
-    __lt__ = __le__ = __gt__ = __ge__ = _chosen
-
     def __array_ufunc__(self, function: np.ufunc, method: str, *values: Any, **_: Any) -> "Traced":
-        name = {"absolute": "abs"}.get(function.__name__, function.__name__)
-        name = OTHER_NAMES.get(name, name)
-        signs = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "power": "**"}
-        if method == "__call__" and name in signs:
-            return _joined(values[0], signs[name], values[1])
+        name = _NAMES.get(function.__name__, function.__name__)
+        if name in _COMPARISONS:
+            raise CommonlawError("known-function-branches")
+        if method == "__call__" and name in _SIGNS:
+            return Traced(f"({_code(values[0])} {_SIGNS[name]} {_code(values[1])})")
         if method == "__call__" and name == "square":
-            return _joined(values[0], "**", 2)
-        if method == "__call__" and name in FUNCTIONS:
-            return Traced(f"{name}({_code(values[0])})")
+            return Traced(f"({_code(values[0])} ** 2)")
+        if method == "__call__" and name in (*FUNCTIONS, "negative", "positive"):
+            sign = {"negative": "-", "positive": "+"}.get(name, name)
+            return Traced(f"({sign}({_code(values[0])}))")
         raise CommonlawError("known-function-numpy", function=function.__name__, functions=FUNCTIONS)
 
 
@@ -146,10 +108,6 @@ def _product(left: ast.expr, op: ast.operator, right: ast.expr) -> ast.expr:
     if right is _ONE:
         return left
     return right if left is _ONE and isinstance(op, ast.Mult) else ast.BinOp(left, op, right)
-
-
-def _joined(left: Any, sign: str, right: Any) -> Traced:
-    return Traced(f"({_code(left)} {sign} {_code(right)})")
 
 
 def _code(value: Any) -> str:
