@@ -9,7 +9,7 @@ import pandas as pd
 from commonlaw.datasets.sphere_drag import AIR_DENSITY
 from commonlaw.discovery import fit
 from commonlaw.experiments import Design, design
-from commonlaw.experiments.search import MOST_REPEATS
+from commonlaw.experiments.search import MAX_REPEATS
 from commonlaw.inference import Bounds
 from commonlaw.law import Law
 from commonlaw.law.quantiles import upper_bound
@@ -120,7 +120,7 @@ def _bounds_frame(bounds: Bounds) -> pd.DataFrame:
 
 def _drops_frame(designs: Mapping[str, Design]) -> pd.DataFrame:
     return pd.DataFrame(
-        {"ball": ball, "chance": own.chance, "drops for 0.95": str(own.repeats or f"over {MOST_REPEATS}")}
+        {"ball": ball, "chance": own.chance, "drops for 0.95": str(own.repeats or f"over {MAX_REPEATS}")}
         for ball, own in designs.items()
     )
 

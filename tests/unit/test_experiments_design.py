@@ -8,7 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.experiments import suggestions
-from commonlaw.experiments.search import MOST_REPEATS, Search
+from commonlaw.experiments.search import MAX_REPEATS, Search
 from commonlaw.forecast.model_error import model_error_std
 from commonlaw.integration import Inputs
 from commonlaw.law.population import with_objects_of
@@ -286,4 +286,4 @@ def test_what_to_measure_next_is_suggested_within_what_was_visited():
 def test_repeats_are_as_few_as_settle_the_law(enough):
     search = Mock(chance=lambda made, _: float(made[0] >= enough))
     once = Mock(repeated=lambda times: times)
-    assert Search.repeats(search, [once]) == (enough if enough <= MOST_REPEATS else None)
+    assert Search.repeats(search, [once]) == (enough if enough <= MAX_REPEATS else None)

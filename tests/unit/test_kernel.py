@@ -194,7 +194,7 @@ def test_a_prior_of_coefficients_draws_fits_to_it_alike(case):
 
 @pytest.mark.parametrize("most", [0, 20_000], ids=["by LAPACK", "in one call"])
 def test_linearizations_are_those_of_numpy(case, monkeypatch, most):
-    monkeypatch.setattr(compiled, "_MOST", most)
+    monkeypatch.setattr(compiled, "_MAX_ROW_NUMBERS", most)
     model, estimate, free = case
     for columns in (None, free, np.zeros_like(free)):
         found = linearize(model, estimate, 0.1, columns)

@@ -51,7 +51,7 @@ def test_patterns_are_those_of_all_trials_in_memory(law, stream, jars):
 
 
 def test_patterns_of_more_than_are_kept_are_the_same_in_parts(jars, law, monkeypatch, stream):
-    monkeypatch.setattr("commonlaw.discrepancy.residual_tests.MOST", 200)
+    monkeypatch.setattr("commonlaw.discrepancy.residual_tests.MAX_KEPT", 200)
     found, whole = cl.check_stream(law, stream), law.residuals(jars)
     pd.testing.assert_frame_equal(found.tests(), whole.tests(), rtol=1e-8, atol=1e-14)
 
@@ -87,7 +87,7 @@ def test_noise_that_a_law_does_not_know_is_that_of_all_files(tmp_path):
 
 @pytest.mark.parametrize("kept", [10**6, 100])
 def test_statistics_are_those_of_scipy(kept, monkeypatch):
-    monkeypatch.setattr("commonlaw.discrepancy.residual_tests.MOST", kept)
+    monkeypatch.setattr("commonlaw.discrepancy.residual_tests.MAX_KEPT", kept)
     rng = np.random.default_rng(0)
     t, x = np.tile(np.arange(50.0), 20), rng.normal(5.0, 3.0, 1000)
     own = rng.normal(0.1, 0.3 * np.abs(x)) + 0.01 * (x - 5) ** 2 + 0.01 * t

@@ -7,7 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.formulation import MOST_GROUPS, law_variables, merged_rows, rows_by_object
+from commonlaw.formulation import MAX_GROUPS, law_variables, merged_rows, rows_by_object
 from commonlaw.trials import stream
 from tests.refusals import refused
 
@@ -121,7 +121,7 @@ def test_rows_of_an_object_are_the_same_however_its_trials_are_divided(cuts):
     edges = [0, *cuts, len(trials)]
     parts = [rows_by_object(trials[a:b], form, terms, segments=2, sampled=True) for a, b in pairwise(edges)]
     divided = merged_rows(parts)["Ball 1"]
-    assert (divided.count, len(divided.groups)) == (whole.count, MOST_GROUPS) == (80, 32)
+    assert (divided.count, len(divided.groups)) == (whole.count, MAX_GROUPS) == (80, 32)
     np.testing.assert_array_equal(divided.extremes, whole.extremes)
     assert [trial.name for trial in divided.samples] == ["1", "2", "3", "4"]
     for one, other in zip(divided.groups, whole.groups, strict=True):

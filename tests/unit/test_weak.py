@@ -24,7 +24,7 @@ from commonlaw.formulation import (
     reweight,
     rows_by_object,
 )
-from commonlaw.formulation.compact_test_functions import LEAST_RADIUS, CompactTestFunctions, corner_radius
+from commonlaw.formulation.compact_test_functions import MIN_RADIUS, CompactTestFunctions, corner_radius
 from commonlaw.library import PolynomialLibrary, parse_library
 from commonlaw.solvers import BestSubset
 from commonlaw.trials import Schema, Trial, Trials
@@ -72,7 +72,7 @@ def bound(library, form, trials):
 @pytest.mark.parametrize("derivative", [0, 1, 2])
 def test_weights_integrate_what_adaptive_quadrature_integrates(grid, derivative):
     times = grid(200, 4 * np.pi)
-    test_functions = CompactTestFunctions.over(times, 20, LEAST_RADIUS)
+    test_functions = CompactTestFunctions.over(times, 20, MIN_RADIUS)
     weights = test_functions.weights(times, 2)[derivative]
 
     def bump(s):
@@ -304,12 +304,12 @@ def test_the_radius_follows_the_slowness_of_the_state():
         corner_radius(times, np.sin(frequency * times)[:, None] + noise, np.array([0.05])) for frequency in (2, 8)
     )
     assert 1.5 < slow / fast < 8
-    assert corner_radius(times, np.sin(times)[:, None], np.array([1e-12])) == LEAST_RADIUS
+    assert corner_radius(times, np.sin(times)[:, None], np.array([1e-12])) == MIN_RADIUS
 
 
 def test_test_functions_over_a_gap_are_left_out():
     times = np.delete(regular(400, 8 * np.pi), slice(150, 200))
-    test_functions = CompactTestFunctions.over(times, 15, LEAST_RADIUS)
+    test_functions = CompactTestFunctions.over(times, 15, MIN_RADIUS)
     inside = np.abs(test_functions.centres - times[149:151].mean()) < test_functions.radii
     assert len(test_functions.centres) > 20
     assert not inside.any()

@@ -16,7 +16,7 @@ from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import (
-    MOST_GROUPS,
+    MAX_GROUPS,
     AbstractFormulation,
     CompressedTrials,
     ObjectRows,
@@ -171,7 +171,7 @@ def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> No
     states, listed = len(trials.schema.states), trials if isinstance(trials, Trials) else ()
     counts = Counter(trial.object for trial in listed) or {"": 1}
     what = f"{counted(terms, 'term')} for {counted(states, 'equation')} and {counted(len(counts), 'object')}"
-    kept = sum(min(count, MOST_GROUPS) for count in counts.values()) * (segments + _MERGERS)
+    kept = sum(min(count, MAX_GROUPS) for count in counts.values()) * (segments + _MERGERS)
     rows = _EVALUATIONS * terms * max(map(len, listed), default=1)
     check_memory(f"regression with {what}", 8 * (kept * (terms + states) ** 2 + rows), "take a smaller library")
     if segments > 1:
@@ -212,7 +212,7 @@ def _forecast_scores(
     trials: Trials | TrialStream, data: CompressedTrials, law: Law, free: Bools
 ) -> list[ForecastError]:
     """Return what scores the supports of each equation on forecasts of held-out trials, the others as in `law`."""
-    if not isinstance(trials, Trials) or any(len(trials.of_object(name)) > MOST_GROUPS for name in trials.objects):
-        raise CommonlawError("scoring-of-stream", limit=MOST_GROUPS)
+    if not isinstance(trials, Trials) or any(len(trials.of_object(name)) > MAX_GROUPS for name in trials.objects):
+        raise CommonlawError("scoring-of-stream", limit=MAX_GROUPS)
     folds = make_folds(data.groups)
     return [ForecastError(folds, target, law, free, trials) for target in range(len(law.states))]

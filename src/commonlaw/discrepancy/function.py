@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 LawType = TypeVar("LawType")
 
-CLAIMED = 6.0
+STRONG = 6.0
 """2 log B from which a discrepancy counts as there: strong evidence (Kass and Raftery 1995). Where there is none, the
 Bayes factor is 1 on average, and so above 20 in at most one case of twenty (Markov's inequality)."""
 
@@ -89,7 +89,7 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
     @property
     def claimed(self) -> bool:
         """Whether there is a discrepancy, by strong evidence."""
-        return self.evidence > CLAIMED
+        return self.evidence > STRONG
 
     def __call__(self, coordinate: ArrayLike) -> Floats:
         """Return the function at values of the coordinate, in their shape; a `CommonlawError` if one is not finite."""
@@ -166,7 +166,7 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
         added = named if self.basis.times == "1" else f"{self.basis.times} {named}"
         how = "Discrepancy" if self.claimed else "No discrepancy is sure"
         yield f"{how}: {self.equation} = law + {added}, 2 log B = {self.evidence:.1f} against the law alone."
-        yield f"B says how many times more probable it is than the law alone; 2 log B above {CLAIMED:g} is strong."
+        yield f"B says how many times more probable it is than the law alone; 2 log B above {STRONG:g} is strong."
         low, high = self.basis.low, self.basis.high
         digits = 3 + max(0, int(np.log10(max(abs(low), abs(high)) / (high - low))))  # Those that tell the ends apart
         span = f"{self.basis.coordinate} from {low:.{digits}g} to {high:.{digits}g}"

@@ -144,7 +144,7 @@ def correlations(series: Sequence[Floats], lags: int) -> tuple[Floats, Floats]:
     return found, counts
 
 
-MOST = 5000
+MAX_KEPT = 5000
 """Residuals that are kept themselves; of more there are sums only."""
 
 _POWERS = 3
@@ -209,7 +209,7 @@ class StateSums:
     `powers` are sums of the first four powers, `trends` regressions on variables by name, and `together` triangular
     factors of ``[1 | residuals of an earlier state | residuals]`` with their counts. `pairs` counts neighbours, sums of
     their products and of both, and trials. `cells`, shape (k, 2), and `counts`, shape (k,), are a histogram of the
-    sizes of residuals and states; `kept` has both of at most `MOST` samples, shape (count, 2).
+    sizes of residuals and states; `kept` has both of at most `MAX_KEPT` samples, shape (count, 2).
     """
 
     count: int
@@ -238,13 +238,13 @@ class StateSums:
             sum((neighbours(each[:, j]) for each in residuals), np.zeros(4)),
             cells,
             np.asarray(counts, dtype=np.float64),
-            np.column_stack([own, sizes]) if len(own) <= MOST else None,
+            np.column_stack([own, sizes]) if len(own) <= MAX_KEPT else None,
         )
 
     def __add__(self, other: "StateSums") -> "StateSums":
         cells, where = np.unique(np.concatenate([self.cells, other.cells]), axis=0, return_inverse=True)
         kept = None
-        if self.kept is not None and other.kept is not None and self.count + other.count <= MOST:
+        if self.kept is not None and other.kept is not None and self.count + other.count <= MAX_KEPT:
             kept = np.concatenate([self.kept, other.kept])
         return StateSums(
             self.count + other.count,
@@ -312,10 +312,10 @@ def _both(other: Floats, own: Floats) -> tuple[int, Floats]:
     return int(both.sum()), triangular(rows) if len(rows) else np.zeros((3, 3))
 
 
-_MOST_SPENT = 0.9
+_MAX_SPENT = 0.9
 """Share of the residuals that fits take, at most."""
 
-_LEAST = 20
+_MIN_RESIDUALS = 20
 """Fewer residuals are not tested."""
 
 
@@ -350,7 +350,7 @@ def patterns_of(
     found = [
         (name, each)
         for name, own, taken in zip(names, sums, spent, strict=True)
-        if own is not None and own.count >= _LEAST
+        if own is not None and own.count >= _MIN_RESIDUALS
         for each in _of_state(names, name, own, time, taken)
     ]
     if not found:
@@ -411,7 +411,7 @@ def _together(count: int, factor: Floats, name: str) -> Tested:
 
     across, rest = factor[1:, 2].tolist()
     total = np.hypot(across, rest)
-    if count < _LEAST or not (factor[1, 1] and total):
+    if count < _MIN_RESIDUALS or not (factor[1, 1] and total):
         return Tested(f"correlation with residuals of {name}", 0.0, 1.0, "")
     found = float(np.sign(factor[1, 1]) * across / total)
     p_value = 2 * float(beta.sf(abs(found), count / 2 - 1, count / 2 - 1, loc=-1, scale=2))
@@ -427,7 +427,7 @@ def _memory(sums: StateSums, spent: float) -> Tested:
     from scipy.stats import chi2
 
     pairs, *_, trials = sums.pairs.tolist()
-    share = min(spent, _MOST_SPENT)
+    share = min(spent, _MAX_SPENT)
     found = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
     size = pairs + trials
     total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0

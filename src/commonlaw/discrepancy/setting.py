@@ -26,7 +26,7 @@ from commonlaw.trials import Trials
 from commonlaw.trials.property_inputs import with_property_inputs
 from commonlaw.trials.trial import property_names
 
-_NEAR = 0.25
+_NEAR_ZERO = 0.25
 """Zero is near the visited range if it is this share of it away."""
 
 
@@ -89,7 +89,7 @@ def zero_in(basis: SmoothBasis, zero_at: float | str | None, time: str) -> float
     """Return where a function is to be zero, see `Law.discrepancy`, None if nowhere."""
     if zero_at != "auto":
         return None if zero_at is None else float(zero_at)
-    near = basis.low - _NEAR * basis.range <= 0.0 <= basis.high + _NEAR * basis.range
+    near = basis.low - _NEAR_ZERO * basis.range <= 0.0 <= basis.high + _NEAR_ZERO * basis.range
     return 0.0 if near and basis.coordinate != time else None
 
 
@@ -237,10 +237,10 @@ _FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (
     ("sqrt(abs({0}))", lambda u: np.sqrt(np.abs(u))),
 )
 
-_NEW = 1e-3
+_MIN_NEW_SHARE = 1e-3
 """Share of a function that the law's own terms do not say, nor a simpler function; less says nothing new."""
 
-_SHOWN = 5
+_MAX_DESCRIPTIONS = 5
 
 
 def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tuple[Description, ...]:
@@ -252,7 +252,7 @@ def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tu
         column = rows.shared @ weights
         size = np.sqrt(column @ column + sum(np.sum((each.across @ weights) ** 2) for each in rows.objects))
         rests = [column, *(column - each * (each @ column) / (each @ each) for each in columns)]
-        if min(np.linalg.norm(rest) for rest in rests) > _NEW * size:
+        if min(np.linalg.norm(rest) for rest in rests) > _MIN_NEW_SHARE * size:
             names.append(name)
             columns.append(column)
     groups = [*((i,) for i in range(len(names))), *combinations(range(len(names)), 2)]
@@ -260,7 +260,7 @@ def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tu
         _described(fitted, basis, [names[i] for i in group], np.array([columns[i] for i in group]).T)
         for group in groups
     ]
-    return tuple(sorted(found, key=lambda each: -each.evidence)[:_SHOWN])
+    return tuple(sorted(found, key=lambda each: -each.evidence)[:_MAX_DESCRIPTIONS])
 
 
 def _described(fitted: FunctionFit, basis: SmoothBasis, names: list[str], columns: Floats) -> Description:

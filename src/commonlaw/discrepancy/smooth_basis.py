@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.library import Term, Variables, parse_term
 
-_PARTS = 6
+_BUMPS_IN_RANGE = 6
 """Bumps in the range that was visited: what is narrower is no smooth function."""
 
 
@@ -35,12 +35,12 @@ class SmoothBasis:
     @property
     def width(self) -> float:
         """The standard deviation of a bump."""
-        return self.range / _PARTS
+        return self.range / _BUMPS_IN_RANGE
 
     @cached_property
     def knots(self) -> Floats:
         """Where the bumps are: in the visited range, and as far beyond it on both sides, shape (bumps,)."""
-        return np.linspace(self.low - self.range, self.high + self.range, 3 * _PARTS + 1)
+        return np.linspace(self.low - self.range, self.high + self.range, 3 * _BUMPS_IN_RANGE + 1)
 
     @property
     def centre(self) -> float:
@@ -66,13 +66,13 @@ class SmoothBasis:
 LENGTHS = (0.5, 1.0, 2.0)
 """Over which weights hang together, in units of the range that was visited."""
 
-_ALIKE = 0.05
+_REPRESENTED = 0.05
 """Share of a function, or of a term, below which what the others leave of it is nothing."""
 
-_ZERO = 0.05
+_VANISHING = 0.05
 """Share of a function's largest value below which it is zero."""
 
-_VANISHED = 0.3
+_VANISHING_TERM = 0.3
 """The same of a term, whose function is known from one object only, for what is said of it."""
 
 _RESOLVED = 1e-6
@@ -143,7 +143,7 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     parts = np.split(left[:, resolved], np.cumsum([len(each) for each in own])[:-1])
     rests = [part - _said(each.terms, part) for part, each in zip(parts, samples, strict=True)]
     _, sizes, directions = np.linalg.svd(np.concatenate(rests), full_matrices=False)
-    both = directions[sizes < _ALIKE]
+    both = directions[sizes < _REPRESENTED]
     weights = (both / singular[resolved]) @ right[resolved]
     constraints = both @ left[:, resolved].T @ whole
     pairs, first = list(zip(samples, own, strict=True)), samples[0]
@@ -152,13 +152,13 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     at = basis.values(np.array([0.0 if zero_at is None else zero_at]))
     there = (at @ weights.T)[0]
     largest = np.abs(basis.values(np.concatenate([each.coordinate for each in samples])) @ weights.T).max(initial=0.0)
-    if zero_at is None or not np.any(np.abs(there) > _ZERO * largest):
+    if zero_at is None or not np.any(np.abs(there) > _VANISHING * largest):
         return Meaning(constraints, None, tuple(held))
     from scipy.linalg import null_space
 
     kept = null_space(there[np.newaxis]).T @ constraints
     said = np.linalg.lstsq(own[0], first.terms[:, held], rcond=_RESOLVED)[0]
-    alive = np.abs(at @ said)[0] >= _VANISHED * np.abs(basis.values(first.coordinate) @ said).max(axis=0)
+    alive = np.abs(at @ said)[0] >= _VANISHING_TERM * np.abs(basis.values(first.coordinate) @ said).max(axis=0)
     vanishing = [k for k, living in zip(held, alive, strict=True) if not living]
     return Meaning(np.concatenate([at, kept]), zero_at, tuple(vanishing))
 
@@ -173,4 +173,4 @@ def _said(terms: Floats, values: Floats) -> Floats:
 def _is_said(term: Floats, functions: Floats) -> bool:
     """Return whether functions of the coordinate, shape (n, functions), can say a term, shape (n,)."""
     rest = term - functions @ np.linalg.lstsq(functions, term, rcond=_RESOLVED)[0]
-    return bool(np.linalg.norm(rest) < _ALIKE * np.linalg.norm(term))
+    return bool(np.linalg.norm(rest) < _REPRESENTED * np.linalg.norm(term))

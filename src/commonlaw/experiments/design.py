@@ -11,7 +11,7 @@ from commonlaw.experiments.aims import COEFFICIENTS, LAW, Aim
 from commonlaw.experiments.experiment import check_prices
 from commonlaw.experiments.plan import Design, Forecasts, Planned
 from commonlaw.experiments.predictive import Hypothesis
-from commonlaw.experiments.search import POINTS, SURE, Search
+from commonlaw.experiments.search import POINTS, SETTLED, Search
 from commonlaw.experiments.settings import Options, Range, Settings, check_amount, read
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.alignment import matched
@@ -250,7 +250,7 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
 
 
 def _purposes(law: Law) -> list[tuple[str, str]]:
-    purposes = [("To find out which law is right", LAW)] if law.plausible[0].probability < SURE else []
+    purposes = [("To find out which law is right", LAW)] if law.plausible[0].probability < SETTLED else []
     purposes.append(("To know all coefficients better", COEFFICIENTS))
     values, errors = law.letter_values()
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -15,7 +15,7 @@ from commonlaw.wording import counted
 
 NEW = "new object"
 
-_MOST_SAMPLES = 1_000_000
+_MAX_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +151,7 @@ def _times(settings: Mapping[str, Value]) -> Floats:
         return times
     duration = _number(settings, "duration")
     count = _number(settings, "samples") if "samples" in settings else duration * _number(settings, "rate") + 1
-    if count > _MOST_SAMPLES:
+    if count > _MAX_SAMPLES:
         raise CommonlawError("experiment-too-many-samples", count=count)
     return np.asarray(np.linspace(0.0, duration, max(2, round(count))))
 
@@ -183,7 +183,7 @@ def dose_times(settings: Mapping[str, Value], name: str, times: Floats) -> list[
     every, last = _number(settings, f"{name}.every", np.inf), float(times[-1])
     if first >= last:
         return []
-    if (last - first) / every > _MOST_SAMPLES:
+    if (last - first) / every > _MAX_SAMPLES:
         raise CommonlawError("experiment-too-many-doses", count=(last - first) / every, name=name)
     return [first, *(first + k * every for k in range(1, int(np.ceil((last - first) / every))))]
 

@@ -10,7 +10,7 @@ from commonlaw.array_types import Floats
 from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
-from commonlaw.experiments.search import LITTLE, MOST_REPEATS, SURE
+from commonlaw.experiments.search import MAX_REPEATS, MIN_RELATIVE_GAIN, SETTLED
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.text import with_error
 from commonlaw.notebooks import ShownInNotebooks
@@ -124,13 +124,13 @@ class Design(ShownInNotebooks):
     @property
     def tells_apart(self) -> bool:
         """Whether some experiment in the ranges, however often it is made, makes the right law surer."""
-        return self.repeats is not None or (self.limit or 0.0) > self.chance_now + LITTLE
+        return self.repeats is not None or (self.limit or 0.0) > self.chance_now + MIN_RELATIVE_GAIN
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What is to be expected, in words."""
         said = []
-        if self.aim.of_law or self.chance_now < SURE:
+        if self.aim.of_law or self.chance_now < SETTLED:
             said += self._of_laws()
         if self.aim.quantity is not None:
             now, then = self.aim.quantity.std(self.aim.prior), self.experiments[-1].std or 0.0
@@ -146,7 +146,7 @@ class Design(ShownInNotebooks):
         if self.aim.of_law and not self.tells_apart:
             return [
                 "No experiment in these ranges tells these laws apart: each can imitate the others within its errors. "
-                f"Made {MOST_REPEATS} times, the best leaves a chance of {_floor(self.limit)}, and it is "
+                f"Made {MAX_REPEATS} times, the best leaves a chance of {_floor(self.limit)}, and it is "
                 f"{_floor(self.chance_now)} now."
             ]
         chance = (
@@ -157,11 +157,11 @@ class Design(ShownInNotebooks):
             often = ""
         elif self.repeats is None:
             often = (
-                f"Even {MOST_REPEATS} repeats do not make it {SURE}; the best single experiment in these ranges, made "
-                f"so often, comes to {_floor(self.limit)}."
+                f"Even {MAX_REPEATS} repeats do not make it {SETTLED}; the best single experiment in these ranges, "
+                f"made so often, comes to {_floor(self.limit)}."
             )
         else:
-            often = f"For {SURE}, make {_these(len(self.experiments))} {self.repeats} times."
+            often = f"For {SETTLED}, make {_these(len(self.experiments))} {self.repeats} times."
         return [part for part in (chance, often, self._parting()) if part]
 
     def _parting(self) -> str:

@@ -18,10 +18,10 @@ from commonlaw.library import highest_columns
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 
-_CLOSE = 1.0
+_CONVERGED_DEVIANCE = 1.0
 """Twice the log-likelihood by which a fit may still get better; laws are told apart by several times that."""
 
-_STEPS = 15
+_MAX_STEPS = 15
 """Steps of a fit at most, those that lead to nothing better and are halved among them."""
 
 
@@ -73,7 +73,7 @@ class _Fit:
     @property
     def is_close(self) -> bool:
         """Whether next to nothing is promised."""
-        return self.deviance < self.promise[1] + _CLOSE
+        return self.deviance < self.promise[1] + _CONVERGED_DEVIANCE
 
 
 def refitted(
@@ -85,7 +85,7 @@ def refitted(
     """
     fits = [_Fit(*each) for each in zip(measured, points, said, strict=True)]
     shares = {i: 1.0 for i, each in enumerate(fits) if not each.is_close}
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         moved = [fits[i].point.moved(share * fits[i].promise[0]) for i, share in shares.items()]
         for i, point, found in zip([*shares], moved, linearise([*shares], moved), strict=True):
             fit = None if found is None else _Fit(measured[i], point, found)
@@ -99,14 +99,14 @@ def refitted(
     return [replace(each.said, mean=each.said.mean - each.said.by_unknowns @ each.point.unknowns) for each in fits]
 
 
-MOST, _LEAST, _TOGETHER = 64, 16, 192
+MAX_MEASUREMENTS, _MIN_MEASUREMENTS, _MAX_MEASUREMENTS_OF_ALL = 64, 16, 192
 """Measurements of a trial that are looked at: where there are more, each stands for several, with less noise. Where
 each object makes a trial, as many as the last together; and always so many times as the second."""
 
-_ASIDE = 10
+_MAX_RELATIVE_STATE = 10
 """How many times larger than a law says at first states may become on the way of a fit."""
 
-_HALVED = 20
+_MAX_HALVINGS = 20
 """How often unknowns with which a law diverges are halved at most."""
 
 _TOLERANCE = 1e-5
@@ -180,7 +180,7 @@ class Hypothesis:
         """
         own, found = _planned(self.law, experiment), dict[int, tuple[Gaussian, ...]]()
         unknowns = unknowns.copy()
-        for _ in range(_HALVED):
+        for _ in range(_MAX_HALVINGS):
             left = [i for i in range(len(unknowns)) if i not in found]
             trials = [(own, name) for _ in left for name in experiment.objects]
             points = [own.point(unknowns[i]) for i in left for _ in experiment.objects]
@@ -205,7 +205,7 @@ class Hypothesis:
         names = [*experiment.objects] * len(measured)
         points = [own.point(each) for each in begun.unknowns for _ in range(count)]
         said = [each for listed in begun.said for each in listed]
-        highest = _ASIDE * max((float(np.abs(each.mean).max()) for each in said), default=1.0)
+        highest = _MAX_RELATIVE_STATE * max((float(np.abs(each.mean).max()) for each in said), default=1.0)
         highest = highest if limit is None else min(highest, limit)
 
         def linearised(indices: Sequence[int], moved: Sequence[Point]) -> list[Gaussian | None]:
@@ -339,8 +339,8 @@ class _Planned:
 
 def _planned(law: Law, experiment: Experiment) -> _Planned:
     times = experiment.times
-    most = min(MOST, _TOGETHER // len(experiment.objects)) // len(law.schema.measured)
-    most = max(most, min(_LEAST, MOST // len(law.schema.measured)))
+    most = min(MAX_MEASUREMENTS, _MAX_MEASUREMENTS_OF_ALL // len(experiment.objects)) // len(law.schema.measured)
+    most = max(most, min(_MIN_MEASUREMENTS, MAX_MEASUREMENTS // len(law.schema.measured)))
     times = times[evenly_spaced(len(times), most)]
     is_new = bool(experiment.properties)
     if is_new:

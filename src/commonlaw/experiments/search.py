@@ -11,7 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
-from commonlaw.experiments.predictive import MOST, Hypothesis, Made
+from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis, Made
 from commonlaw.experiments.settings import Range, Settings, numbers_of
 from commonlaw.law import Law
 
@@ -19,16 +19,16 @@ POINTS, _SHARE, _WIDTHS = 256, 8, (0.2, 0.05)
 """Experiments that are looked at all over the ranges; and one in so many of them in each of the narrowing surroundings
 of the best, of these widths."""
 
-_FEW_DRAWS, _DRAWS, _MANY_DRAWS = 16, 64, 192
+_MIN_DRAWS, _DRAWS, _MAX_DRAWS = 16, 64, 192
 """Of measurements by all hypotheses together: to look at an experiment that seems best, to choose by, and of what is
 said of the chosen."""
 
-SURE = 0.95
+SETTLED = 0.95
 """The chance that counts as settled: that of an interval."""
 
-MOST_REPEATS = 100
+MAX_REPEATS = 100
 
-LITTLE = 0.01
+MIN_RELATIVE_GAIN = 0.01
 """A share that is no gain: a hundredth is what laws are left out for."""
 
 _PATIENCE = 6
@@ -101,7 +101,7 @@ class Search:
             if best is None:
                 break
             found.append(best)
-            if self.aim.of_law and self.chance(found) >= SURE:
+            if self.aim.of_law and self.chance(found) >= SETTLED:
                 break
         if not found:
             cheapest = min((each.experiment.cost for each in self._spread), default=np.nan)
@@ -120,7 +120,7 @@ class Search:
             found = [*found[:i], best or own, *found[i + 1 :]]
         return max(before, found, key=self._bits)
 
-    def _bits(self, chosen: Chosen, draws: int = _MANY_DRAWS) -> float:
+    def _bits(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> float:
         evidence = self.evidence(chosen, draws)
         return self.aim.bits(evidence) if evidence else 0.0
 
@@ -134,7 +134,7 @@ class Search:
         In place of a first one its cost counts only as a limit.
         """
         place = chosen.index(None)
-        others = {draws: self.evidence(chosen, draws) for draws in (_FEW_DRAWS, _DRAWS)}
+        others = {draws: self.evidence(chosen, draws) for draws in (_MIN_DRAWS, _DRAWS)}
 
         def worth(each: Candidate) -> float:
             draws = each.simulated or _DRAWS
@@ -142,7 +142,7 @@ class Search:
             bits = self.aim.bits(base + own) - self.aim.bits(base) if base else self.aim.bits(own)
             return bits if first else bits / (each.experiment.cost or 1.0)
 
-        enough = 1 + LITTLE if self.aim.of_law else 1.0
+        enough = 1 + MIN_RELATIVE_GAIN if self.aim.of_law else 1.0
         best, most = first, worth(first) if first else -np.inf
         listed = self._spread
         for round_, width in enumerate((*_WIDTHS, None)):
@@ -150,7 +150,7 @@ class Search:
             failed = 0
             while failed < _PATIENCE and max(values, default=-np.inf) > (most * enough if most > 0 else most):
                 i = values.index(max(values))
-                for draws in (_FEW_DRAWS, _DRAWS) if self.aim.of_law else ():
+                for draws in (_MIN_DRAWS, _DRAWS) if self.aim.of_law else ():
                     if values[i] > most and listed[i].simulated < draws:
                         listed[i] = replace(listed[i], simulated=draws)
                         values[i] = worth(listed[i])
@@ -186,12 +186,12 @@ class Search:
         starts = [value for name in names for value in numbers_of(self.settings.options.get(name, ()))]
         return _FAR * float(np.abs([*been, *starts]).max()) if been else None
 
-    def chance(self, chosen: Chosen, draws: int = _MANY_DRAWS) -> float:
+    def chance(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> float:
         """Return how probable it is that the right law is the most probable after these experiments."""
         found = self.evidence(chosen, draws)
         return float(self.aim.prior.max()) if found is None else found.chance(self.aim.prior)
 
-    def evidence(self, chosen: Chosen, draws: int = _MANY_DRAWS) -> Evidence | None:
+    def evidence(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> Evidence | None:
         """Return what experiments say together; nothing if there is none."""
         found = None
         for place, each in enumerate(chosen):
@@ -235,32 +235,32 @@ class Search:
         """Return draws for every trial of an experiment, of which each object makes one at most."""
         sizes = [each.unknowns for each in self.hypotheses]
         own, each = range(len(self.settings.objects)), -(-count // len(sizes))
-        return [Draws.of(sizes, MOST, each, (self.seed, count), place * len(own) + i) for i in own]
+        return [Draws.of(sizes, MAX_MEASUREMENTS, each, (self.seed, count), place * len(own) + i) for i in own]
 
     def repeats(self, chosen: Sequence[Candidate]) -> int | None:
-        """Return how often all must be made for a chance that counts as settled; None if `MOST_REPEATS` do not do."""
+        """Return how often all must be made for a chance that counts as settled; None if `MAX_REPEATS` do not do."""
 
         def settled(times: int) -> bool:
-            draws = _DRAWS if times > 1 else _MANY_DRAWS
-            return self.chance([each.repeated(times) for each in chosen], draws) >= SURE
+            draws = _DRAWS if times > 1 else _MAX_DRAWS
+            return self.chance([each.repeated(times) for each in chosen], draws) >= SETTLED
 
         if settled(1):
             return 1
-        if not settled(MOST_REPEATS):
+        if not settled(MAX_REPEATS):
             return None
         low, high = 1, 2
         while not settled(high):
-            low, high = high, min(2 * high, MOST_REPEATS)
+            low, high = high, min(2 * high, MAX_REPEATS)
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (low, middle) if settled(middle) else (middle, high)
         return high
 
     def limit(self, chosen: Chosen) -> float:
-        """Return the largest chance that is seen if experiments are made `MOST_REPEATS` times: these, or another."""
-        often = [each.repeated(MOST_REPEATS) for each in self._spread]
+        """Return the largest chance that is seen if experiments are made `MAX_REPEATS` times: these, or another."""
+        often = [each.repeated(MAX_REPEATS) for each in self._spread]
         other = max(often, key=lambda each: self.chance([each], _DRAWS))
-        these = [each and each.repeated(MOST_REPEATS) for each in chosen]
+        these = [each and each.repeated(MAX_REPEATS) for each in chosen]
         return max(self.chance(each, _DRAWS) for each in (these, [replace(other, simulated=_DRAWS)]))
 
 

@@ -23,7 +23,7 @@ EACH = "each"
 
 TIMING = ("duration", "rate", "samples", "times", "repeats", "object")
 
-MOST_OBJECTS = 20
+MAX_OBJECTS = 20
 """Of which experiments are looked at."""
 
 _CORNERS = 6
@@ -49,7 +49,7 @@ Options = Range | tuple[Value, ...]
 class Settings:
     """All that can be set, in ranges or lists; a point in the unit cube is one choice of all.
 
-    Of more than `MOST_OBJECTS` objects so many are taken, evenly spread. For the names of options see `design`.
+    Of more than `MAX_OBJECTS` objects so many are taken, evenly spread. For the names of options see `design`.
     """
 
     objects: tuple[str, ...]
@@ -223,7 +223,7 @@ def _named_objects(options: Options, law: Law) -> tuple[str, ...]:
 
 def _some(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return names, of many some that are evenly spread."""
-    return tuple(names[i] for i in evenly_spaced(len(names), MOST_OBJECTS))
+    return tuple(names[i] for i in evenly_spaced(len(names), MAX_OBJECTS))
 
 
 def _check_new(options: Mapping[str, Options], law: Law) -> None:

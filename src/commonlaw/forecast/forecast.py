@@ -22,7 +22,7 @@ from commonlaw.wording import counted
 if TYPE_CHECKING:
     import pandas as pd
 
-_MOST_POINTS = 1_000_000
+_MAX_POINTS = 1_000_000
 """Points of a curve; no screen has as many."""
 
 
@@ -146,8 +146,8 @@ class Forecast(ShownInNotebooks):
         that `Law.predict` did not make, stay as they are. Raises `CommonlawError` if there are not 2 to a million
         points.
         """
-        if not 2 <= points <= _MOST_POINTS:
-            raise CommonlawError("curve-points", points=points, limit=_MOST_POINTS)
+        if not 2 <= points <= _MAX_POINTS:
+            raise CommonlawError("curve-points", points=points, limit=_MAX_POINTS)
         more = [_between(trial.times, points) for trial in self.trials]
         if self.at_more_times is None or not any(len(each) for each in more):
             return self

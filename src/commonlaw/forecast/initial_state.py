@@ -11,7 +11,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.diagnostics import Diagnostic, marked
 from commonlaw.differentiation import AbstractDifferentiator, ForwardDifference, RobustSpline, noise_level
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.model_error import MODEL_ERRORS, POINTS, FilteredStart, filtered_start, unit_of_errors
+from commonlaw.forecast.model_error import MESH_POINTS, MODEL_ERRORS, FilteredStart, filtered_start, unit_of_errors
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
 from commonlaw.library import order_of_each, with_rates
@@ -28,7 +28,7 @@ from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 from commonlaw.wording import shown
 
-_EXACT = 1e-4
+_ZERO_NOISE = 1e-4
 """Noise of a state that is exactly zero, relative to that of the state elsewhere: next to none."""
 
 MIN_SAMPLES = 5
@@ -112,13 +112,13 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
             raise _not_finite(trial)
         return filtered
     observation_model = ObservationModel(noise, HUBER_THRESHOLD)
-    (mesh,) = meshes([trial], POINTS, len(trial))
+    (mesh,) = meshes([trial], MESH_POINTS, len(trial))
     mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) * mesh.averaging / noise)
     model = TrajectoryModel(law.terms, (mesh,), observation_model, unit_of_errors(law, noise, trial))
     own = law.coefficients_of(trial.object)
     found = fit(
         model,
-        Estimate(tuple(interpolate([guess], POINTS, len(trial))), own),
+        Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), own),
         np.zeros(own.shape, dtype=np.bool_),
         MODEL_ERRORS,
     )
@@ -131,7 +131,9 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
 
 def _with_exact_zeros(trial: Trial, noise: Floats) -> Trial:
     """Return a trial in which states that are exactly zero, such as a species that is absent, have next to no noise."""
-    return replace(trial, noise=np.where(trial.absent, _EXACT * noise, trial.noise)) if trial.absent.any() else trial
+    return (
+        replace(trial, noise=np.where(trial.absent, _ZERO_NOISE * noise, trial.noise)) if trial.absent.any() else trial
+    )
 
 
 def _not_finite(trial: Trial) -> CommonlawError:
@@ -212,7 +214,7 @@ def _check_measured(law: Law, trial: Trial, unmeasured: Sequence[str]) -> None:
 
 _DRAWS = 200
 """Vectors of noise that show what a differentiator makes of noise."""
-_MOST = 500
+_MAX_DRAWS = 500
 """Samples before a time that tell a start: those before them add little, and take long."""
 
 
@@ -303,7 +305,7 @@ def _begin_later(
     measured = trial.measured()
     stop = int(np.searchsorted(measured.times, from_time))
     fits = can_fit_initial_state(law)
-    count = start or (min(stop, _MOST) if fits else MIN_SAMPLES if law.rates else 1)
+    count = start or (min(stop, _MAX_DRAWS) if fits else MIN_SAMPLES if law.rates else 1)
     start_samples = measured.rows(slice(max(0, stop - count), stop))
     first = int(np.searchsorted(extended.times, start_samples.times[0]))
     fitted = None

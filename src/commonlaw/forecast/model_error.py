@@ -24,7 +24,7 @@ from commonlaw.likelihood import (
 from commonlaw.trials import Trial
 from commonlaw.trials.trial import with_typical
 
-POINTS = 4
+MESH_POINTS = 4
 """Points for each sampling step: the finest mesh on which laws are sought, as few samples cost little."""
 
 MODEL_ERRORS = (1.0, 0.3, 0.1, 0.03, 0.003, 0.0003)
@@ -99,8 +99,8 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
     The guess has shape (k, D); None if the likelihood cannot be computed.
     """
     errors, own = law.uncertainty.error_model, law.coefficients_of(trial.object)
-    (mesh,) = meshes([trial], POINTS, len(trial))
-    (states,) = interpolate([guess], POINTS, len(trial))
+    (mesh,) = meshes([trial], MESH_POINTS, len(trial))
+    (states,) = interpolate([guess], MESH_POINTS, len(trial))
     if errors.walk is None:
         unit = unit_of_errors(law, noise, trial)
     else:
@@ -123,8 +123,8 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
     inner = slice(0, model.width)
     return FilteredStart(
         trial.times,
-        found.states[0][::POINTS, inner],
-        np.sqrt(variances[::POINTS, inner]),
+        found.states[0][::MESH_POINTS, inner],
+        np.sqrt(variances[::MESH_POINTS, inner]),
         last[inner, inner],
         reduced.state_sensitivity[-1, inner],
     )
@@ -136,9 +136,9 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
     By the linearized law; infinite from where that has no derivatives, and NaN after a divergence.
     """
     errors = law.uncertainty.error_model
-    (mesh,) = meshes([trial], POINTS, len(trial))
+    (mesh,) = meshes([trial], MESH_POINTS, len(trial))
     mesh = mesh.with_inputs(inputs)
-    (between,) = interpolate([np.nan_to_num(states)], POINTS, len(trial))
+    (between,) = interpolate([np.nan_to_num(states)], MESH_POINTS, len(trial))
     latent = LatentProcesses(force=errors.force, force_time=errors.force_time)
     steps = latent.along(mesh) if latent.width else None
     width = states.shape[1]
@@ -161,5 +161,5 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
             own = transition @ own @ transition.T + more
             variances.append(np.diag(own)[:width])
         followed = np.logical_and.accumulate(np.append(True, finite))[:, np.newaxis]
-        std = np.sqrt(np.where(followed, variances, np.inf))[::POINTS]
+        std = np.sqrt(np.where(followed, variances, np.inf))[::MESH_POINTS]
         return np.where(np.isnan(states), np.nan, std)

@@ -2,7 +2,7 @@
 
 from commonlaw.formulation.base import AbstractFormulation, law_variables, plain_rates
 from commonlaw.formulation.compress import (
-    MOST_GROUPS,
+    MAX_GROUPS,
     CompressedTrials,
     ObjectRows,
     merged_rows,
@@ -26,7 +26,7 @@ from commonlaw.formulation.sampled import DiscreteForm, StrongForm
 from commonlaw.formulation.weak import WeakForm, reweight
 
 __all__ = [
-    "MOST_GROUPS",
+    "MAX_GROUPS",
     "AbstractFormulation",
     "CompressedTrials",
     "DiscreteForm",

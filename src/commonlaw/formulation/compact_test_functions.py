@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-LEAST_RADIUS = 14
+MIN_RADIUS = 14
 """In samples. The trapezoidal rule errs by the transform of a test function's derivative at the sampling rate, which is
 below 1e-9 from here on."""
 
@@ -26,7 +26,7 @@ _UNEVEN = 1e-6
 _GAP = 0.5
 """Share of a test function's radius that a step inside it may take."""
 
-_NEAR, _DEGREE = 16, 9
+_NEAREST_SAMPLES, _DEGREE = 16, 9
 """Samples nearest to a step of an irregular grid, and the degree of the polynomial that is fitted to them there."""
 
 _NODES = 8
@@ -88,7 +88,7 @@ class CompactTestFunctions:
 
         step = (times[-1] - times[0]) / (len(times) - 1)
         even = bool(np.abs(np.diff(times) - step).max() <= _UNEVEN * step)
-        wide = (self.radii > (LEAST_RADIUS - _UNEVEN) * step) & even
+        wide = (self.radii > (MIN_RADIUS - _UNEVEN) * step) & even
         steps = np.full(len(times), step)
         summed = [self._take(wide)._values(times, steps, each) for each in range(highest + 1)]
         if wide.all():
@@ -96,7 +96,7 @@ class CompactTestFunctions:
         nodes, gauss = np.polynomial.legendre.leggauss(_NODES)
         halves = np.diff(times)[:, np.newaxis] / 2
         points = times[:-1, np.newaxis] + halves * (1 + nodes)
-        fit = _interpolation(times, points, _DEGREE + 1 if even else _NEAR)
+        fit = _interpolation(times, points, _DEGREE + 1 if even else _NEAREST_SAMPLES)
         narrow, factors = self._take(~wide), (halves * gauss).ravel()
         fitted = [narrow._values(points.ravel(), factors, each) @ fit for each in range(highest + 1)]
         indices = np.argsort(np.append(np.flatnonzero(wide), np.flatnonzero(~wide)))
@@ -133,7 +133,7 @@ def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
     Beyond the corner there is only noise (Messenger and Bortz 2021, section 4.2). It is at the number K of sine modes
     of least error by Mallows' Cp, their residual plus ``2 K noise^2``, of the state less the line through its ends; of
     several states, shape (n, d), the fastest counts. The radius puts the corner at two standard deviations of the test
-    function's transform ``exp(-(omega radius / 5.9)^2 / 2)``. It is at least `LEAST_RADIUS`, below which sums are no
+    function's transform ``exp(-(omega radius / 5.9)^2 / 2)``. It is at least `MIN_RADIUS`, below which sums are no
     integrals, and otherwise at most a quarter of the trial.
     """
     from scipy.fft import dst
@@ -147,7 +147,7 @@ def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
         gained = np.cumsum(dst(bent, type=1, norm="ortho") ** 2 - 2 * deviation**2)
         modes = max(modes, int(np.argmax(gained)) + 1)
     radius = 2 * _WIDTH * last / (np.pi * modes)
-    return float(np.clip(radius, LEAST_RADIUS, max(LEAST_RADIUS, last / _SHARE)))
+    return float(np.clip(radius, MIN_RADIUS, max(MIN_RADIUS, last / _SHARE)))
 
 
 def _derivative(s: Floats, derivative: int) -> Floats:

@@ -16,13 +16,13 @@ from commonlaw.library import Terms
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.trial import value_range
 
-MOST_GROUPS = 32
+MAX_GROUPS = 32
 """Trials of an object that are kept apart; further ones join them in turn, so that memory does not grow with trials."""
 
 _TRIALS_FOR_ACCURACY = 4
 """Trials of an object that the accuracy of its rows is estimated from."""
 
-_TOGETHER = 32_768
+_BLOCK_ROWS = 32_768
 """Samples of short trials that are compressed together."""
 
 _SMALLEST = 1e-50
@@ -55,10 +55,10 @@ class ObjectRows:
         """Return what both come to: trial k is in group k modulo 32."""
         groups = list(self.groups)
         for index, own in enumerate(later.groups, self.count):
-            if index < MOST_GROUPS:
+            if index < MAX_GROUPS:
                 groups.append(own)
             else:
-                slot = index % MOST_GROUPS
+                slot = index % MAX_GROUPS
                 groups[slot] = tuple(one + other for one, other in zip(groups[slot], own, strict=True))
         (least, most), (low, high) = self.extremes, later.extremes
         extremes = np.stack([np.minimum(least, low), np.maximum(most, high)])
@@ -121,7 +121,7 @@ def _in_order(trials: Iterable[Trial], segments: int) -> Iterator[tuple[Trial, .
     """Yield trials, those of an object that follow each other together where segments of time are not wanted."""
     held, size = list[Trial](), 0
     for trial in trials:
-        if held and (segments > 1 or trial.object != held[0].object or size + len(trial) > _TOGETHER):
+        if held and (segments > 1 or trial.object != held[0].object or size + len(trial) > _BLOCK_ROWS):
             yield tuple(held)
             held, size = [], 0
         held.append(trial)

@@ -53,11 +53,11 @@ _NARROW, _STRIP = 64, 24
 """Fewer columns have their Gram matrix by general products, of so many of them with all that follow: half of these
 products are not wanted, but those of narrow matrices go twice as fast."""
 
-_LARGEST = 1e4
+_MAX_SQUARED_NORM = 1e4
 """Squared norm of a preconditioned column beyond which the rows so far become the preconditioner. The factor's error
 is that much times rounding, at most; the first rows last for ten thousand times as many of their kind."""
 
-_DEPENDENT = 1e-12
+_COLLINEAR = 1e-12
 """A column of which so little is left beside those before it, relative to its norm, depends on them."""
 
 
@@ -98,7 +98,7 @@ class PreconditionedGram:
                 blas.dgemm(-1.0, before, self.factor[: panel.start, panel], 1.0, own, overwrite_c=True)
             blas.dtrmm(1.0, inverse, own, side=1, overwrite_b=True)
         gram = _gram(rows)
-        if not gram.diagonal().max() <= _LARGEST:  # NaN is not, too
+        if not gram.diagonal().max() <= _MAX_SQUARED_NORM:  # NaN is not, too
             return False
         self.gram += gram
         return True
@@ -110,7 +110,7 @@ class PreconditionedGram:
     @property
     def is_full(self) -> bool:
         """Whether these rows had better become the preconditioner of others."""
-        return bool(self.gram.diagonal().max() > _LARGEST)
+        return bool(self.gram.diagonal().max() > _MAX_SQUARED_NORM)
 
     def joined(self) -> Floats:
         """Return the factor of all rows, shape (k, k)."""
@@ -138,7 +138,7 @@ def _gram(rows: Floats) -> Floats:
 def can_precondition(factor: Floats) -> bool:
     """Whether no column of a triangular factor depends on those before it."""
     norms = np.sqrt(np.einsum("ij,ij->j", factor, factor))
-    return bool(np.all(np.abs(factor.diagonal()) > _DEPENDENT * norms))
+    return bool(np.all(np.abs(factor.diagonal()) > _COLLINEAR * norms))
 
 
 _PANEL_COLUMNS, _WIDE = 8, 16
@@ -153,11 +153,11 @@ BLOCK = 1024
 _MERGED_AT_ONCE = 4
 """Problems from which on merging them like rows is faster than one by one."""
 
-_FEWER = 1e-2
+_MIN_SHARE = 1e-2
 """Of the largest: the least diagonal entry of a factor that comes from a preconditioned Gram matrix, whose rounding is
 then magnified ten thousand times; of targets its square."""
 
-_DRAWN_TOGETHER = 128
+_DRAWS_AT_ONCE = 128
 """Rows whose products of values are held at a time, for all draws."""
 
 _SINGULAR = 1e-14
@@ -369,9 +369,9 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
         return [LeastSquaresProblem.of(library, targets, own) for own in counts]
     inverse, size = np.triu(lapack.dtrtri(factor)[0]), len(factor)
     left, right = np.triu_indices(size)
-    sums, products = np.zeros((len(left), len(counts)), order="F"), np.empty((len(left), _DRAWN_TOGETHER))
-    for begin in range(0, len(library), _DRAWN_TOGETHER):
-        some = slice(begin, begin + _DRAWN_TOGETHER)
+    sums, products = np.zeros((len(left), len(counts)), order="F"), np.empty((len(left), _DRAWS_AT_ONCE))
+    for begin in range(0, len(library), _DRAWS_AT_ONCE):
+        some = slice(begin, begin + _DRAWS_AT_ONCE)
         mixed = inverse.T @ np.concatenate([library[some].T, targets[some].T])
         own, first = products[:, : mixed.shape[1]], 0
         for column in range(size):
@@ -399,7 +399,7 @@ def _factor_of(gram: Floats, factor: Floats, terms: int) -> Floats | None:
 
     upper, failed = lapack.dpotrf(gram)
     shares = upper.diagonal() / upper.diagonal().max()
-    if failed or shares[:terms].min(initial=1.0) < _FEWER or shares[terms:].min(initial=1.0) < _FEWER**2:
+    if failed or shares[:terms].min(initial=1.0) < _MIN_SHARE or shares[terms:].min(initial=1.0) < _MIN_SHARE**2:
         return None
     return np.asarray(np.triu(upper) @ factor)
 

@@ -11,7 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, FiniteDifference, SmoothingSpline, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation, check_order
-from commonlaw.formulation.compact_test_functions import LEAST_RADIUS, CompactTestFunctions, corner_radius
+from commonlaw.formulation.compact_test_functions import MIN_RADIUS, CompactTestFunctions, corner_radius
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
 from commonlaw.library import Term, Terms, monomial
 from commonlaw.trials import Trial, Trials
@@ -121,7 +121,7 @@ def antiderivative(term: Term, states: int) -> tuple[float, Term] | None:
     return 1 / power, monomial({rates[0]: power})
 
 
-_EXACT = 1e-7
+_NO_NOISE = 1e-7
 """Noise below this share of a state's range is none: the state is taken as measured."""
 
 _LOUD, _NARROWEST = 1e-4, 3
@@ -218,7 +218,7 @@ class WeakForm(AbstractFormulation):
             raise CommonlawError(
                 "weak-noise-size", where=trial.label, given=len(self.noise), states=trial.states.shape[1]
             )
-        least = 2 * LEAST_RADIUS + 1
+        least = 2 * MIN_RADIUS + 1
         if len(trial) < least:
             raise CommonlawError("weak-too-few-samples", where=trial.label, samples=len(trial), least=least)
         noise = noise_level(trial.times, trial.states) if self.noise is None else np.array(self.noise)
@@ -226,7 +226,7 @@ class WeakForm(AbstractFormulation):
 
     def _test_functions(self, trial: Trial, noise: Floats) -> CompactTestFunctions:
         radii = (corner_radius(trial.times, trial.states, noise),) if self.radii is None else self.radii
-        narrowest = _NARROWEST if np.all(noise > _LOUD * np.ptp(trial.states, axis=0)) else LEAST_RADIUS
+        narrowest = _NARROWEST if np.all(noise > _LOUD * np.ptp(trial.states, axis=0)) else MIN_RADIUS
         by_radius = [CompactTestFunctions.over(trial.times, each, narrowest) for each in radii]
         test_functions = reduce(CompactTestFunctions.joined, by_radius)
         if not len(test_functions.centres):
@@ -237,7 +237,7 @@ class WeakForm(AbstractFormulation):
 
     def _smoothed(self, trial: Trial, noise: Floats) -> tuple[Floats, list[Floats]]:
         """Return states that terms are evaluated on, and for order 2 their rates, each of shape (n, states)."""
-        clean = noise <= _EXACT * np.ptp(trial.states, axis=0)
+        clean = noise <= _NO_NOISE * np.ptp(trial.states, axis=0)
         methods = [self.differentiation or (FiniteDifference(8) if exact else SmoothingSpline()) for exact in clean]
         try:
             each = [method.differentiate(trial.times, trial.states[:, [i]], 1) for i, method in enumerate(methods)]

@@ -41,7 +41,7 @@ _SURE = 4.0
 _MORE_OBJECTS = 2
 """Objects beyond the number of properties that a relation takes."""
 
-_MOST_PROPERTIES, _MOST_SLOPES, _NEXT = 3, 2, 0.5
+_MAX_PROPERTIES, _MAX_SLOPES, _ONE_MORE = 3, 2, 0.5
 """Properties in a power law and in an affine function, and how probable one more is there."""
 
 
@@ -129,7 +129,7 @@ class RelationComparison:
         """Yield the power laws worth a look, with scatter and without, among them that of no property."""
         usable = [i for i, column in enumerate(self.properties.values.T) if (column > 0).all()]
         logs = np.log(self.properties.values[:, usable])
-        sets = exponent_sets(len(usable), min(_MOST_PROPERTIES, len(logs) - _MORE_OBJECTS))
+        sets = exponent_sets(len(usable), min(_MAX_PROPERTIES, len(logs) - _MORE_OBJECTS))
         exponents = np.concatenate([np.zeros((1, len(usable))), sets.exponents])
         log_prior = np.append(0.0, self._log_prior(sets, usable) + np.log(_ODDS[RelationKind.POWER_LAW] / 2))
         shapes = exponents @ (logs - logs.mean(axis=0)).T
@@ -170,9 +170,9 @@ class RelationComparison:
         """Yield affine functions, with scatter and without, where coefficient or properties are not of one sign."""
         kind, objects = RelationKind.AFFINE, len(self._points)
         usable = [i for i, values in enumerate(self.properties.values.T) if not (self._sure and (values > 0).all())]
-        for size in range(1, min(_MOST_SLOPES, len(usable), objects - _MORE_OBJECTS) + 1):
+        for size in range(1, min(_MAX_SLOPES, len(usable), objects - _MORE_OBJECTS) + 1):
             chosen = list(combinations(usable, size))
-            log_prior = np.log(_ODDS[kind] / 2 / len(chosen)) + (size - 1) * np.log(_NEXT)
+            log_prior = np.log(_ODDS[kind] / 2 / len(chosen)) + (size - 1) * np.log(_ONE_MORE)
             exact = self._affine_models(chosen, 0.0)
             plain = self._scores(exact) + log_prior
             scores = np.array([self._scores(self._affine_models(chosen, each)) for each in _SCATTERS])

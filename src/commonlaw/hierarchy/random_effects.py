@@ -37,10 +37,10 @@ _PLAUSIBLE_SWEEPS, _BEYOND = 3, 30.0
 """The same where variances are averaged over; the smallest and largest are so far beyond those that can be told from
 smaller and larger."""
 
-_LEAST_WEIGHT = 0.01
+_MIN_RELATIVE_WEIGHT = 0.01
 """Weight, of a typical one, below which an estimate does not count: it moves a mean by a tenth of an error."""
 
-_LARGE = 700.0
+_MAX_LOG_RATIO = 700.0
 """Differences of log-likelihoods beyond which a weight is zero or one."""
 
 _INFINITE = 1e6
@@ -245,7 +245,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
         return mixed.mixed(scale)
     found, deviance = _shrunk(own, information, variances)
     more = (other + size * (size - 1) / 2 * np.log(len(own)) - deviance) / 2
-    return found.averaged(mixed, float(1 / (1 + np.exp(np.clip(more, -_LARGE, _LARGE))))).mixed(scale)
+    return found.averaged(mixed, float(1 / (1 + np.exp(np.clip(more, -_MAX_LOG_RATIO, _MAX_LOG_RATIO))))).mixed(scale)
 
 
 def _shrunk(own: Floats, information: Floats, variances: Floats) -> tuple[Shrinkage, float]:
@@ -328,7 +328,7 @@ def informative(estimates: Floats, variances: Floats) -> Bools:
     mean = np.sum(precision * estimates, axis=0) / total
     between = np.sum(precision * (estimates - mean) ** 2, axis=0) / total
     typical = len(estimates) / total + between
-    return np.asarray(_LEAST_WEIGHT * variances < typical)
+    return np.asarray(_MIN_RELATIVE_WEIGHT * variances < typical)
 
 
 def _symmetric(matrices: Floats) -> Floats:

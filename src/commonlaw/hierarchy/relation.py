@@ -11,16 +11,16 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 
-_MOST_PRICE = (9, 12, 10)
+_MAX_BITS = (9, 12, 10)
 """Largest price of the exponents of one, of two and of three properties together; more properties are not tried."""
 
-_MOST_SETS = 200_000
+_MAX_SETS = 200_000
 """Of exponents: of more properties than ten, no three are tried together, and of more than 25, no two."""
 
-_LARGEST, _MOST_PARTS = 4, 4
+_MAX_EXPONENT, _MAX_DENOMINATOR = 4, 4
 """Largest exponent, and largest denominator."""
 
-_NEXT = 0.5
+_ONE_MORE = 0.5
 """How probable one more property is."""
 
 
@@ -45,20 +45,20 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
     bits, values = np.array([*_priced_exponents()]).T
     norm = np.log2(np.sum(2.0**-bits))
     exponents, log_prior = [np.empty((0, properties))], [np.empty(0)]
-    for size in range(1, min(most, properties, len(_MOST_PRICE)) + 1):
-        limit = _MOST_PRICE[size - 1]
+    for size in range(1, min(most, properties, len(_MAX_BITS)) + 1):
+        limit = _MAX_BITS[size - 1]
         few = bits <= limit - 2 * (size - 1)
         indices = np.array(list(product(np.flatnonzero(few), repeat=size)))
         price = bits[indices].sum(axis=1)
         indices, price = indices[price <= limit], price[price <= limit]
         chosen = list(combinations(range(properties), size))
-        if len(chosen) * len(indices) > _MOST_SETS:
+        if len(chosen) * len(indices) > _MAX_SETS:
             break
         for columns in chosen:
             own = np.zeros((len(indices), properties))
             own[:, columns] = values[indices]
             exponents.append(own)
-            log_prior.append(np.log(2) * -(price + size * norm) + (size - 1) * np.log(_NEXT) - np.log(len(chosen)))
+            log_prior.append(np.log(2) * -(price + size * norm) + (size - 1) * np.log(_ONE_MORE) - np.log(len(chosen)))
     weights = np.concatenate(log_prior)
     total = np.logaddexp.reduce(weights) if len(weights) else 0.0
     return ExponentSets(np.concatenate(exponents), weights - total)
@@ -66,14 +66,14 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
 
 def simple_fraction(value: float) -> Fraction:
     """Return the exponent of this value."""
-    return Fraction(value).limit_denominator(_MOST_PARTS)
+    return Fraction(value).limit_denominator(_MAX_DENOMINATOR)
 
 
 def _priced_exponents() -> list[tuple[int, float]]:
     """Return the exponents and their prices in bits."""
-    found = {Fraction(p, q) for q in range(1, _MOST_PARTS + 1) for p in range(1, _LARGEST * q + 1)}
+    found = {Fraction(p, q) for q in range(1, _MAX_DENOMINATOR + 1) for p in range(1, _MAX_EXPONENT * q + 1)}
     priced = [(each.numerator + each.denominator, float(each)) for each in sorted(found)]
-    return [(bits, sign * value) for bits, value in priced if bits <= _MOST_PRICE[0] for sign in (1, -1)]
+    return [(bits, sign * value) for bits, value in priced if bits <= _MAX_BITS[0] for sign in (1, -1)]
 
 
 class RelationKind(StrEnum):
@@ -138,7 +138,7 @@ class Relation:
 _NO_UNIT, _CONSTANT = np.log(10.0), np.log(3.0)
 """How much more probable exponents are that leave a factor without a unit, or with that of a known constant."""
 
-_SAME = 1e-9
+_TOLERANCE = 1e-9
 """Exponents of dimensions that differ by less are the same."""
 
 
@@ -168,7 +168,7 @@ class Dimensions:
 
 
 def _same(left: Floats, right: Floats) -> Bools:
-    return np.asarray(abs(left - right).max(axis=1, initial=0.0) < _SAME)
+    return np.asarray(abs(left - right).max(axis=1, initial=0.0) < _TOLERANCE)
 
 
 @dataclass(frozen=True, eq=False)

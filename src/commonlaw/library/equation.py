@@ -10,7 +10,7 @@ from typing import NamedTuple, NoReturn
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.bounds import is_bound, parts_of
-from commonlaw.library.grammar import DEEPEST, FUNCTIONS, LONGEST, OTHER_NAMES, read, with_names, write
+from commonlaw.library.grammar import FUNCTIONS, MAX_CHARACTERS, MAX_DEPTH, OTHER_NAMES, read, with_names, write
 from commonlaw.library.multiplying import NotAFactorError, Product, multiplied_out
 from commonlaw.library.notation import expression_latex, quoted
 from commonlaw.library.term import Term, parse_term
@@ -225,8 +225,10 @@ class _Reader:
         self.coefficients = tuple(dict.fromkeys(names))
         self.names = (*variables.names, *self.coefficients)
         self.parameters = len(self.coefficients) + len(variables.constants)
-        if len(equation.text) > LONGEST or sum(each.kind == "(" for each in self.tokens) > DEEPEST:
-            raise CommonlawError("equation-too-long", text=equation.text[:57], longest=LONGEST, deepest=DEEPEST)
+        if len(equation.text) > MAX_CHARACTERS or sum(each.kind == "(" for each in self.tokens) > MAX_DEPTH:
+            raise CommonlawError(
+                "equation-too-long", text=equation.text[:57], longest=MAX_CHARACTERS, deepest=MAX_DEPTH
+            )
 
     def summands(self) -> tuple[Summand, ...]:
         first, found = len(self.variables.names), list[_Written]()

@@ -17,10 +17,10 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 
-LONGEST = 1000
-DEEPEST = 60
-HIGHEST_POWER = 100
-LARGEST_NUMBER = 1e100
+MAX_CHARACTERS = 1000
+MAX_DEPTH = 60
+MAX_POWER = 100
+MAX_NUMBER = 1e100
 
 OPERATIONS: Mapping[str, np.ufunc] = {
     "add": np.add,
@@ -76,8 +76,8 @@ def read(text: str, names: Sequence[str], constants: int = 0) -> ast.expr:
     exponents.
     """
     shown = text if len(text) <= 60 else f"{text[:57]}..."
-    if len(text) > LONGEST:
-        raise CommonlawError("term-too-long", term=shown, characters=len(text), limit=LONGEST)
+    if len(text) > MAX_CHARACTERS:
+        raise CommonlawError("term-too-long", term=shown, characters=len(text), limit=MAX_CHARACTERS)
     try:
         code = _TOKEN.sub(lambda token: _translated(token, names), text).strip()
         tree = _parsed(code, names)
@@ -202,8 +202,8 @@ def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
     """Refuse what the language does not have, or what could take for ever; names after so many variables are
     parameters.
     """
-    if depth > DEEPEST:
-        raise CommonlawError("expression-too-deep", limit=DEEPEST)
+    if depth > MAX_DEPTH:
+        raise CommonlawError("expression-too-deep", limit=MAX_DEPTH)
     inside: tuple[ast.expr, ...] = ()
     match tree:
         case ast.Constant(value=int() | float()) | ast.Name():
@@ -223,11 +223,11 @@ def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
             raise CommonlawError("expression-forbidden", functions=FUNCTIONS)
     for each in inside:
         _check(each, depth + 1, power, variables)
-    if power > HIGHEST_POWER:
-        raise CommonlawError("powers-too-high", limit=HIGHEST_POWER)
+    if power > MAX_POWER:
+        raise CommonlawError("powers-too-high", limit=MAX_POWER)
     number = constant(tree)
-    if number is not None and not abs(number) <= LARGEST_NUMBER:
-        raise CommonlawError("number-too-large", number=ast.unparse(tree)[:30], limit=LARGEST_NUMBER)
+    if number is not None and not abs(number) <= MAX_NUMBER:
+        raise CommonlawError("number-too-large", number=ast.unparse(tree)[:30], limit=MAX_NUMBER)
 
 
 def _checked_exponent(tree: ast.expr, depth: int, variables: int) -> float:

@@ -10,7 +10,7 @@ from itertools import combinations_with_replacement, islice
 from operator import add, mul
 
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.library.grammar import HIGHEST_POWER
+from commonlaw.library.grammar import MAX_POWER
 from commonlaw.library.parametric import (
     FAMILIES,
     ParametricTerm,
@@ -26,13 +26,13 @@ from commonlaw.library.variables import Variables
 from commonlaw.spec import parse_spec
 from commonlaw.validation import check_whole_number
 
-_MOST_TERMS = 100_000
+MAX_TERMS = 100_000
 
 
 def check_count(what: str, count: int) -> None:
     """Refuse to make more terms than any law could be chosen from."""
-    if count > _MOST_TERMS:
-        raise CommonlawError("library-too-large", library=what, count=count, limit=_MOST_TERMS)
+    if count > MAX_TERMS:
+        raise CommonlawError("library-too-large", library=what, count=count, limit=MAX_TERMS)
 
 
 @dataclass(frozen=True)
@@ -279,7 +279,7 @@ class PolynomialLibrary(AbstractLibrary):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "variables", _checked_names(self.variables))
-        check_whole_number("the degree of a library", self.degree, 0, HIGHEST_POWER)
+        check_whole_number("the degree of a library", self.degree, 0, MAX_POWER)
         if self.degree == 0 and not self.constant:
             raise CommonlawError("polynomial-empty")
 
@@ -360,7 +360,7 @@ class RationalLibrary(AbstractLibrary):
     def __post_init__(self) -> None:
         object.__setattr__(self, "variables", _checked_names(self.variables))
         object.__setattr__(self, "denominator", str(self.denominator))
-        check_whole_number("the degree of a library", self.degree, 0, HIGHEST_POWER)
+        check_whole_number("the degree of a library", self.degree, 0, MAX_POWER)
 
     def bind(self, variables: Variables) -> Terms:
         inverse = parse_term(self.denominator, variables).power(-1)
@@ -498,7 +498,7 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
     return listed
 
 
-_HIGHEST_DEGREE = 4
+_MAX_DEGREE = 4
 """Of the polynomials that are tried before terms with constants inside."""
 
 
@@ -531,7 +531,7 @@ class AutoLibrary(AbstractLibrary):
 
     @property
     def higher(self) -> AbstractLibrary | None:
-        return replace(self, degree=_HIGHEST_DEGREE) if self.degree < _HIGHEST_DEGREE else None
+        return replace(self, degree=_MAX_DEGREE) if self.degree < _MAX_DEGREE else None
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
         yield Offer(())

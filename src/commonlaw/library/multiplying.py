@@ -7,7 +7,7 @@ from typing import NamedTuple
 from commonlaw.errors import CommonlawError
 from commonlaw.library.grammar import columns_in, constant
 
-_MOST = 200
+_MAX_SUMMANDS = 200
 """Summands of one product; more would be no law that somebody has in mind."""
 
 
@@ -56,8 +56,8 @@ def multiplied_out(tree: ast.expr, variables: int, inside: int | None = None) ->
             power = 1 if isinstance(op, ast.Mult) else -1
             if power < 0 and len(second) > 1:
                 second = _whole(right, inside)
-            if len(first) * len(second) > _MOST:
-                raise CommonlawError("too-many-summands", limit=_MOST)
+            if len(first) * len(second) > _MAX_SUMMANDS:
+                raise CommonlawError("too-many-summands", limit=_MAX_SUMMANDS)
             return [one.times(other, power) for one in first for other in second]
     return _whole(tree, inside)
 

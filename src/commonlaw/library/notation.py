@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from commonlaw.errors import CommonlawError
 from commonlaw.extras import optional_import
-from commonlaw.library.grammar import FUNCTIONS, LARGEST_NUMBER, Algebra, evaluate
+from commonlaw.library.grammar import FUNCTIONS, MAX_NUMBER, Algebra, evaluate
 from commonlaw.names import in_latex
 
 if TYPE_CHECKING:
@@ -152,8 +152,8 @@ def _guarded(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
     def apply(argument: Any) -> Any:
         number = None if argument.free_symbols else argument.evalf(5)
-        if number is not None and not (number.is_finite and abs(number) <= LARGEST_NUMBER):
-            raise CommonlawError("number-in-term", limit=LARGEST_NUMBER)
+        if number is not None and not (number.is_finite and abs(number) <= MAX_NUMBER):
+            raise CommonlawError("number-in-term", limit=MAX_NUMBER)
         return function(argument)
 
     return apply

@@ -12,7 +12,7 @@ from commonlaw.array_types import Floats
 from commonlaw.library.grammar import OPERATIONS, Algebra, evaluate
 
 _NAMES = tuple(OPERATIONS)
-_LONGEST_CHAIN = 16
+_MAX_CHAIN = 16
 """Whole powers up to this are products."""
 
 _Slope = Callable[[Any, Any, Any], Any]
@@ -177,7 +177,7 @@ class _Writer:
                 return self.constant(OPERATIONS[name](*(np.float64(values[-1 - each]) for each in operands)))
         if name == "power" and right is not None and right < 0:
             exponent = list(self.constants)[-1 - right]
-            if exponent.is_integer() and abs(exponent) <= _LONGEST_CHAIN:
+            if exponent.is_integer() and abs(exponent) <= _MAX_CHAIN:
                 size = int(abs(exponent))
                 return (
                     self.chain([left] * size)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.library.grammar import (
-    HIGHEST_POWER,
+    MAX_POWER,
     columns_in,
     constant,
     factors_in,
@@ -229,8 +229,8 @@ def product(*terms: Term) -> Term:
     for term in terms:
         for factor, power in term.powers:
             found[factor] += power
-    if sum(map(abs, found.values())) > HIGHEST_POWER:
-        raise CommonlawError("term-powers-too-high", limit=HIGHEST_POWER)
+    if sum(map(abs, found.values())) > MAX_POWER:
+        raise CommonlawError("term-powers-too-high", limit=MAX_POWER)
     ordered = sorted((factor for factor, power in found.items() if power), key=lambda factor: factor.order)
     return Term(tuple((factor, found[factor]) for factor in ordered))
 

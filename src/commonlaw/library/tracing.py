@@ -16,7 +16,7 @@ from commonlaw.library.notation import quoted
 _NAMES = {"absolute": "abs", **OTHER_NAMES}
 _SIGNS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "power": "**"}
 _COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
-_MOST = 200
+_MAX_SUMMANDS = 200
 """Summands of a function."""
 
 
@@ -55,8 +55,8 @@ def summands(result: Any, names: tuple[str, ...]) -> list[tuple[float, str]]:
     """
     tree = read(_code(result), names)
     found = [(number, with_names(write(each), [quoted(name) for name in names])) for number, each in _expanded(tree)]
-    if len(found) > _MOST:
-        raise CommonlawError("known-function-too-long", summands=len(found), limit=_MOST)
+    if len(found) > _MAX_SUMMANDS:
+        raise CommonlawError("known-function-too-long", summands=len(found), limit=_MAX_SUMMANDS)
     return [(number, text) for number, text in found if number]
 
 

@@ -12,7 +12,7 @@ from commonlaw.likelihood.computing import (
 )
 from commonlaw.likelihood.fitting import Estimate, NotPositiveError, Prior, TrajectoryModel, without_states
 from commonlaw.likelihood.linearization import Linearization, Regression, variance_of_rates, whitened_from_starts
-from commonlaw.likelihood.mesh import LONGEST_MESH, Mesh, interpolate, meshes
+from commonlaw.likelihood.mesh import MAX_MESH_SAMPLES, Mesh, interpolate, meshes
 from commonlaw.likelihood.observation_model import (
     HUBER_THRESHOLD,
     NO_ERRORS,
@@ -24,7 +24,7 @@ from commonlaw.likelihood.observation_model import (
 
 __all__ = [
     "HUBER_THRESHOLD",
-    "LONGEST_MESH",
+    "MAX_MESH_SAMPLES",
     "NO_ERRORS",
     "AboutEstimates",
     "ErrorKind",

@@ -123,7 +123,7 @@ def contiguous(values: Floats) -> Floats:
 
 _NOT_POSITIVE = 2
 
-_MOST = 20_000
+_MAX_ROW_NUMBERS = 20_000
 """Numbers in rows that are in cache: of more of them LAPACK makes triangles sooner, by blocks."""
 
 _VAGUENESS = Vagueness(MISSING, RATE, HIDDEN)
@@ -194,7 +194,7 @@ def triangles(
 def in_one_call(model: TrajectoryModel, columns: int) -> bool:
     """Whether rows of so many columns are made and compressed by the kernel: in cache, and of full rank."""
     sizes = [(len(mesh) - 1) * (model.width + model.latent.width) for mesh in model.meshes]
-    return max(sizes) * columns <= _MOST and min(sizes) > columns
+    return max(sizes) * columns <= _MAX_ROW_NUMBERS and min(sizes) > columns
 
 
 def whitened(

@@ -16,15 +16,15 @@ from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.observation_model import LatentProcesses
 from commonlaw.parallel import in_parallel
 
-_MANY = 50_000
+_MIN_NUMBERS_OF_THREADS = 50_000
 """Numbers in the rows of all terms from which threads pay: a linearisation then takes them some milliseconds."""
 
-_STEPS = 12
+_MAX_STEPS = 12
 """Gauss-Newton steps at one model error at most."""
 
 
 def fit(
-    model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = _STEPS
+    model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = _MAX_STEPS
 ) -> Estimate:
     """Return the maximum-likelihood estimate by Gauss-Newton steps, one model error after the other.
 
@@ -51,7 +51,7 @@ def fit_each(
     """Return the estimate of largest likelihood of each of several objects, see `fit`."""
     if threads_pay(models):
         return tuple(in_parallel(lambda model, start: fit(model, start, support, model_errors), models, starts))
-    return tuple(_fit_each(models, starts, support, model_errors, _STEPS))
+    return tuple(_fit_each(models, starts, support, model_errors, _MAX_STEPS))
 
 
 def linearize_each(
@@ -80,7 +80,7 @@ def whitened(
 def threads_pay(models: Sequence[TrajectoryModel]) -> bool:
     """Whether the kernel has so much to do with these objects that threads are worth what they cost."""
     points = sum(len(mesh) for model in models for mesh in model.meshes)
-    return points * models[0].equations * len(models[0].terms) > _MANY
+    return points * models[0].equations * len(models[0].terms) > _MIN_NUMBERS_OF_THREADS
 
 
 def _fit_each(

@@ -13,7 +13,7 @@ from commonlaw.likelihood.fitting import Estimate, NotPositiveError, TrajectoryM
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.observation_model import LatentSteps
 
-_FEWEST_DIGITS = 1e-10
+_MIN_DIAGONAL = 1e-10
 """Singular values, relative to the largest of columns of unit norm, below which initial states are not told apart."""
 
 
@@ -84,7 +84,7 @@ def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Flo
 def _basis(columns: Floats) -> Floats | None:
     """Return an orthonormal basis of columns; None if these are not told apart."""
     basis, values, _ = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
-    return basis if len(basis) >= columns.shape[1] and values[-1] > _FEWEST_DIGITS * values[0] else None
+    return basis if len(basis) >= columns.shape[1] and values[-1] > _MIN_DIAGONAL * values[0] else None
 
 
 MISSING = 100.0
@@ -98,7 +98,7 @@ RATE = 3.0
 """Noise of a rate per sampling step, relative to that of a state: much larger than what neighbouring states say of
 it."""
 
-_ALIKE = 1e-6
+_COLLINEAR = 1e-6
 """Reciprocal condition of columns of unit norm, above which their products keep four digits of what they differ in."""
 
 
@@ -238,7 +238,7 @@ def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
 
     norms = column_scales(columns)
     factor, failed = lapack.dpotrf(columns.T @ columns / np.outer(norms, norms))
-    if failed or not lapack.dtrcon(factor)[0] > _ALIKE:
+    if failed or not lapack.dtrcon(factor)[0] > _COLLINEAR:
         return np.linalg.qr(columns)
     factor = np.asarray(factor * norms)
     return blas.dtrsm(1.0, factor, np.asfortranarray(columns.T), trans_a=1).T, factor

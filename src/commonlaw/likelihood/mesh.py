@@ -14,7 +14,7 @@ from commonlaw.integration import Inputs
 from commonlaw.library import Order
 from commonlaw.trials import Trial
 
-LONGEST_MESH = 4000
+MAX_MESH_SAMPLES = 4000
 """Points that are worked on together; longer segments would leave the cache and fill memory."""
 
 
@@ -161,7 +161,7 @@ def joined(parts: Sequence[Mesh]) -> Mesh:
 
 
 def meshes(
-    trials: Sequence[Trial], points: int = 1, most: int = LONGEST_MESH, input_between: str = "linear"
+    trials: Sequence[Trial], points: int = 1, most: int = MAX_MESH_SAMPLES, input_between: str = "linear"
 ) -> list[Mesh]:
     """Return the meshes of an object's trials, none of them with fewer than two samples.
 
@@ -174,7 +174,7 @@ def meshes(
     ]
 
 
-def interpolate(values: Sequence[Floats], points: int = 1, most: int = LONGEST_MESH) -> list[Floats]:
+def interpolate(values: Sequence[Floats], points: int = 1, most: int = MAX_MESH_SAMPLES) -> list[Floats]:
     """Return values at the samples of trials, each of shape (samples, columns), on their meshes, linear between
     samples.
     """

@@ -10,8 +10,8 @@ from commonlaw.experiments.plan import Design, Forecasts
 from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.style import COLORS, DASHES, axis_label, frozen_layout, key, plain, styled
 
-_MOST = 4
-"""Experiments that are drawn, and laws."""
+_MAX_DRAWN = 4
+"""Of experiments, and of laws, that are drawn."""
 
 
 @styled()
@@ -21,7 +21,7 @@ def plot_design(design: Design) -> Figure:
     Shown are differences from the forecast of the most probable law, or ratios on a logarithmic scale. Where bands
     part, one measurement distinguishes the laws. Of an experiment with every object, the first one is drawn.
     """
-    drawn, schema = design.experiments[:_MOST], design.laws[0].law.schema
+    drawn, schema = design.experiments[:_MAX_DRAWN], design.laws[0].law.schema
     states = drawn[0].forecasts.states
     size = (max(5.4, 3.4 * len(states)), 0.8 + 2.5 * len(drawn))
     figure = Figure(figsize=size, layout="constrained")
@@ -33,7 +33,7 @@ def plot_design(design: Design) -> Figure:
         panels[i, 0].set_title(plain(f"{i + 1}. {each.text}", 60 * len(states)), loc="left", fontsize=9)
     for panel in panels[-1]:
         panel.set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
-    laws = enumerate(design.laws[:_MOST])
+    laws = enumerate(design.laws[:_MAX_DRAWN])
     keys = [key(plain(f"{'; '.join(own.law.structure())}  ({own.probability:.2f})", 60), **_look(k)) for k, own in laws]
     figure.legend(handles=keys, loc="outside upper left")
     return frozen_layout(figure)
@@ -51,7 +51,7 @@ def _label(forecasts: Forecasts, name: str, unit: str) -> str:
 
 def _draw(panel: Axes, forecasts: Forecasts, state: int) -> None:
     half, first = two_sided(0.95), forecasts.means[0]
-    for k, (mean, std) in enumerate(zip(forecasts.means[:_MOST], forecasts.std[:_MOST], strict=True)):
+    for k, (mean, std) in enumerate(zip(forecasts.means[:_MAX_DRAWN], forecasts.std[:_MAX_DRAWN], strict=True)):
         low, middle, high = ((mean - first + side * half * std)[:, state] for side in (-1, 0, 1))
         if forecasts.states[state] in forecasts.logarithmic:
             low, middle, high = np.exp(low), np.exp(middle), np.exp(high)

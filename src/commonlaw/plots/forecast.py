@@ -28,7 +28,7 @@ from commonlaw.plots.style import (
 )
 from commonlaw.trials import Trials
 
-_MOST_POINTS = 150
+_MAX_POINTS = 150
 """Measured points that are drawn of one trial; more would hide the forecast."""
 
 _LIGHT = 0.18
@@ -167,7 +167,7 @@ def curves_of(forecast: Forecast, smooth: Forecast) -> dict[tuple[str, int], lis
     return found
 
 
-def draw_pair(pair: Pair, most: int = _MOST_POINTS) -> None:
+def draw_pair(pair: Pair, most: int = _MAX_POINTS) -> None:
     """Draw measurements, at most so many, and forecasts above, errors below, and where a forecast diverged in both."""
     state, error, curves = pair.above, pair.below, pair.curves
     error.axhline(0, color=GREY, linewidth=0.8)

@@ -11,7 +11,7 @@ from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys
 from commonlaw.plots.style import add_legend, frozen_layout, styled
 from commonlaw.trials import Trials
 
-_MOST_DOTS = 12
+_MAX_DOTS = 12
 """More coefficients than these are drawn as heat maps."""
 
 
@@ -57,7 +57,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
 def _coefficients(law: Law, truth: Law | None) -> DotPlot | HeatMaps:
     """Return the plot of the law's coefficients: dots, or heat maps when there are none or many."""
     dots = DotPlot(law, truth)
-    if 0 < len(dots.coefficients) <= _MOST_DOTS:
+    if 0 < len(dots.coefficients) <= _MAX_DOTS:
         return dots
     true = () if truth is None else [truth.terms.names[k] for k in np.flatnonzero(truth.support.any(axis=0))]
     return HeatMaps(law, law.support.any(axis=0) | np.isin(law.terms.names, true), truth)

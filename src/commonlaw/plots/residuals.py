@@ -18,7 +18,7 @@ from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.forecast import Curve, curves_of
 from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, plain, styled
 
-_MOST = 1500
+_MAX_POINTS = 1500
 """Residuals that are drawn in a panel."""
 
 _PARTS, _IN_PART = 10, 4
@@ -95,7 +95,7 @@ def _panels(residuals: Residuals, j: int) -> list[tuple[str, Callable[[Axes], No
 def _against(panel: Axes, values: Floats, own: Floats, label: str) -> None:
     panel.set_xlabel(label)
     seen = np.flatnonzero(np.isfinite(own) & np.isfinite(values))
-    some = seen[:: -(-len(seen) // _MOST) or 1]
+    some = seen[:: -(-len(seen) // _MAX_POINTS) or 1]
     panel.plot(values[some], own[some], ".", color=GREY, markersize=2)
     panel.axhline(0.0, color="black", linewidth=0.8)
     count = min(_PARTS, max(1, len(seen) // _IN_PART))
@@ -127,13 +127,13 @@ def _quantiles(panel: Axes, own: Floats) -> None:
 
 def _parts(count: int) -> tuple[slice, slice, slice]:
     """Return which of many sorted values are drawn: all at the ends, and some between."""
-    return slice(_AT_ENDS), slice(None, None, -(-count // _MOST) or 1), slice(-_AT_ENDS, None)
+    return slice(_AT_ENDS), slice(None, None, -(-count // _MAX_POINTS) or 1), slice(-_AT_ENDS, None)
 
 
-_MOST_POINTS = 1500
+_MAX_ERROR_POINTS = 1500
 """Of a panel; of more, each but every so many is drawn."""
 
-_FAR = 3
+_OUTLIER_RATIO = 3
 """Times the errors that all but a hundredth are below; those farther off are not shown."""
 
 
@@ -152,13 +152,13 @@ def plot_errors(forecast: Forecast) -> Figure:
         own = [curve for name in forecast.trials.objects for curve in curves[name, j]]
         times, errors, outside = np.concatenate([_errors(each) for each in own], axis=1)
         some_outside |= bool(outside.any())
-        every = -(-len(times) // _MOST_POINTS) or 1
+        every = -(-len(times) // _MAX_ERROR_POINTS) or 1
         panel.axhline(0, color=GREY, linewidth=0.8)
         for kind, color in ((outside == 0, COLORS[0]), (outside == 1, COLORS[1])):
             panel.plot(times[kind][::every], errors[kind][::every], "o", color=color, markersize=3, alpha=0.5, mew=0)
         if len(errors):
             usual, largest = np.quantile(np.abs(errors), [0.99, 1.0])
-            bound = 1.1 * min(_FAR * usual, largest) or 1.0
+            bound = 1.1 * min(_OUTLIER_RATIO * usual, largest) or 1.0
             panel.set_ylim(-bound, bound)
         panel.set_ylabel(axis_label(f"error of {state}", schema.units.get(state, "")))
     panels[-1].set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from commonlaw import __version__
-from commonlaw.discrepancy.function import CLAIMED
+from commonlaw.discrepancy.function import STRONG
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import Forecast, fitted
@@ -132,7 +132,7 @@ def _versions() -> Iterator[str]:
             yield f"{name} {version(name)}"
 
 
-_MOST_OBJECTS = 100
+_MAX_OBJECTS = 100
 """Objects up to which a discrepancy is looked for, as it takes long."""
 
 _FAILURES = (CommonlawError, ArithmeticError, np.linalg.LinAlgError)
@@ -173,7 +173,7 @@ def _patterns(case: LawCase) -> Iterator[Block]:
 
 def _discrepancy(case: LawCase) -> Iterator[Block]:
     """Yield what the law leaves as a function that objects share."""
-    if len(case.law.objects) > _MOST_OBJECTS:
+    if len(case.law.objects) > _MAX_OBJECTS:
         yield Text("A function that all objects lack was not looked for, as there are many objects.")
         return
     try:
@@ -190,7 +190,7 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
     else:
         yield Text(
             f"No function that all objects share is sure to be missing. The likeliest is one of {of}, with {strength}; "
-            f"above {CLAIMED:.0f} the evidence would be strong."
+            f"above {STRONG:.0f} the evidence would be strong."
         )
     picture = Picture("discrepancy", "The function, with its 95 % band.", partial(plot_discrepancy, found))
     lines = Text(listed([case.said(line) for line in str(found).splitlines()]))
@@ -218,7 +218,7 @@ def _of_measurement(case: LawCase) -> Iterator[str]:
         yield f"noise of {', '.join(shares)}"
 
 
-_TOGETHER = 2
+_MIN_OBJECTS = 2
 """Coefficients of several objects in one figure."""
 
 _MEASURES = {
@@ -263,7 +263,7 @@ def values(law: Law) -> tuple[Block, ...]:
 def _intervals(law: Law, caption: str) -> Block:
     """Return a figure of all coefficients; of many coefficients of several objects one each, as a phone is narrow."""
     panels = IntervalPanels(law)
-    if len(law.objects) == 1 or len(panels.captions) <= _TOGETHER:
+    if len(law.objects) == 1 or len(panels.captions) <= _MIN_OBJECTS:
         return Picture("intervals", caption, partial(plot_intervals, law))
     intervals = "" if law.covariance is None else ", with 95 % intervals"
     pictures = [

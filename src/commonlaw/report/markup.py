@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _LINE = 40
 """Characters of a line of an equation, if its terms are not longer."""
 
-_MOST_OWN = 6
+_MAX_OBJECTS = 6
 """Objects with terms of their own whose equations are shown."""
 
 
@@ -75,10 +75,10 @@ def _structure_latex(law: Law) -> str:
 
 def _own(law: Law) -> Iterator[str]:
     """Yield the equations of the first objects, each with terms of its own."""
-    for name in law.objects[:_MOST_OWN]:
+    for name in law.objects[:_MAX_OBJECTS]:
         yield f"\n\n**{literal(name)}**" + _displayed(_broken(_spelled(law.to_latex(name))), law.equations(name))
-    if len(law.objects) > _MOST_OWN:
-        yield f"\n\nand {len(law.objects) - _MOST_OWN} more objects with terms of their own."
+    if len(law.objects) > _MAX_OBJECTS:
+        yield f"\n\nand {len(law.objects) - _MAX_OBJECTS} more objects with terms of their own."
 
 
 def _spelled(latex: str) -> str:

@@ -32,7 +32,7 @@ from commonlaw.report.markup import inline, markdown, plain
 _LONG = 28
 """Letters from which on a cell may have several lines."""
 
-_LEAST = 0.64
+_MIN_WIDTH = 0.64
 """Share of its own width that a drawing has at least."""
 
 
@@ -109,7 +109,7 @@ def within(svg: bytes, name: str) -> str:
     text = text[text.index("<svg") :]
 
     def limited(found: re.Match[str]) -> str:
-        return f'style="min-width: {_LEAST * float(found[1]):.0f}pt" {found[0]}'
+        return f'style="min-width: {_MIN_WIDTH * float(found[1]):.0f}pt" {found[0]}'
 
     return re.sub(r'width="([\d.]+)pt"', limited, text, count=1)  # Narrower, its text cannot be read
 

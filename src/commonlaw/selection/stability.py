@@ -13,13 +13,13 @@ from commonlaw.formulation import LeastSquaresProblem, redrawn
 from commonlaw.selection.cross_validation import ProblemGroups
 from commonlaw.solvers import Candidate
 
-_HELD = 2**24
+_MAX_HELD_NUMBERS = 2**24
 """Numbers in the factors of resamples that are held at a time."""
 
-_SENT = 2**20
+_MAX_SENT_NUMBERS = 2**20
 """Numbers in the factors of blocks that are sent to workers, with every few resamples, at most."""
 
-_TOGETHER = 5
+_RESAMPLES_AT_ONCE = 5
 """Resamples that are made together, whatever the number of workers, so that the law does not depend on it."""
 
 Path = Callable[[Sequence[LeastSquaresProblem]], Sequence[Candidate]]
@@ -63,10 +63,10 @@ def stability(
         raise CommonlawError("one-segment-to-draw")
     generator = np.random.default_rng(seed)
     drawn = [[_counts(len(own), generator) for own in blocks] for _ in range(n_resamples)]
-    at_once = min(_TOGETHER, max(1, _HELD // sum(own[0].factor.size for own in blocks)))
+    at_once = min(_RESAMPLES_AT_ONCE, max(1, _MAX_HELD_NUMBERS // sum(own[0].factor.size for own in blocks)))
     parts = [drawn[i : i + at_once] for i in range(0, n_resamples, at_once)]
     work, size = partial(_supports, blocks, path), sum(len(own) * own[0].factor.size for own in blocks)
-    found = done_in_parts(work, parts, "resampling") if size <= _SENT else map(work, parts)
+    found = done_in_parts(work, parts, "resampling") if size <= _MAX_SENT_NUMBERS else map(work, parts)
     return Stability(tuple(support for each in found for support in each))
 
 

@@ -11,7 +11,7 @@ from commonlaw.solvers.standardized_problem import Directions, StandardizedProbl
 from commonlaw.solvers.stepwise import backward_order, forward_order
 from commonlaw.validation import check_whole_number
 
-_MANY = 60
+_MAX_TERMS_OF_FULL_SEARCH = 60
 """Terms beyond which the search gets fewer nodes, as the work of a node grows with the third power of the terms."""
 
 _TOLERANCE = 1e-12
@@ -74,7 +74,7 @@ class BestSubset(AbstractSolver):
 
     def _search(self, problem: StandardizedProblem, sizes: Sequence[int], stays: Indices) -> dict[int, Subset]:
         enters = forward_order(problem, max(sizes))
-        nodes = int(np.ceil(self.nodes * min(1.0, (_MANY / max(problem.size, 1)) ** 3)))
+        nodes = int(np.ceil(self.nodes * min(1.0, (_MAX_TERMS_OF_FULL_SEARCH / max(problem.size, 1)) ** 3)))
         return {size: _Search(problem, size, [stays[:size], enters[:size]]).run(nodes) for size in sizes}
 
 

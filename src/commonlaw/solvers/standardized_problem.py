@@ -12,10 +12,10 @@ from commonlaw.formulation import LeastSquaresProblem, explained
 _RIDGE = 1e-11
 """Parts columns of unit norm that depend on each other, so that five digits of their directions remain."""
 
-_EXACT = 1e-10
+_MIN_RELATIVE_RESIDUAL = 1e-10
 """A residual that is smaller than this share of its target tells the ridge and rounding, and not the noise."""
 
-_NOTHING = 1e-14
+_MIN_NORM = 1e-14
 """What is left of a unit vector, of which no digit is right."""
 
 
@@ -51,7 +51,7 @@ class StandardizedProblem:
         rows = np.array([problem.rows for problem in problems])
         mean = np.sum(right[..., 0] ** 2, axis=1) / np.maximum(rows, 1)
         variance = np.where(rows > size, rest / np.maximum(rows - size, 1), mean)
-        variance = np.maximum(variance, _EXACT**2 * mean)
+        variance = np.maximum(variance, _MIN_RELATIVE_RESIDUAL**2 * mean)
         variance = np.where(variance > 0, variance, 1.0)
         scaled = reduced[:, :size, size] / np.sqrt(variance)[:, np.newaxis]
         return cls(reduced[:, :size, :size], scaled, float(np.sum(rest / variance)), variance)
@@ -91,7 +91,7 @@ class StandardizedProblem:
         return int(np.argmax(found))
 
     def _explained(self, inside: Sequence[int] | Indices) -> Floats:
-        return explained(self._rows, np.asarray(inside, dtype=np.intp), _NOTHING**2)
+        return explained(self._rows, np.asarray(inside, dtype=np.intp), _MIN_NORM**2)
 
     @cached_property
     def _rows(self) -> Floats:
@@ -112,7 +112,7 @@ class Directions:
     def of(cls, vectors: Floats, left: Floats, indices: Indices) -> "Directions":
         """Scale vectors to unit norm; what is rounding beside a unit becomes zero."""
         norms = np.sqrt(np.einsum("otp,otp->ot", vectors, vectors))
-        scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > _NOTHING)
+        scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > _MIN_NORM)
         return cls(vectors * scale[..., np.newaxis], left, indices)
 
     @property
@@ -147,5 +147,5 @@ class Directions:
             near = np.nonzero(squares < 1e-6)
             squares[near] = np.sum((self.units[near[0], near[1]] + sign * self.units[near[0], near[2]]) ** 2, axis=-1)
             both = (own + sign * other) ** 2
-            total += np.divide(both, squares, out=np.zeros_like(both), where=squares > _NOTHING**2).sum(axis=0)
+            total += np.divide(both, squares, out=np.zeros_like(both), where=squares > _MIN_NORM**2).sum(axis=0)
         return total

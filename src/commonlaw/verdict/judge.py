@@ -18,7 +18,7 @@ from commonlaw.law.population import is_typical, with_objects_of
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials import Trial, Trials
-from commonlaw.verdict.law_verdict import NEAR, LawVerdict, StateError, listed
+from commonlaw.verdict.law_verdict import SMALL_ERROR, LawVerdict, StateError, listed
 from commonlaw.wording import counted
 
 _BEFORE = 0.2
@@ -28,7 +28,7 @@ leaves growth that has just begun to be forecast."""
 _RATES = 5
 """Samples that tell the first rates at least: fewer leave them to the noise."""
 
-_MOST_BEFORE = 200
+_MAX_SAMPLES_BEFORE = 200
 """So many samples before a forecast tell where it starts, as more take long and add little."""
 
 _TOLERANCE = 1e-6
@@ -126,7 +126,7 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
     """
     trial, origin, first, states = segment.trial, segment.origin, segment.first, len(law.states)
     fits = law.order != 0 and law.noise is not None
-    how: dict[str, Any] = {"start": _MOST_BEFORE if fits and origin > _MOST_BEFORE else None}
+    how: dict[str, Any] = {"start": _MAX_SAMPLES_BEFORE if fits and origin > _MAX_SAMPLES_BEFORE else None}
     how |= {"from_time": float(trial.times[origin])}
     if fits and segment.kind is Kind.SEEN and origin == 1:
         how = {"start": max(2, samples_before(len(trial), law.order))}
@@ -280,7 +280,7 @@ def _horizon(leads: Floats, scaled: Floats) -> float:
     nearest = order[leads[rows[order]] == np.min(leads[rows], initial=np.inf)]
     horizon = 0.0
     for part in (nearest, *np.array_split(order, max(1, min(_PARTS, len(order) // _MEASURED_IN_PART)))):
-        if not len(part) or not _rms(scaled[rows[part], columns[part]]) <= NEAR:
+        if not len(part) or not _rms(scaled[rows[part], columns[part]]) <= SMALL_ERROR:
             break
         horizon = float(leads[rows[part[-1]]])
     return horizon

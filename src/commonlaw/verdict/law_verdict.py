@@ -8,21 +8,21 @@ from typing import NamedTuple
 from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.wording import counted
 
-NEAR = 0.5
+SMALL_ERROR = 0.5
 """Forecasts are good as far ahead as their errors stay within this share of the states' spread: three quarters of the
 variance are then explained."""
 
 NO_BETTER = 0.9
 """Forecasts whose error is above this share of that of persistence are no better: of few trials, a tenth is chance."""
 
-_FEW = 5
+_MIN_MEASUREMENTS = 5
 """Fewer measurements are too few to judge by: their mean error is known to no better than half of it."""
 
-_NARROW, _FAILED, _MANY = 0.85, 0.5, 10
+_LOW_COVERAGE, _FAILED_COVERAGE, _MIN_FOR_COVERAGE = 0.85, 0.5, 10
 """Bands are too narrow if they hold a smaller share of measurements, and fail below the other; of so many at least.
 Of ten measurements bands of 95 % hold fewer than nine by chance in nine of a hundred cases, and half never."""
 
-_SHOWN = 3
+_MAX_LISTED = 3
 """Of a list in a sentence."""
 
 
@@ -133,10 +133,10 @@ class LawVerdict(ShownInNotebooks):
         """Why the law could not be judged; empty if it was."""
         if self.diverged:
             return ""
-        if self.measurements < _FEW:
+        if self.measurements < _MIN_MEASUREMENTS:
             few = f"too few, {counted(self.measurements, 'measurement')}, to compare with"
             return few if self.measurements else "nothing was measured in what it forecasts"
-        still = self.persistence <= NEAR and self.horizon == self.longest and self._is_no_better
+        still = self.persistence <= SMALL_ERROR and self.horizon == self.longest and self._is_no_better
         return "the states hardly move, and a constant forecast is as good" if still else ""
 
     @property
@@ -155,7 +155,7 @@ class LawVerdict(ShownInNotebooks):
             found.append(
                 f"beyond {self._time(self.horizon)} ahead they are no better than a mean of the states: {whole}"
             )
-        if self.coverage is not None and self.coverage < _FAILED and self.measurements >= _MANY:
+        if self.coverage is not None and self.coverage < _FAILED_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:
             found.append(f"only {_percent(self.coverage)} of the measurements lie within the 95 % bands")
         return tuple(found)
 
@@ -216,7 +216,7 @@ class LawVerdict(ShownInNotebooks):
             yield "add terms, or give a larger noise if it is known"
         elif self.without_terms or self.usable is False:
             yield "offer other terms, or measure more, or more exactly"
-        if self.few_samples or 0 < self.measurements < _FEW:
+        if self.few_samples or 0 < self.measurements < _MIN_MEASUREMENTS:
             yield "measure more samples or more trials"
 
     def _accuracy(self) -> Iterator[str]:
@@ -238,9 +238,9 @@ class LawVerdict(ShownInNotebooks):
             yield "There are no bands, as the law has no standard errors."
             return
         inside = f"{_percent(self.coverage)} of the measurements lie within the 95 % bands (about 95 % expected)"
-        if self.coverage < _NARROW and self.measurements >= _MANY:
+        if self.coverage < _LOW_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:
             yield f"{inside}: the bands are too narrow."
-        elif self.measurements >= _FEW:
+        elif self.measurements >= _MIN_MEASUREMENTS:
             yield f"{inside}."
 
     @property
@@ -264,5 +264,5 @@ def _percent(share: float) -> str:
 
 def listed(parts: Sequence[str], separator: str = ", ") -> str:
     """Return the first few, and how many more there are."""
-    more = f"{separator}and {len(parts) - _SHOWN} more" if len(parts) > _SHOWN else ""
-    return separator.join(parts[:_SHOWN]) + more
+    more = f"{separator}and {len(parts) - _MAX_LISTED} more" if len(parts) > _MAX_LISTED else ""
+    return separator.join(parts[:_MAX_LISTED]) + more

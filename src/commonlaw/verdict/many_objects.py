@@ -17,7 +17,7 @@ from commonlaw.trials.stream import as_one
 from commonlaw.verdict.findings import Findings, find
 from commonlaw.wording import counted
 
-_FEW = 24
+_MAX_OBJECTS = 24
 """Objects that stand for all, evenly by rank of their errors: figures and tables of so many can be read."""
 
 _FORECAST = 0.9
@@ -80,7 +80,7 @@ def find_by_stream(
     frames = forecast_parts(law, stream, part(progress, 0.0, _FORECAST))
     errors = pd.concat(frames, ignore_index=True)
     ranked = _relative(errors).index
-    rows = evenly_spaced(len(ranked), _FEW)
+    rows = evenly_spaced(len(ranked), _MAX_OBJECTS)
     names = {*ranked[rows].astype(str)}
     pieces = zip(stream.parts or (stream,), frames, strict=True)
     parts = [each for each, frame in pieces if names & {*frame.iloc[:, 0]}]

@@ -16,7 +16,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.inference import settings
-from commonlaw.likelihood import LONGEST_MESH
+from commonlaw.likelihood import MAX_MESH_SAMPLES
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 from commonlaw.wording import counted
@@ -105,7 +105,7 @@ def _spread_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
     """Return segments of an object's trials of so many samples together, spread evenly; all if they have no more."""
     if sum(map(len, trials)) <= share:
         return list(trials)
-    longest = min(LONGEST_MESH, max(share // settings.MAX_OBJECTS, min(share, settings.MAX_CURVE_POINTS)))
+    longest = min(MAX_MESH_SAMPLES, max(share // settings.MAX_OBJECTS, min(share, settings.MAX_CURVE_POINTS)))
     segments = list[Trial]()
     for trial in trials:
         count = -(-len(trial) // longest)
