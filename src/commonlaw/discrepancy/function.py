@@ -27,9 +27,7 @@ Bayes factor is 1 on average, and so above 20 in at most one case of twenty (Mar
 
 
 class Description(NamedTuple):
-    """Terms that fit as well as the smooth function, with coefficients, standard errors, and 2 log B for them
-    against it.
-    """
+    """Terms that fit as well as the smooth function, with standard errors, and 2 log B for them against it."""
 
     terms: tuple[str, ...]
     coefficients: tuple[float, ...]

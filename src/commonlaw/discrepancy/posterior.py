@@ -26,9 +26,7 @@ class ObjectRows:
 
     @property
     def inverse(self) -> Floats:
-        """The inverse factor, shape (coefficients, coefficients); raises `NotPositiveError` if coefficients are not
-        identifiable.
-        """
+        """The inverse factor; raises `NotPositiveError` if coefficients are not identifiable."""
         try:
             return np.asarray(np.linalg.inv(self.own))
         except np.linalg.LinAlgError:

@@ -30,9 +30,7 @@ def refuse_discrete_time(law: Law) -> None:
 
 
 def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals, Floats]:
-    """Return residuals without patterns, and the fitted numbers of each object, (objects, states); unknown noise is
-    estimated.
-    """
+    """Return residuals without patterns, and the numbers that were fitted, (objects, states)."""
     if not law.schema.doses:  # Which may be given where nothing was measured
         trials = trials.with_trials([each.measured() for each in trials])
     trials = matched(law, trials)

@@ -75,9 +75,7 @@ class Visited:
 
 
 def basis_of(visited: Visited, coordinate: str, times: str) -> SmoothBasis:
-    """Return the smooth functions of a coordinate over what was visited; raises `CommonlawError` if it does not
-    change.
-    """
+    """Return the smooth functions of a coordinate over what was visited; it must change."""
     values = visited.evaluate(coordinate)
     low, high = float(values.min()), float(values.max())
     if not high - low > 1e-9 * max(abs(low), abs(high)):

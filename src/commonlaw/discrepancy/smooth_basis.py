@@ -120,9 +120,7 @@ class Samples(NamedTuple):
 
 
 class Meaning(NamedTuple):
-    """Constraints on the weights, shape (constraints, functions), the zero if any, and the terms orthogonal to the
-    function.
-    """
+    """Constraints on the weights, shape (constraints, functions), the zero, and terms orthogonal to the function."""
 
     constraints: Floats
     zero_at: float | None

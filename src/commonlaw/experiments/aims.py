@@ -18,9 +18,7 @@ _COEFFICIENT = re.compile(r"(?P<name>.+?)(?: of (?P<object>.+))?")
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """A function of coefficients under each of K hypotheses: values of shape (K,), and derivatives by their
-    unknowns, (p,).
-    """
+    """A function of coefficients under K hypotheses: values, shape (K,), and derivatives by unknowns, (p,)."""
 
     name: str
     values: Floats

@@ -61,9 +61,7 @@ class Experiment:
         prices: Mapping[str, float],
         start_std: Mapping[str, float] | None = None,
     ) -> "Experiment":
-        """Return the experiment with these settings and prices; initial conditions have the given standard
-        deviations.
-        """
+        """Return the experiment with these settings, prices and standard deviations of initial conditions."""
         times = _times(settings)
         properties = {name.removeprefix("object."): _number(settings, name) for name in settings if "object." in name}
         chosen = str(settings.get("object", NEW))

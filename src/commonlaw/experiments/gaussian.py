@@ -101,9 +101,7 @@ class Whitened(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Common random numbers of all experiments: unknowns of each hypothesis, shape (draws, p), and noise, (draws, n
-    or more).
-    """
+    """Common random numbers of all experiments: unknowns of hypotheses, shape (draws, p), and noise."""
 
     unknowns: tuple[Floats, ...]
     noise: Floats

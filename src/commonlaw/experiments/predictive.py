@@ -196,8 +196,7 @@ class Hypothesis:
     def refitted(
         self, experiment: Experiment, begun: "Made", measured: Sequence[Sequence[Floats]], limit: float | None
     ) -> list[tuple[Gaussian, ...]]:
-        """Return predictions of an experiment about the best fits to measurements of each draw in each trial, shape
-        (n,).
+        """Return predictions about the best fits to measurements of each draw in each trial, shape (n,).
 
         The law must not diverge in the experiment; fits begin at `begun`, for `limit` see `says`.
         """

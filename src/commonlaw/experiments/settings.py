@@ -57,8 +57,7 @@ class Settings:
 
     @classmethod
     def of(cls, law: Law, vary: Mapping[str, object], usual: Mapping[str, Options]) -> "Settings":
-        """Return the settings of experiments with a law, from options as users write them, see `read`, and defaults for
-        others.
+        """Return the settings of experiments with a law, from options as users write them, and defaults.
 
         Raises `CommonlawError` if a setting is unknown, cannot be read, or is missing.
         """

@@ -221,8 +221,7 @@ class Forecast(ShownInNotebooks):
         return np.full(states, np.inf) if self.degrees_of_freedom is None else self.degrees_of_freedom
 
     def measurement_std(self, white: bool = False) -> tuple[Floats, ...]:
-        """Return the standard deviations of measurements in each trial, shape (n, states), or of their `white` noise
-        alone.
+        """Return standard deviations of measurements, shape (n, states), or of their `white` noise alone.
 
         Raises `CommonlawError` if the noise is not known.
         """

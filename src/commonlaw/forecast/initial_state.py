@@ -37,9 +37,7 @@ MIN_SAMPLES = 5
 
 @dataclass(frozen=True, eq=False)
 class FittedInitialState:
-    """The maximum-likelihood initial state, shape (width,), at fixed coefficients, given the first samples of a
-    trial.
-    """
+    """The maximum-likelihood initial state, shape (width,), given the first samples of a trial."""
 
     initial: Floats
     trial: Trial
@@ -95,8 +93,7 @@ Start = FittedInitialState | FilteredStart
 
 
 def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Start:
-    """Return the maximum-likelihood start, given the noise of the law and a trial's first `count` samples, or all it
-    has.
+    """Return the maximum-likelihood start, given the law and a trial's first `count` samples, or all.
 
     States at these are fitted as in `commonlaw.likelihood`, from a smooth curve to a solution of the law; the start is
     the first of them. States may be missing, in the first sample too.

@@ -127,9 +127,7 @@ def _objects(stream: TrialStream) -> tuple[str, ...]:
 
 
 def law_of(law: Law, names: Collection[str]) -> Law:
-    """Return a law of some objects: its own, and others by relations or means; raises `CommonlawError` if there are
-    none.
-    """
+    """Return a law of some objects: its own, and others by relations or means, if there are any."""
     if len(law.objects) == 1:
         return law
     known = {*law.objects}

@@ -75,9 +75,7 @@ class FilteredStart:
         return np.concatenate([np.column_stack([np.interp(earlier, self.times, own) for own in values.T]), after])
 
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
-        """Return a trajectory from this start whose derivatives follow the coefficients, and the start's other
-        covariance, (D, D).
-        """
+        """Return a trajectory from this start whose derivatives follow the coefficients, and its covariance, (D, D)."""
         assert trajectory.sensitivities is not None
         by_own, by_start = np.split(trajectory.sensitivities, [-self.states.shape[1]], axis=2)
         with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
@@ -86,9 +84,7 @@ class FilteredStart:
 
 
 def unit_of_errors(law: Law, noise: Floats, trial: Trial) -> Floats:
-    """Return the unit of the model error of each state (and rate), shape (width,): that of a rate moves the state by
-    its noise.
-    """
+    """Return the unit of the model error, shape (width,): that of a rate moves the state by its noise."""
     second = with_rates(law.order, len(law.states))
     return np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
 

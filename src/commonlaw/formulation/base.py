@@ -57,9 +57,7 @@ class AbstractFormulation(ABC):
 
     @abstractmethod
     def problems(self, trial: Trial, terms: Terms, segments: int = 1) -> list[LeastSquaresProblem]:
-        """Return the rows of a trial, compressed, in so many segments of equal length that follow each other in
-        time.
-        """
+        """Return the compressed rows of a trial in so many segments of equal length, in order of time."""
 
     def problem(self, trials: Sequence[Trial], terms: Terms) -> LeastSquaresProblem:
         """Return the rows of several trials, compressed together."""

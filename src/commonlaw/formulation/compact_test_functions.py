@@ -76,8 +76,7 @@ class CompactTestFunctions:
         return CompactTestFunctions(centres[order], radii[order])
 
     def weights(self, times: Floats, highest: int) -> "list[csr_array]":
-        """Return weights, shape (k, n), that integrate a function's samples against test functions and derivatives up
-        to 2.
+        """Return weights, shape (k, n), that integrate samples against test functions and their derivatives up to 2.
 
         On a regular grid they are the trapezoidal rule, whose error falls faster than any power of the step if the test
         function is not too narrow. Otherwise a polynomial of degree 9 through the 10 samples nearest to each step, on
@@ -160,9 +159,7 @@ def _derivative(s: Floats, derivative: int) -> Floats:
 
 
 def _interpolation(times: Floats, points: Floats, size: int) -> "csr_array":
-    """Return the matrix, ((n - 1) m, n), from samples to values at points of each step, (n - 1, m), by the nearest
-    samples.
-    """
+    """Return the matrix, ((n - 1) m, n), from samples to values at points of each step, (n - 1, m)."""
     from scipy.sparse import csr_array
 
     size = min(size, len(times))

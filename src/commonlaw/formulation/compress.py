@@ -68,9 +68,7 @@ class ObjectRows:
 
 @dataclass(frozen=True, eq=False)
 class CompressedTrials:
-    """Problems by object, in order of first appearance, by trial, and by segment of time; with some trials if asked
-    for.
-    """
+    """Problems by object, in order of first appearance, by trial, and by segment of time."""
 
     objects: tuple[str, ...]
     groups: tuple[tuple[tuple[LeastSquaresProblem, ...], ...], ...]
@@ -104,8 +102,7 @@ def rows_by_object(
     sampled: bool = False,
     n_jobs: int = 1,
 ) -> dict[str, ObjectRows]:
-    """Return the compressed rows of each object, of trials in any order, that may come from a stream larger than
-    memory.
+    """Return the compressed rows of each object, also of a stream of trials that is larger than memory.
 
     Trials are cut into so many segments; `sampled` keeps some trials of each object. Raises `CommonlawError` if a trial
     cannot be used.

@@ -14,8 +14,7 @@ from commonlaw.kernel import address, kernel
 
 
 def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = False) -> Floats:
-    """Return by how much each column lowers the residual sum of squares of columns inside, and last that sum,
-    (columns,).
+    """Return by how much columns lower the residual sum of squares of those inside, and last that sum, (columns,).
 
     Factors are rows ``[columns | target]`` of each object, shape (objects, rows, columns). Columns of which those
     inside leave a smaller share of the squares than `near` have too few digits: they explain nothing, or with `bound`
@@ -190,9 +189,7 @@ class LeastSquaresProblem:
 
     @classmethod
     def of(cls, library: Floats, targets: Floats, weights: Floats | None = None) -> "LeastSquaresProblem":
-        """Compress rows: library of shape (n, terms), targets (n, targets), and how often each row counts, (n,),
-        default once.
-        """
+        """Compress library rows, shape (n, terms), targets, (n, targets), and how often each counts, (n,)."""
 
         def blocks() -> Iterator[Floats]:
             for some in (slice(i, i + BLOCK) for i in range(0, len(library), BLOCK)):
@@ -205,8 +202,7 @@ class LeastSquaresProblem:
 
     @classmethod
     def of_blocks(cls, blocks: Iterable[Floats], terms: int, columns: int) -> "LeastSquaresProblem":
-        """Compress rows in blocks of shape (n, columns), of which so many are terms; memory does not grow with their
-        number.
+        """Compress rows in blocks of shape (n, columns), in memory that does not grow with their number.
 
         A block ``[library | targets]`` is used as workspace: its values are lost.
         """

@@ -45,9 +45,7 @@ class WeakRows:
     def of(
         cls, test_functions: CompactTestFunctions, trial: Trial, terms: Terms, values: Floats, noise: Floats, order: int
     ) -> "WeakRows":
-        """Return the rows of a trial in a law of order 1 or 2, with terms at values of all variables, shape (n,
-        variables).
-        """
+        """Return the rows of a trial in a law of order 1 or 2, from values of all variables, shape (n, variables)."""
         size = trial.states.shape[1]
         weights = test_functions.weights(trial.times, order)
         target = (-1) ** order * weights[order]

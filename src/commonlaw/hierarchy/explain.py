@@ -346,9 +346,7 @@ def _score(own: Estimates, choices: Sequence[RelationChoice]) -> float:
 
 
 def _pointed(own: Estimates, models: Sequence[CoefficientModel]) -> tuple[Estimates, Floats]:
-    """Return estimates linearized about what they and the other coefficients' models give, with standard errors,
-    (objects, k).
-    """
+    """Return estimates linearized about what they and other coefficients give, with standard errors, (objects, k)."""
     objects, size = own.estimates.shape
     points, variances = np.empty((2, objects, size))
     for k in range(size):

@@ -32,8 +32,7 @@ class CoefficientModel:
 
     @classmethod
     def powers(cls, logs: Floats, variances: Floats, in_logs: bool) -> "CoefficientModel":
-        """Return the model of a factor times the exponential of these logarithms, shape (models, objects), with
-        scatter.
+        """Return the model of a factor times the exponential of logarithms, shape (models, objects), with scatter.
 
         Variances, of logarithms or relative to the power law, broadcast to that shape.
         """
@@ -67,9 +66,7 @@ class CoefficientModel:
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Estimates of all coefficients, shape (objects, k), and covariances, (objects, k, k); logarithms are linear
-    about `points`.
-    """
+    """Estimates of all coefficients, (objects, k), with covariances; logarithms are linear about `points`."""
 
     estimates: Floats
     covariances: Floats

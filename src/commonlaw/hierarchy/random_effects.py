@@ -60,9 +60,7 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True, eq=False)
 class RandomEffects:
-    """Object-specific estimates of coefficients, shape (objects, k), and the information on them, shape (objects, k,
-    k).
-    """
+    """Object-specific estimates of coefficients, shape (objects, k), with their information, (objects, k, k)."""
 
     estimates: Floats
     information: Floats

@@ -125,9 +125,7 @@ class Relation:
     typical: float = 1.0
 
     def columns(self, values: Floats) -> Floats:
-        """Return the regressors of the factors, shape (objects, factors), from values of `properties`, shape
-        (objects, properties).
-        """
+        """Return the regressors of the factors, shape (objects, factors), from values of `properties`."""
         ones = np.ones((len(values), 1))
         if self.kind is RelationKind.AFFINE:
             return np.concatenate([ones, values], axis=1)

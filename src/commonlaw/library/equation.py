@@ -83,9 +83,7 @@ class Equation:
     def latex(
         self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
     ) -> tuple[tuple[bool, str], ...]:
-        """Return the summands of the right-hand side in LaTeX, as written, and whether they are subtracted, see
-        `summands`.
-        """
+        """Return the summands of the right-hand side in LaTeX, and whether they are subtracted, see `summands`."""
         return _Reader(self, variables, dict(state_rates), meanings or Meanings()).latex()
 
     def with_numbers(self, write: Mapping[str, Callable[[bool], tuple[bool, str]]]) -> str:

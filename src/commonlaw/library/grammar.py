@@ -72,9 +72,7 @@ _NUMBERS = Algebra(np.float64, OPERATIONS)
 
 
 def read(text: str, names: Sequence[str], constants: int = 0) -> ast.expr:
-    """Return the tree of an expression, column i as ``v<i>``; the last names are parameters, which may stand in
-    exponents.
-    """
+    """Return the tree of an expression, with ``v<i>`` for column i; so many of the last names are parameters."""
     shown = text if len(text) <= 60 else f"{text[:57]}..."
     if len(text) > MAX_CHARACTERS:
         raise CommonlawError("term-too-long", term=shown, characters=len(text), limit=MAX_CHARACTERS)
@@ -199,9 +197,7 @@ def _parsed(code: str, names: Sequence[str]) -> ast.expr:
 
 
 def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
-    """Refuse what the language does not have, or what could take for ever; names after so many variables are
-    parameters.
-    """
+    """Refuse what the language does not have or what could take for ever."""
     if depth > MAX_DEPTH:
         raise CommonlawError("expression-too-deep", limit=MAX_DEPTH)
     inside: tuple[ast.expr, ...] = ()

@@ -68,9 +68,7 @@ class AbstractLibrary(ABC):
         return ()
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
-        """Yield what is offered besides: the first for any equation, the next where a law so far may be wrong or
-        simpler.
-        """
+        """Yield what is offered besides, simple offers first; later ones where a law may be wrong or simpler."""
         yield Offer(self.parametric(variables), self.ratios(variables))
 
     @property

@@ -20,9 +20,7 @@ from commonlaw.library.variables import Variables
 
 @dataclass(frozen=True)
 class ParametricTerm:
-    """A candidate term with nonlinear parameters of any values, over the variables with these parameters, which come
-    last.
-    """
+    """A candidate term over variables and, behind them, nonlinear parameters of any values."""
 
     term: Term
     constants: tuple[str, ...]

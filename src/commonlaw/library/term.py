@@ -147,9 +147,7 @@ class Term:
         return inside.union(*(columns_in(factor) for factor, _ in self.powers))
 
     def complexity(self) -> float:
-        """Return how many variables and functions the term is written with: 3 for ``x^2 v``, 2 for ``sin(2 x)``, 0
-        for ``1``.
-        """
+        """Return how many variables and functions it is written with: 3 for ``x^2 v``, 2 for ``sin(2 x)``."""
         return sum(factor.complexity() * abs(power) for factor, power in self.powers)
 
     def evaluate(self, values: Floats) -> Floats:

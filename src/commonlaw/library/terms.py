@@ -88,9 +88,7 @@ class Terms:
 
     @cached_property
     def complexities(self) -> Floats:
-        """The complexity of each term, see `Term.complexity`, shape (terms,); divisors with parameters, which are
-        shared, count once.
-        """
+        """The complexity of each term, shape (terms,); shared divisors with parameters count once."""
         first, seen, found = len(self.variables.measured), set[Term](), list[float]()
         for term in self.terms:
             below = {each for each in term.divisors if any(column >= first for column in each.columns())}
@@ -132,9 +130,7 @@ class Terms:
         return tuple(any(column >= first for column in term.columns()) for term in self.terms)
 
     def at(self, values: Floats, coefficients: Floats) -> Floats:
-        """Return values of states, inputs and time, shape (n, variables), followed by parameters from coefficients
-        (equations, terms).
-        """
+        """Return values of measured variables, shape (n, variables), followed by parameters from the coefficients."""
         if not self.constants:
             return values
         own = coefficients[:, list(self.constants)].sum(axis=0)
@@ -157,7 +153,7 @@ class Terms:
         return Terms(self.variables, tuple(self.terms[i] for i in indices))
 
     def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
-        """Return the matrix of terms, shape (n, terms), in Fortran order, at the rows of `values`; `out` is filled if
+        """Return the matrix of terms, shape (n, terms), in Fortran order, at rows of `values`; `out` is filled if
         given.
 
         A value does not depend on which other terms there are, to the last bit.

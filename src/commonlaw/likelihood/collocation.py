@@ -33,9 +33,7 @@ class Jacobians:
 
 
 def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Floats:
-    """Return the defects of all steps, shape (n - 1, D), from states of shape (n, D), then those of latent
-    processes.
-    """
+    """Return the defects of all steps, shape (n - 1, D), then those of latent processes."""
     own, hidden = np.split(states, [field.width], axis=1)
     forces = _forces(field, hidden, latent)
     derivatives = field.derivatives(_at_points(mesh, own)) + forces
@@ -111,9 +109,7 @@ def _at_ends(mesh: Mesh, states: Floats) -> Floats:
 
 
 def _at_middles(mesh: Mesh, states: Floats, first: Floats, last: Floats) -> Floats:
-    """Return the variables in the middle of the steps, shape (n - 1, variables), from derivatives at both ends, (n -
-    1, D).
-    """
+    """Return the variables in the middle of the steps, from derivatives at both ends, (n - 1, D)."""
     middles = (states[:-1] + states[1:]) / 2 + mesh.steps[:, np.newaxis] / 8 * (first - last)
     inputs = (mesh.inputs[:-1] + mesh.inputs[1:]) / 2 if mesh.middle is None else mesh.middle
     return np.column_stack([middles, inputs, (mesh.times[:-1] + mesh.times[1:]) / 2])

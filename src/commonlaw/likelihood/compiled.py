@@ -24,9 +24,7 @@ from commonlaw.likelihood.observation_model import LatentProcesses, LatentSteps
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """A model's structures, and the arrays that they point into; meshes also as 8-byte words, shape (meshes,
-    `FIELDS`).
-    """
+    """A model's structures, its meshes as 8-byte words, too, and the arrays that they point into."""
 
     model: ModelStructure
     meshes: Any

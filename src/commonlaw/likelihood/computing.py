@@ -133,8 +133,7 @@ class AboutEstimates:
     columns: Bools
 
     def linearize(self, std: Floats, latent: LatentProcesses, model_error: float) -> tuple[Floats, float]:
-        """Return the likelihood at levels of errors: triangular factors, (objects, columns + 1, columns + 1), and
-        log-determinant.
+        """Return triangular factors at levels of errors, (objects, columns + 1, columns + 1), and the log-determinant.
 
         The standard deviations of white noise have shape (points, d), over all meshes; the model error is relative to
         the models' units. Raises `NotPositiveError` if numbers are not finite, or too far apart.

@@ -115,9 +115,7 @@ def eliminate_states(
 
 
 def _bands(linear: Jacobians, precision: Floats, diagonal: Floats) -> Floats:
-    """Return the upper bands of the states' matrix, in LAPACK's layout, shape (2 D, n D): diagonal blocks, then
-    defects.
-    """
+    """Return the upper bands of the states' matrix, in LAPACK's layout, shape (2 D, n D)."""
     points, width = diagonal.shape[:2]
     start = linear.start.transpose(0, 2, 1) * precision[:, np.newaxis]
     end = linear.end.transpose(0, 2, 1) * precision[:, np.newaxis]
@@ -339,7 +337,5 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
 
 
 def least_norm(matrix: Floats, right: Floats) -> Floats:
-    """Return the solution of least norm of a symmetric system with a diagonal of ones; a `LinAlgError` if it is not
-    finite.
-    """
+    """Return the solution of least norm of a symmetric system with a unit diagonal; it must be finite."""
     return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-13)[0])

@@ -231,9 +231,7 @@ def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tupl
 
 
 def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
-    """Return orthogonal columns and their triangle, by Cholesky factorization where enough digits are left: three
-    times as fast.
-    """
+    """Return orthogonal columns and their triangle, by Cholesky factorization, if accurate enough."""
     from scipy.linalg import blas, lapack
 
     norms = column_scales(columns)
@@ -247,8 +245,7 @@ def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
 def _measured(
     model: TrajectoryModel, mesh: Mesh, states: Floats, latent: LatentSteps | None
 ) -> tuple[Floats, Floats, float]:
-    """Return the measurements at each point: covariances (n, D + w, D + w), centres less the estimate (n, D + w), a
-    constant.
+    """Return the measurements at each point, covariances (n, D + w, D + w) and centres (n, D + w), and a constant.
 
     Unmeasured quantities have vague variances, whose log-sum at the ends of all steps, the constant, is not part of the
     likelihood.

@@ -101,9 +101,7 @@ class Mesh:
         return len(self.times)
 
     def degrees_of_freedom(self, order: Order) -> int:
-        """Return the number of measurements less that of initial states; states that are constant in a segment do
-        not count.
-        """
+        """Return the measurements less initial states; states constant in a segment do not count."""
         return int(np.sum(np.maximum(self.moving - np.array(order), 0)))
 
     @cached_property
@@ -143,9 +141,7 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Times, mid-times, steps, relative steps, measurements, inputs and mid-inputs of a mesh as one array;
-    contiguity as bytes.
-    """
+    """Times, steps, measurements and inputs of a mesh as one array; contiguity as bytes."""
 
     arrays: tuple[Floats, ...]
     contiguous: NDArray[np.uint8]
@@ -175,9 +171,7 @@ def meshes(
 
 
 def interpolate(values: Sequence[Floats], points: int = 1, most: int = MAX_MESH_SAMPLES) -> list[Floats]:
-    """Return values at the samples of trials, each of shape (samples, columns), on their meshes, linear between
-    samples.
-    """
+    """Return values at the samples of trials, each of shape (samples, columns), linearly on their meshes."""
     groups = _groups([len(each) for each in values], most)
     return [np.concatenate([_between(values[i][segment], points) for i, segment in group]) for group in groups]
 

@@ -29,8 +29,7 @@ class LatentSteps:
 
 @dataclass(frozen=True, eq=False)
 class LatentProcesses:
-    """Processes beside white noise: errors of measured states, then forces on the equations, then the rates of the
-    forces.
+    """Processes beside white noise: errors of measured states, forces on the equations, rates of the forces.
 
     Parameters
     ----------
@@ -134,8 +133,7 @@ random walk, or with a smooth force."""
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """Standard deviations of all errors beside white noise, in units of states and time; None where there are none of a
-    kind.
+    """Standard deviations of errors beside white noise, in units of states and time; None without errors of a kind.
 
     Parameters
     ----------
@@ -180,9 +178,7 @@ class ErrorModel:
 
     @property
     def rounds(self) -> int:
-        """How often noise and states are estimated in turn: proportional noise follows fitted states, which may
-        cross zero.
-        """
+        """How often noise and states are estimated in turn: proportional noise follows fitted states."""
         return 1 if self.proportional is None else 2
 
     def white_std(self, states: Floats, noise: Floats) -> Floats:
@@ -229,8 +225,7 @@ class ObservationModel:
             raise CommonlawError("huber-threshold", value=self.huber_threshold)
 
     def deviance(self, residuals: Floats, scale: Floats | float = 1.0) -> float:
-        """Return twice the negative log-likelihood but for a constant, of residuals with standard deviations noise
-        times scale.
+        """Return twice the negative log-likelihood of residuals, with standard deviations noise times scale.
 
         NaN was not measured.
         """

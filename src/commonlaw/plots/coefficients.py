@@ -45,8 +45,7 @@ _OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One coefficient of every object: its equation, term, labels, and values of shape (objects,), with averaged 95 %
-    intervals.
+    """One coefficient of every object: equation, term, labels, and values of shape (objects,), with intervals.
 
     It is a coefficient by its name where the law was given as equations. Unknown names and units are empty, unknown
     values NaN, and unknown standard errors zero.
@@ -206,9 +205,7 @@ class DotPlot:
         panels[-1].set_xlabel("coefficient, on a logarithmic scale" if logarithmic else "coefficient")
 
     def _scale(self, panel: Axes) -> bool:
-        """Make the axis logarithmic on both sides of zero if coefficients differ by a factor above a hundred; return
-        whether.
-        """
+        """Make the axis symmetric-logarithmic if coefficients differ by a factor above 100; return whether."""
         values = np.abs([[*each.learned, *each.true] for each in self.coefficients])
         low, high = np.nanmin(values), np.nanmax(values)
         differ = bool(high > 100 * low)

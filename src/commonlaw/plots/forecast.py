@@ -67,9 +67,7 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
 
 
 def forecast_grid(forecast: Forecast, most: int = 5) -> tuple[int, int]:
-    """Return the number of columns, if possible not above `most`, and of lines of pairs of panels, all states of an
-    object in one.
-    """
+    """Return the columns, if possible at most `most`, and the lines of pairs of panels, an object in one line."""
     states, objects = len(forecast.trials.schema.states), len(forecast.trials.objects)
     across = columns_for(objects, max(1, most // states))
     return across * states, -(-objects // across)

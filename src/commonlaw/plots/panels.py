@@ -60,9 +60,7 @@ class ForecastPanels:
 
     @styled()
     def overview(self, names: Sequence[str]) -> Figure:
-        """Return one figure with a small cell for each of these objects, below its name, all with the same hidden
-        axes.
-        """
+        """Return one figure with a small cell for each of these objects, all with the same hidden axes."""
         states = range(len(self.forecast.trials.schema.states))
         lines = -(-len(names) // _CELLS)
         figure = Figure(figsize=(_WIDTH, _CELL * len(states) * lines))

@@ -57,8 +57,7 @@ class _Coefficient:
 
 @styled()
 def plot_relations(law: Law) -> Figure:
-    """Plot each coefficient against the properties that it depends on, one row each, with 95 % intervals of all
-    objects.
+    """Plot each coefficient against the properties that it depends on, one row each, with 95 % intervals.
 
     Coefficients are object-specific estimates before pooling. Relations of a power law have logarithmic axes, and of
     several properties also a panel on which objects collapse onto one line. The grey band holds 95 % of the objects by

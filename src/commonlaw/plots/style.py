@@ -65,18 +65,14 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Use the look of these figures, whatever the user's settings are, and restore those afterwards; one thread at a
-    time.
-    """
+    """Use the look of these figures, one thread at a time, and restore the user's settings afterwards."""
     # A character that no font has is drawn as a box; the warning names no remedy
     with quiet(UserWarning, "Glyph .* missing from"), style.context(["default", dict(SETTINGS)]):
         yield
 
 
 def frozen_layout(figure: Figure) -> Figure:
-    """Lay the figure out once, so that the same data give the same bytes: the constrained layout differs from run to
-    run.
-    """
+    """Lay the figure out once: repeated constrained layouts differ, and so would the bytes of a file."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for panel in figure.axes:
@@ -195,9 +191,7 @@ _METADATA: Mapping[str, Mapping[str, Any]] = {
 
 
 def figure_format(path: str | os.PathLike[str]) -> str:
-    """Return the format of a path or suffix: ``"png"``, ``"svg"`` or ``"pdf"``; raises `CommonlawError` for any
-    other.
-    """
+    """Return the format of a path or suffix: ``"png"``, ``"svg"`` or ``"pdf"``."""
     name = Path(path)
     kind = (name.suffix or name.name).lstrip(".").lower()
     if kind not in _METADATA:
@@ -219,7 +213,5 @@ def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> 
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write the figure in the format of the path's suffix, whole or not at all; raises `CommonlawError` if that
-    fails.
-    """
+    """Write the figure in the format of the path's suffix, whole or not at all."""
     write_whole(path, render(figure, path))

@@ -70,9 +70,7 @@ def _legend(forecast: Forecast) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Curves of a fit or a forecast, and their errors, by object and together; `kind` begins the names of figures
-    and tables.
-    """
+    """Curves of a fit or a forecast, and their errors; `kind` begins the names of figures and tables."""
 
     forecast: Forecast
     kind: str

@@ -90,9 +90,7 @@ class _Named:
 
 @dataclass(frozen=True)
 class Text:
-    r"""Paragraphs or lists: Markdown, with LaTeX between dollar signs, two for a displayed formula; ``\$`` is a
-    dollar sign.
-    """
+    r"""Paragraphs or lists: Markdown, with LaTeX between one or two dollar signs."""
 
     text: str
 

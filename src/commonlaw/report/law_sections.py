@@ -34,9 +34,7 @@ _LONG = 12
 
 @dataclass(frozen=True, eq=False)
 class LawCase:
-    """The findings of a report, with rival laws, and what turns messages of the library into the words of the
-    caller.
-    """
+    """Findings and rival laws, and what turns messages into the words of the caller."""
 
     findings: Findings
     words: Callable[[str], str]

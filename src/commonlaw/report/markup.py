@@ -28,9 +28,7 @@ _MAX_OBJECTS = 6
 
 
 def law_markdown(law: Law) -> str:
-    """Return the equations of a law as Markdown, with numbers where all objects share them, and a simpler form if
-    there is one.
-    """
+    """Return the equations of a law as Markdown, with numbers that all objects share, and a simpler form."""
     if not law.shared and len(law.objects) > 1:
         return "".join(_own(law))
     shown = _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure())

@@ -37,9 +37,7 @@ _MIN_WIDTH = 0.64
 
 
 def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) -> bytes:
-    """Return the page; `drawings` are the pictures by name as SVG, which a page that stands `alone` holds, and
-    tables as data.
-    """
+    """Return the page; one that stands `alone` holds the drawings, SVG by name, and tables as data."""
     check_packages()
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup

@@ -57,8 +57,7 @@ def bic(fit: FitStatistics) -> float:
 
 
 def ebic(fit: FitStatistics) -> float:
-    """Return the BIC plus ``2 log`` of the number of ways to choose so many terms from the library; shared supports
-    count once.
+    """Return the BIC plus ``2 log`` of the number of ways to choose the terms; shared supports count once.
 
     Chen and Chen (2008), "Extended Bayesian information criteria for model selection with large model spaces", gamma =
     1.

@@ -28,9 +28,7 @@ Path = Callable[[Sequence[LeastSquaresProblem]], Sequence[Candidate]]
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """The supports that a solver found on resampled data: for each resample those of its path, of shape (objects,
-    terms).
-    """
+    """The supports on a solver's path for each resample, each of shape (objects, terms)."""
 
     supports: tuple[tuple[Bools, ...], ...]
 

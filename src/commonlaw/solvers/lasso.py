@@ -96,8 +96,7 @@ class Lasso(AbstractSolver):
 def minimize(
     gram: Floats, right: Floats, penalty: float, start: Floats, max_iterations: int, tolerance: float
 ) -> tuple[Floats, bool]:
-    """Return the minimum of ``sum_o (b_o' G_o b_o / 2 - r_o' b_o) + penalty sum_t ||b_t||``, and whether it was
-    reached.
+    """Return the minimum of ``sum_o (b_o' G_o b_o / 2 - r_o' b_o) + penalty sum_t ||b_t||``, and if it was reached.
 
     G has shape (objects, terms, terms); r, the first guess and the minimum (objects, terms).
     """

@@ -100,9 +100,7 @@ class StandardizedProblem:
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """Unit directions of terms, shape (objects, terms, p), zero where nothing is left, and vectors projected on
-    them, (objects, p).
-    """
+    """Unit directions of terms, shape (objects, terms, p), and the vectors projected on them, (objects, p)."""
 
     units: Floats
     left: Floats

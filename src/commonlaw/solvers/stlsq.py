@@ -62,9 +62,7 @@ class Median(AbstractImportance):
 
 @dataclass(frozen=True)
 class Quantile(AbstractImportance):
-    """A quantile of the magnitudes, at a level between 0 and 1; a low one keeps only terms that nearly all objects
-    need.
-    """
+    """A quantile of the magnitudes, from 0 to 1; a low one keeps only terms that nearly all objects need."""
 
     level: float = 0.25
 

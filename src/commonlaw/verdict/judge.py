@@ -45,9 +45,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A forecast to be assessed: of a trial, from sample `origin` on, compared from sample `first` on; `kind` is its
-    source.
-    """
+    """A forecast of a trial, from sample `origin` on, compared from sample `first` on; `kind` is its source."""
 
     trial: Trial
     origin: int

@@ -26,9 +26,7 @@ _FORECAST = 0.9
 
 @dataclass(frozen=True, eq=False)
 class ManyFindings:
-    """A law with the forecast errors of a stream, see `commonlaw.forecast_stream`, and findings about a few of its
-    objects.
-    """
+    """A law with the forecast errors of a stream, and findings about a few of its objects."""
 
     law: Law
     errors: pd.DataFrame
