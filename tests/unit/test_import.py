@@ -35,6 +35,12 @@ def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
         attrgetter("no_such_name")(commonlaw)
 
 
+@pytest.mark.parametrize(("old", "new"), vars(commonlaw)["RENAMED"].items())
+def test_a_name_of_the_last_release_says_what_it_is_called_now(old: str, new: str) -> None:
+    with pytest.warns(DeprecationWarning, match=new):
+        assert attrgetter(old)(commonlaw) is attrgetter(new)(commonlaw)
+
+
 def test_the_package_runs_as_the_command() -> None:
     shown = subprocess.run([sys.executable, "-m", "commonlaw", "--version"], capture_output=True, text=True, check=True)
     assert shown.stdout.startswith("commonlaw")

@@ -436,7 +436,7 @@ class ExpressionLibrary(AbstractLibrary):
 
 
 @dataclass(frozen=True)
-class FamilyLibrary(AbstractLibrary):
+class ParametricLibrary(AbstractLibrary):
     """Functions with nonlinear parameters that go by a name, such as saturation: see `FAMILIES`.
 
     A law takes few of them, beside plain terms; the parameters are found with the law, object-specific.
@@ -456,7 +456,7 @@ class FamilyLibrary(AbstractLibrary):
     Examples
     --------
     >>> variables = Variables(("s", "x"))
-    >>> [each.text(variables) for each in FamilyLibrary("saturating", "s").parametric(variables)]
+    >>> [each.text(variables) for each in ParametricLibrary("saturating", "s").parametric(variables)]
     ['s/(K + s)', '1/(K + s)']
     """
 
@@ -537,13 +537,13 @@ class AutoLibrary(AbstractLibrary):
         yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
 
     def _families(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
-        alone = [FamilyLibrary(name) for name in ("power", "root", "sigmoid", "polar")]
-        of_states = [FamilyLibrary(name, variables.states) for name in ("friction", "morse")]
+        alone = [ParametricLibrary(name) for name in ("power", "root", "sigmoid", "polar")]
+        of_states = [ParametricLibrary(name, variables.states) for name in ("friction", "morse")]
         factors = [
-            FamilyLibrary(name)
+            ParametricLibrary(name)
             for name in ("saturating", "hill", "exponential", "logarithm", "trigonometric", "contact")
         ]
-        driven = FamilyLibrary("periodic", (variables.time,))
+        driven = ParametricLibrary("periodic", (variables.time,))
         several = (*alone, *(PolynomialLibrary(1) * each for each in factors), *of_states, driven)
         return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))
 
@@ -578,7 +578,7 @@ def parse_library(text: str) -> AbstractLibrary:
         "terms": _listed,
         "constant": ConstantLibrary,
         "auto": AutoLibrary,
-        **{name: partial(FamilyLibrary, name) for name in FAMILIES},
+        **{name: partial(ParametricLibrary, name) for name in FAMILIES},
     }
 
     def one(part: str) -> AbstractLibrary:
