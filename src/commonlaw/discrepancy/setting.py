@@ -288,7 +288,12 @@ def shares(
     The steps: the coefficients as given, shape (objects, equations, terms); the best ones; the function; a model error,
     if one was chosen. What is left is noise.
     """
-    steps = [_deviance(problem, given, alone[-1]), _without_error(alone), _without_error(shared), chosen.deviance]
+    # Of the law's own trajectories, with free initial states
+    given_deviance, none = 0.0, np.zeros_like(alone[-1].model.own)
+    for model, start, own in zip(problem.models, problem.starts, given, strict=True):
+        first = replace(start, coefficients=own)
+        given_deviance += fit(model, first, none, (*MODEL_ERRORS, *FINAL_MODEL_ERRORS)).deviance
+    steps = [given_deviance, _without_error(alone), _without_error(shared), chosen.deviance]
     falling = np.minimum.accumulate(steps)
     parts = dict(zip(("coefficients", "shared discrepancy", "trial"), -np.diff(falling), strict=True))
     return {name: float(each / falling[0]) for name, each in (parts | {"noise": falling[-1]}).items()}
@@ -296,12 +301,3 @@ def shares(
 
 def _without_error(found: Sequence[FunctionFit]) -> float:
     return min(each.deviance for each in found if each is found[-1] or not each.has_model_error)
-
-
-def _deviance(problem: SearchProblem, given: Floats, alone: FunctionFit) -> float:
-    """Return what measurements are off the law's own trajectories, initial states being free."""
-    found, none = 0.0, np.zeros_like(alone.model.own)
-    for model, start, own in zip(problem.models, problem.starts, given, strict=True):
-        first = replace(start, coefficients=own)
-        found += fit(model, first, none, (*MODEL_ERRORS, *FINAL_MODEL_ERRORS)).deviance
-    return found

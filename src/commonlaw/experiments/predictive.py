@@ -358,7 +358,9 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: flo
     """
     assert law.noise is not None
     errors, measured = law.uncertainty.error_model, ~law.schema.unmeasured
-    white = _white_std(law, states)[:, measured]
+    own = states[:, : len(law.states)]
+    white_std = np.asarray(law.uncertainty.error_model.white_std(own, np.asarray(law.noise)) + np.zeros_like(own))
+    white = white_std[:, measured]
     parts = list[Floats]()
     if errors.correlated is not None:
         kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
@@ -367,11 +369,6 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: flo
         pushed = _pushes(law, times, by_start)[:, np.flatnonzero(measured)].reshape(white.size, -1)
         parts.append(pushed @ pushed.T)
     return share * white.ravel() ** 2, sum(parts[1:], parts[0]) if parts else None
-
-
-def _white_std(law: Law, states: Floats) -> Floats:
-    own = states[:, : len(law.states)]
-    return np.asarray(law.uncertainty.error_model.white_std(own, np.asarray(law.noise)) + np.zeros_like(own))
 
 
 def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:

@@ -98,11 +98,20 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     States at these are fitted as in `commonlaw.likelihood`, from a smooth curve to a solution of the law; the start is
     the first of them. States may be missing, in the first sample too.
     """
-    noise = _noise_of(law)
+    if law.order == 0:
+        raise CommonlawError("discrete-start")
+    if law.noise is None or not can_fit_initial_state(law):
+        lacks = "does not know the noise of the measurements" if law.noise is None else "says that a state has no noise"
+        raise CommonlawError("initial-values-without-noise", lacking=lacks)
+    noise = law.noise
     unmeasured = _unmeasured(law, trial)
     trial = _with_exact_zeros(trial.cut(count), noise)
     _check_measured(law, trial, unmeasured)
-    guess = _guess(law, trial)
+    # An unmeasured state begins in the middle of its range in the training data
+    states, visited = trial.states.copy(), law.provenance.domain.visited
+    for name in unmeasured:
+        states[:, law.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
+    guess = _curve(trial.times, states, with_rates(law.order, len(law.states)))
     if law.uncertainty.error_model:
         filtered = filtered_start(law, trial, inputs, guess, noise)
         if filtered is None:
@@ -163,17 +172,6 @@ def _unmeasured(law: Law, trial: Trial) -> list[str]:
     return [name for name, own in zip(law.states, measured, strict=True) if not own] if measured.any() else []
 
 
-def _guess(law: Law, trial: Trial) -> Floats:
-    """Return a curve through a trial's samples: states, and rates of those of second order.
-
-    An unmeasured state begins in the middle of its range in the training data.
-    """
-    states, visited = trial.states.copy(), law.provenance.domain.visited
-    for name in _unmeasured(law, trial):
-        states[:, law.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
-    return _curve(trial.times, states, with_rates(law.order, len(law.states)))
-
-
 def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
     measured = np.isfinite(states)
     if measured.sum(axis=0).min() >= MIN_SAMPLES:
@@ -182,16 +180,6 @@ def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
     pairs = zip(measured.T, states.T, strict=True)
     lines = np.column_stack([np.interp(times, times[own], column[own]) for own, column in pairs])
     return np.column_stack([lines, *(np.gradient(lines[:, j], times) for j in second)])
-
-
-def _noise_of(law: Law) -> Floats:
-    """Return the noise of a law that a start can be fitted by."""
-    if law.order == 0:
-        raise CommonlawError("discrete-start")
-    if law.noise is None or not can_fit_initial_state(law):
-        lacks = "does not know the noise of the measurements" if law.noise is None else "says that a state has no noise"
-        raise CommonlawError("initial-values-without-noise", lacking=lacks)
-    return law.noise
 
 
 def _check_measured(law: Law, trial: Trial, unmeasured: Sequence[str]) -> None:
@@ -270,7 +258,10 @@ def begin(
         inputs = Inputs.of(trial.times, trial.inputs, input_between or law.schema.input_between)
         extended = with_times(trial, inputs, wanted) if len(wanted) else trial
         if from_time is None:
-            found.append(Beginning(extended, inputs, trial.measured(), _fitted_start(law, trial, inputs, start)))
+            measured = trial if law.schema.doses else trial.measured()
+            count = _count(law, measured, len(measured) < len(trial)) if start is None else start
+            fitted_start = None if min(count, len(measured)) == 1 else fit_initial_state(law, measured, inputs, count)
+            found.append(Beginning(extended, inputs, trial.measured(), fitted_start))
         elif trial.times[0] < from_time <= extended.times[-1]:
             found.append(_begin_later(law, trial, extended, inputs, start, from_time))
         else:
@@ -286,13 +277,6 @@ def begin(
     kept = [each.trial for each in found]
     trials = trials if kept == list(trials) else trials.with_trials(kept)
     return (replace(trials, notes=(*trials.notes, *notes)) if notes else trials), found
-
-
-def _fitted_start(law: Law, trial: Trial, inputs: Inputs, start: int | None) -> Start | None:
-    """Return the start fitted to the first samples of a trial, or None if the first one is taken as measured."""
-    measured = trial if law.schema.doses else trial.measured()
-    count = _count(law, measured, len(measured) < len(trial)) if start is None else start
-    return None if min(count, len(measured)) == 1 else fit_initial_state(law, measured, inputs, count)
 
 
 def _begin_later(

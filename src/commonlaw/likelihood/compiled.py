@@ -63,6 +63,10 @@ def _packed(model: TrajectoryModel) -> Packed:
     prior = (None, None) if model.prior is None else tuple(map(contiguous, model.prior))
     latent = model.latent_steps[0]
     std = np.zeros(0) if latent is None else contiguous(latent.std)
+    if program not in _PROGRAMS:
+        counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
+        arrays = (program.constants, program.code, program.outputs)
+        _PROGRAMS[program] = ProgramStructure(*counts, *map(address, arrays))
     structure = ModelStructure(
         model.equations,
         len(second),
@@ -80,7 +84,7 @@ def _packed(model: TrajectoryModel) -> Packed:
         address(second),
         address(highest),
         *(address(each) if each is not None else 0 for each in prior),
-        _program(program),
+        _PROGRAMS[program],
     )
     kept = (unit, std, logarithmic, inside, second, highest, prior, program, meshes)
     structures = (MeshStructure * len(meshes))(*(own for own, _ in meshes))
@@ -90,14 +94,6 @@ def _packed(model: TrajectoryModel) -> Packed:
 
 
 _PROGRAMS: "WeakKeyDictionary[Program, ProgramStructure]" = WeakKeyDictionary()
-
-
-def _program(program: Program) -> ProgramStructure:
-    if program not in _PROGRAMS:
-        counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
-        arrays = (program.constants, program.code, program.outputs)
-        _PROGRAMS[program] = ProgramStructure(*counts, *map(address, arrays))
-    return _PROGRAMS[program]
 
 
 _GRIDS: "WeakKeyDictionary[Grid, tuple[int, ...]]" = WeakKeyDictionary()
