@@ -18,7 +18,7 @@ import numpy as np
 import commonlaw as cl
 from benchmarks.machine import machine
 from benchmarks.problem import lorenz
-from commonlaw.cluster import connected
+from commonlaw.runtime.cluster import connected
 from commonlaw.trials import Schema
 
 _ROWS, _TRIAL, _OBJECTS = 500_000, 10_000, 100

@@ -16,7 +16,7 @@ from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 
 import commonlaw as cl
 from commonlaw.cli import main
-from commonlaw.cluster import connected
+from commonlaw.runtime.cluster import connected
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 DRIVERS = ("chromedriver", "chromium.chromedriver")

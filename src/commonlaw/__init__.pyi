@@ -25,7 +25,6 @@ from .discovery import (
     fit as fit,
 )
 from .discrepancy import StreamResiduals as StreamResiduals, check_stream as check_stream
-from .effort import LongWorkWarning as LongWorkWarning
 from .errors import CommonlawError as CommonlawError
 from .experiments import Design as Design, design as design
 from .forecast import (
@@ -63,6 +62,7 @@ from .outcomes import (
     Outcome as Outcome,
     OutcomeKind as OutcomeKind,
 )
+from .runtime.progress import LongWorkWarning as LongWorkWarning
 from .solvers import (
     SR3 as SR3,
     STLSQ as STLSQ,

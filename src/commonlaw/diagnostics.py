@@ -15,7 +15,7 @@ from itertools import chain
 from string import Formatter
 from typing import Any
 
-from commonlaw.wording import counted
+from commonlaw.text import counted
 
 Dialect = Callable[[str], str]
 """Writes a piece of Python, such as ``time='t'``, as a front end calls it: ``--time t``."""

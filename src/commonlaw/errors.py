@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
 from commonlaw.diagnostics import Diagnostic, Dialect
-from commonlaw.names import in_line
+from commonlaw.text import in_line
 
 
 class CommonlawError(ValueError):

@@ -8,8 +8,8 @@ import click
 from rich.console import Console
 
 from commonlaw.errors import CommonlawError
-from commonlaw.files import check_targets, write_whole
 from commonlaw.report import Picture, Table, Text, to_json, write_report
+from commonlaw.runtime.files import check_targets, write_whole
 from studies.falling_balls.settings import SEED
 from studies.falling_balls.study import inquire, run
 

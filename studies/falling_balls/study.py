@@ -4,9 +4,9 @@ import os
 from collections.abc import Callable, Mapping
 
 from commonlaw.datasets import ball_drops
-from commonlaw.ending import end_with_parent
 from commonlaw.errors import CommonlawError
 from commonlaw.report import Report, Section
+from commonlaw.runtime.shutdown import end_with_parent
 from studies.falling_balls.candidates import candidates
 from studies.falling_balls.data import data
 from studies.falling_balls.default_method import default_method

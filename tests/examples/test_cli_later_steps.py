@@ -3,7 +3,7 @@
 import pytest
 
 import commonlaw as cl
-from commonlaw import files
+from commonlaw.runtime import files
 
 QUICK = ["--order", "2", "--library", "poly:1", "--solver", "group-stlsq:1.5"]
 

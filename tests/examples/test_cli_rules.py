@@ -12,7 +12,7 @@ from commonlaw.cli import working
 from commonlaw.cli.command import Command
 from commonlaw.cli.main import commonlaw
 from commonlaw.cli.paths import ReadFile, ReadLaw, WrittenFigure, WrittenFile, WrittenTable
-from commonlaw.progress import Stage
+from commonlaw.runtime.progress import Stage
 
 QUICK = ["--order", "2", "--library", "poly:1", "--solver", "group-stlsq:1.5"]
 DROPS = cl.datasets.linear_drag(noise=0.05, trials=3)

@@ -9,7 +9,7 @@ import pytest
 WRITING = """
 import os, signal, time
 from joblib import Parallel, delayed
-from commonlaw.ending import put_away_first
+from commonlaw.runtime.shutdown import put_away_first
 
 signal.signal(signal.{name}, signal.SIG_DFL)  # A shell may have it ignored
 others = Parallel(n_jobs=2, return_as="generator")(delayed(time.sleep)(seconds) for seconds in (0, 1000))

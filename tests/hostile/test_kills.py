@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.files import write_whole
+from commonlaw.runtime.files import write_whole
 from tests.served import PATIENCE, gone
 
 KILLS = int(os.environ.get("KILLS", "1"))

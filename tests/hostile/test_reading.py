@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import commonlaw as cl
-from commonlaw.foreign import read_file
+from commonlaw.runtime.reading import read_file
 from tests.refusals import refused
 
 FRAME = pd.DataFrame({"t": [0.0, 1.0, 2.0], "x": [0.0, 1.0, 4.0]})

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from commonlaw.errors import CommonlawError
-from commonlaw.files import write_all, write_whole
+from commonlaw.runtime.files import write_all, write_whole
 
 NAMES = ("a", "b", "c")
 WRITABLE = ("nothing", "file", "private", "link", "dangling")
@@ -98,7 +98,7 @@ def written(contents: dict[str, bytes]) -> set[str]:
 SIZE = 1_000_000
 WRITE_FOR_EVER = f"""
 import sys
-from commonlaw.files import write_all
+from commonlaw.runtime.files import write_all
 for letter in map(str.encode, sys.argv[1] * 1000):
     write_all({{"law.json": letter * {SIZE}, "law.png": letter * {SIZE}}})
     print(letter, flush=True)

@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 from commonlaw.errors import CommonlawError
 from commonlaw.library.notation import latex_name
-from commonlaw.names import in_latex, in_line, visible
+from commonlaw.text import in_latex, in_line, visible
 
 DANGERS = st.sampled_from("\x1b\x07\x9b\n\r\t\u202e\u2028\ud800\\{}^%$~日 ")
 TEXTS = st.text(st.characters(codec=None) | DANGERS)

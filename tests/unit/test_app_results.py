@@ -18,7 +18,7 @@ from commonlaw.app.suggested import Budget, suggested
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.forecast import fitted
 from commonlaw.report.markup import formula, law_latex
-from commonlaw.wording import r_squared
+from commonlaw.text import r_squared
 from tests.refusals import refused
 
 

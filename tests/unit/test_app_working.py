@@ -9,7 +9,7 @@ import pytest
 
 from commonlaw.app.working import Work, prepare
 from commonlaw.errors import CommonlawError
-from commonlaw.progress import Stage
+from commonlaw.runtime.progress import Stage
 
 
 def fails(show):

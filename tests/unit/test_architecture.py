@@ -22,7 +22,7 @@ READS_DISK = {"fromfile", "genfromtxt", "loadtxt", "memmap", "open", "read_bytes
 MAKES_FILES = {"fcntl", "msvcrt", "shutil", "tempfile"}
 """Modules for that."""
 
-TALKS = {"cli/output.py", "progress.py", "trials/workbook_process.py"}
+TALKS = {"cli/output.py", "runtime/progress.py", "trials/workbook_process.py"}
 """What writes to standard output or standard error: what people are shown, and what another process reads."""
 
 
@@ -59,8 +59,8 @@ def changes_of_disk(module):
 
 def test_one_module_changes_what_is_on_disk():
     changes = [each for module in SOURCES.rglob("*.py") for each in changes_of_disk(module)]
-    assert [each for each in changes if not each.startswith(("files.py:", "cli/streams.py:"))] == [], (
-        "write by commonlaw.files"
+    assert [each for each in changes if not each.startswith(("runtime/files.py:", "cli/streams.py:"))] == [], (
+        "write by commonlaw.runtime.files"
     )
 
 
@@ -68,12 +68,12 @@ def test_one_module_reads_what_is_on_disk():
     modules = [
         each
         for each in SOURCES.rglob("*.py")
-        if each.name not in ("diagnostics.py", "foreign.py", "files.py", "streams.py")
+        if each.name not in ("diagnostics.py", "reading.py", "files.py", "streams.py")
         and str(each.relative_to(SOURCES)) != "kernel/library.py"
     ]
     calls = [node for each in modules for node in ast.walk(ast.parse(each.read_text())) if isinstance(node, ast.Call)]
     names = {getattr(call.func, "attr", getattr(call.func, "id", "")) for call in calls}
-    assert not names & READS_DISK, "read by commonlaw.foreign, within its limits"
+    assert not names & READS_DISK, "read by commonlaw.runtime.reading, within its limits"
 
 
 def test_one_module_shows_people_what_there_is_to_say():

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.cluster import Cluster, connected, on_cluster
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.runtime.cluster import Cluster, connected, on_cluster
 from commonlaw.selection.stability import stability
 from tests.refusals import refused
 
@@ -136,7 +136,7 @@ def test_a_stream_is_what_a_cluster_takes(client):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "local:0", "nowhere:at:all"])
 def test_a_cluster_that_is_not_there_is_an_error_in_words(address, monkeypatch):
-    monkeypatch.setattr("commonlaw.cluster._ANSWER", 1.0)
+    monkeypatch.setattr("commonlaw.runtime.cluster._ANSWER", 1.0)
     with refused("cluster-not-found"), connected(address):
         pass
 
@@ -152,7 +152,7 @@ def test_a_cluster_that_is_not_there_is_an_error_in_words(address, monkeypatch):
     ],
 )
 def test_a_server_that_is_no_scheduler_is_refused_as_soon_as_it_fails_to_answer(greeting, reason, monkeypatch):
-    monkeypatch.setattr("commonlaw.cluster._ANSWER", 0.5)
+    monkeypatch.setattr("commonlaw.runtime.cluster._ANSWER", 0.5)
     accepted = []
 
     def accept(server):

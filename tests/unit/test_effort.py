@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw import effort
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.library import FourierLibrary, Variables, parse_library
+from commonlaw.runtime import progress
 from tests.refusals import refused
 
 DROPS = cl.datasets.linear_drag(noise=0.01)
@@ -19,7 +19,7 @@ def test_a_library_that_memory_cannot_hold_is_refused_with_its_size(method):
 
 
 def test_long_choices_are_announced_with_their_length_and_a_way_out(monkeypatch):
-    monkeypatch.setattr(effort, "PATIENCE", 0.01)
+    monkeypatch.setattr(progress, "SECONDS_UNTIL_ANNOUNCED", 0.01)
     with pytest.warns(cl.LongWorkWarning, match="choosing from 10 terms for 1 equation and 5 objects will take about"):
         cl.discover(DROPS, order=2, method=cl.DerivativeRegression(), library="poly:3")
     with pytest.warns(cl.LongWorkWarning, match=r"or a solver with its value such as 'group-stlsq:1'"):
@@ -34,24 +34,24 @@ def test_long_choices_are_announced_with_their_length_and_a_way_out(monkeypatch)
 )
 def test_lengths_are_said_in_minutes_and_hours(size, text):
     with pytest.warns(cl.LongWorkWarning, match=text):
-        effort.announce("this", size, "do less")
+        progress.announce("this", size, "do less")
 
 
 def test_work_of_less_than_a_minute_is_not_announced():
-    effort.announce("this", 59.0, "do less")
+    progress.announce("this", 59.0, "do less")
 
 
 def test_work_of_many_pieces_is_announced_by_what_the_first_take(monkeypatch):
     seconds = iter(np.arange(0.0, 1000.0, 6.0))
-    monkeypatch.setattr(effort, "monotonic", lambda: next(seconds))
+    monkeypatch.setattr(progress, "monotonic", lambda: next(seconds))
     with pytest.warns(cl.LongWorkWarning, match="integrating 100 trajectories will take about 20 minutes") as told:
-        assert list(effort.announced(range(100), "integrating 100 trajectories", "take fewer")) == list(range(100))
+        assert list(progress.announced(range(100), "integrating 100 trajectories", "take fewer")) == list(range(100))
     assert len(told) == 1
 
 
 def test_judging_many_trials_is_announced(monkeypatch):
     seconds = iter(np.arange(0.0, 10_000.0, 6.0))
-    monkeypatch.setattr(effort, "monotonic", lambda: next(seconds))
+    monkeypatch.setattr(progress, "monotonic", lambda: next(seconds))
     trials = cl.datasets.linear_drag(trials=20)
     with pytest.warns(cl.LongWorkWarning, match="judging the law by 100 forecasts .*: .*take fewer"):
         cl.datasets.truth_of("linear-drag").verdict(trials)
@@ -112,10 +112,10 @@ def test_as_many_processes_start_as_there_are_cores():
 
 
 def test_pieces_of_longer_work_are_not_announced():
-    @effort.unannounced()
+    @progress.unannounced()
     def piece():
-        effort.announce("this", 600.0, "do less")
+        progress.announce("this", 600.0, "do less")
 
     piece()
     with pytest.warns(cl.LongWorkWarning, match="this will take about 10 minutes"):
-        effort.announce("this", 600.0, "do less")
+        progress.announce("this", 600.0, "do less")

@@ -8,11 +8,11 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.app import serve
-from commonlaw.cluster import connected
-from commonlaw.extras import optional_import
 from commonlaw.library import Variables, parse_term
 from commonlaw.report.document import Report
 from commonlaw.report.write import to_html
+from commonlaw.runtime.cluster import connected
+from commonlaw.runtime.packages import optional_import
 from tests.refusals import refused
 
 OPTIONAL = {

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.files import check_targets, make_folder, write_all, write_whole
+from commonlaw.runtime.files import check_targets, make_folder, write_all, write_whole
 from tests.refusals import refused
 
 
@@ -50,7 +50,7 @@ def test_a_folder_is_not_written_over(tmp_path: Path) -> None:
 FULL = """
 import resource, sys
 from commonlaw.errors import CommonlawError
-from commonlaw.files import write_all
+from commonlaw.runtime.files import write_all
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:
     write_all({"law.json": b"new", "law.png": bytes(2000)})
@@ -215,7 +215,7 @@ SHUT = """
 import os
 from commonlaw.diagnostics import sentences
 from commonlaw.errors import CommonlawError
-from commonlaw.files import write_whole
+from commonlaw.runtime.files import write_whole
 sentences()  # While the package may be read
 if os.getuid() == 0:
     os.setgid(65534), os.setuid(65534)  # root may write everywhere
@@ -285,7 +285,9 @@ def test_an_input_is_not_written_over(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_the_file_that_standard_output_goes_to_is_not_replaced(tmp_path: Path) -> None:
-    script = "from commonlaw.files import write_whole; print('shown', flush=True); write_whole('out.txt', b'new')"
+    script = (
+        "from commonlaw.runtime.files import write_whole; print('shown', flush=True); write_whole('out.txt', b'new')"
+    )
     with (tmp_path / "out.txt").open("w") as output:
         ended = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, stdout=output, stderr=subprocess.PIPE)
     assert (

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from commonlaw import foreign
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
-from commonlaw.foreign import check_size, check_text, checked_file, read_file, read_json
+from commonlaw.runtime import reading
+from commonlaw.runtime.reading import check_size, check_text, checked_file, read_file, read_json
 from commonlaw.trials.sources import read_table
 from tests.refusals import refused
 
@@ -36,7 +36,7 @@ def test_anything_else_than_json_is_refused(content):
 @pytest.mark.parametrize("opening", ["[", '{"a":'])
 def test_json_may_be_nested_as_deep_as_is_said(opening):
     closing = {"[": "]"}.get(opening, "}")
-    deep = opening * foreign.DEEPEST + "0" + closing * foreign.DEEPEST
+    deep = opening * reading.DEEPEST + "0" + closing * reading.DEEPEST
     read_json(deep.encode(), object)
     with refused("json-too-deep", depth=33, limit=32):
         read_json((opening + deep + closing).encode(), object)
@@ -45,7 +45,7 @@ def test_json_may_be_nested_as_deep_as_is_said(opening):
 
 
 def test_json_has_a_largest_size(monkeypatch):
-    monkeypatch.setattr(foreign, "LARGEST_JSON", 10)
+    monkeypatch.setattr(reading, "LARGEST_JSON", 10)
     assert read_json(b"[1, 2, 3] ", list) == [1, 2, 3]
     with refused("json-too-large", bytes=11, limit=10):
         read_json(b"[1, 2, 3]  ", list)
@@ -90,15 +90,15 @@ def test_a_file_in_a_folder_that_is_gone_or_may_not_be_searched(tmp_path, monkey
 
 def test_files_and_tables_have_a_largest_size(tmp_path, monkeypatch):
     (tmp_path / "drops.csv").write_text("t,x\n0,1\n1,2\n")
-    monkeypatch.setattr(foreign, "MOST_CELLS", 8)
+    monkeypatch.setattr(reading, "MOST_CELLS", 8)
     assert len(read_table(tmp_path / "drops.csv")) == 2
-    monkeypatch.setattr(foreign, "MOST_CELLS", 7)
+    monkeypatch.setattr(reading, "MOST_CELLS", 7)
     with refused("table-too-large", source="drops.csv", count=8, cells="cells, 4 rows of 2", limit=7):
         read_table(tmp_path / "drops.csv")
     with refused("table-too-large", count=10001, cells="columns", limit=10000):
         check_size("drops.csv", 1, 10_001)
     (tmp_path / "large.csv").touch()
-    os.truncate(tmp_path / "large.csv", foreign.LARGEST_FILE + 1)
+    os.truncate(tmp_path / "large.csv", reading.LARGEST_FILE + 1)
     with refused("file-too-large", bytes=1073741825, limit=1073741824):
         read_file(tmp_path / "large.csv")
 

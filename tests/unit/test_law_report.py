@@ -14,8 +14,8 @@ from commonlaw.report.curves import Curves, forecasts
 from commonlaw.report.document import Fold, Gallery, Table, Text
 from commonlaw.report.law_sections import LawCase, coefficients
 from commonlaw.report.markup import formula, law_latex
+from commonlaw.text import r_squared
 from commonlaw.verdict import find
-from commonlaw.wording import r_squared
 
 SECTIONS = [
     "fit", "coefficients", "forecasts", "candidates", "residuals", "ranges", "experiments", "data-checks", "choices",

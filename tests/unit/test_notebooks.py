@@ -10,10 +10,10 @@ from types import SimpleNamespace
 import pytest
 
 import commonlaw as cl
-from commonlaw import progress
-from commonlaw.notebooks import show_type
 from commonlaw.plots import Figure
 from commonlaw.report import notebook
+from commonlaw.runtime import progress
+from commonlaw.runtime.notebooks import show_type
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.parallel import cores, in_parallel, threads
+from commonlaw.runtime.parallel import cores, in_parallel, threads
 from tests.refusals import refused
 
 TOGETHER = 20.0

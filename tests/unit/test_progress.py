@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 import commonlaw as cl
-from commonlaw import progress
+from commonlaw.runtime import progress
 
 
 class Terminal(StringIO):
@@ -27,7 +27,7 @@ class Terminal(StringIO):
 def terminal(monkeypatch):
     """A terminal that is standard error, where people want to know at once."""
     opened = Terminal()
-    monkeypatch.setattr(progress, "PATIENCE", -1.0)
+    monkeypatch.setattr(progress, "SECONDS_UNTIL_SHOWN", -1.0)
     monkeypatch.setattr(progress, "sys", SimpleNamespace(stderr=opened))
     return opened
 

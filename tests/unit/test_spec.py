@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from commonlaw.errors import CommonlawError
-from commonlaw.spec import format_spec, parse_spec
+from commonlaw.runtime.arguments import format_spec, parse_spec
 from tests.refusals import refused
 
 

@@ -161,7 +161,7 @@ def test_a_stream_is_divided_as_trials_in_memory_are(conditions, balls):
 
 
 def test_more_than_memory_is_to_hold_is_refused(balls, monkeypatch):
-    monkeypatch.setattr("commonlaw.effort.MOST_MEMORY", 3000)
+    monkeypatch.setattr("commonlaw.runtime.progress.MOST_MEMORY", 3000)
     with refused("too-much-memory", task="2 files"):
         balls[0].read()
 

@@ -19,11 +19,11 @@ from commonlaw.law import Law
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import rounded, said_within_errors, with_error
 from commonlaw.library import order_of_each
-from commonlaw.progress import Stage, part
 from commonlaw.report.markup import coefficient_names, equation_parts, formula
+from commonlaw.runtime.progress import Stage, part
+from commonlaw.text import counted, r_squared
 from commonlaw.trials import Trials
 from commonlaw.verdict import Findings, find
-from commonlaw.wording import counted, r_squared
 
 _CANDIDATES, _TRIALS, _POINTS, _SAMPLES, _DIGITS = 12, 60, 60, 400, 5
 """Most candidates, trials that are drawn, points of a curve, samples of a trial; digits of numbers in curves."""

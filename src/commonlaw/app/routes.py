@@ -27,11 +27,11 @@ from commonlaw.app.words import in_page, text_in_page
 from commonlaw.app.working import prepare
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast
-from commonlaw.foreign import read_json
 from commonlaw.law.coefficients_csv import coefficients_csv
 from commonlaw.law.script import Source
 from commonlaw.plots import plot_law, render
 from commonlaw.report import law_report, to_page
+from commonlaw.runtime.reading import read_json
 
 _SCRIPTS = (
     "app",

@@ -9,7 +9,7 @@ from commonlaw.app.question import Question, Table
 from commonlaw.app.result import SEARCHED, Found, ShownLaw, of_terms, results, support_of
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
-from commonlaw.progress import part
+from commonlaw.runtime.progress import part
 
 
 @dataclass(eq=False)

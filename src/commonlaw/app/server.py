@@ -10,11 +10,11 @@ from threading import Thread
 
 from commonlaw.app.question import named
 from commonlaw.app.sessions import Sessions
-from commonlaw.ending import put_away_first
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
-from commonlaw.files import private_file
-from commonlaw.foreign import read_file
+from commonlaw.runtime.files import private_file
+from commonlaw.runtime.packages import optional_import
+from commonlaw.runtime.reading import read_file
+from commonlaw.runtime.shutdown import put_away_first
 
 _HERE = "127.0.0.1"
 _TURN = 0.2

@@ -15,8 +15,8 @@ from time import time
 from typing import Any, Generic, TypeVar
 
 from commonlaw.app.words import in_page, text_in_page
-from commonlaw.ending import deaf_to_interrupts, end_with_parent
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.shutdown import deaf_to_interrupts, end_with_parent
 
 T = TypeVar("T")
 

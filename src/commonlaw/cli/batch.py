@@ -17,10 +17,9 @@ from commonlaw.cli.paths import ReadFile, WrittenTable
 from commonlaw.cli.question import Question
 from commonlaw.cli.source import Source, guesses
 from commonlaw.cli.workers import in_processes, in_words
-from commonlaw.cluster import counting, current_cluster
-from commonlaw.names import as_text
-from commonlaw.progress import ProgressCallback, Stage
-from commonlaw.wording import counted, shown
+from commonlaw.runtime.cluster import counting, current_cluster
+from commonlaw.runtime.progress import ProgressCallback, Stage
+from commonlaw.text import as_text, counted, shown
 
 Piece = tuple[Source, Question]
 

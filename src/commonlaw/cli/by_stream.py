@@ -7,7 +7,7 @@ from commonlaw.cli.later import LaterSteps
 from commonlaw.cli.learned import Learned, Outputs
 from commonlaw.cli.on_cluster import few_trials, stream_of
 from commonlaw.cli.source import Source
-from commonlaw.progress import ProgressCallback, part
+from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.trials import TrialStream
 
 if TYPE_CHECKING:

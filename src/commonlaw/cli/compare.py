@@ -15,7 +15,7 @@ from commonlaw.cli.paths import ReadLaw, WrittenFile, is_law_file
 from commonlaw.cli.source import Source, with_source
 from commonlaw.cli.working import working
 from commonlaw.errors import CommonlawError
-from commonlaw.progress import Stage, part
+from commonlaw.runtime.progress import Stage, part
 
 if TYPE_CHECKING:
     import pandas as pd

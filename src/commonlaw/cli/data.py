@@ -7,8 +7,7 @@ from commonlaw.cli.options import in_options
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.cli.paths import WrittenTable
 from commonlaw.cli.source import Source, with_source
-from commonlaw.names import in_line
-from commonlaw.wording import counted
+from commonlaw.text import counted, in_line
 
 
 @click.group(cls=Commands)

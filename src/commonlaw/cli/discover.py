@@ -9,7 +9,7 @@ from commonlaw.cli.on_cluster import on_cluster_at, with_cluster
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, with_training_source
 from commonlaw.cli.working import working
-from commonlaw.progress import ProgressCallback, part
+from commonlaw.runtime.progress import ProgressCallback, part
 
 
 @command

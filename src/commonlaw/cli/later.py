@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 from commonlaw.cli.output import print_notes, say
 from commonlaw.diagnostics import marked
 from commonlaw.errors import CommonlawError
-from commonlaw.files import write_whole
+from commonlaw.runtime.files import write_whole
 
 if TYPE_CHECKING:
     from commonlaw.law import Law

@@ -24,9 +24,8 @@ from commonlaw.cli.output import (
 )
 from commonlaw.cli.paths import WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source
-from commonlaw.names import in_line
-from commonlaw.progress import ProgressCallback
-from commonlaw.wording import counted, r_squared
+from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.text import counted, in_line, r_squared
 
 if TYPE_CHECKING:
     import pandas as pd

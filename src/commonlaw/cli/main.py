@@ -12,8 +12,8 @@ from commonlaw.cli.command import Commands
 from commonlaw.cli.options import in_options
 from commonlaw.cli.output import say
 from commonlaw.cli.streams import standard_streams
-from commonlaw.ending import end_at_once
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.shutdown import end_at_once
 
 _COMMANDS = (
     "discover",

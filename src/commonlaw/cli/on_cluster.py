@@ -9,8 +9,8 @@ from typing import TypeVar
 
 from commonlaw.cli.options import option
 from commonlaw.cli.source import Source
-from commonlaw.cluster import connected, current_cluster, on_cluster
-from commonlaw.progress import ProgressCallback
+from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
+from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 
 T = TypeVar("T")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from commonlaw.cli.options import in_options
 from commonlaw.cli.streams import silence
-from commonlaw.names import in_line, visible
+from commonlaw.text import in_line, visible
 
 if TYPE_CHECKING:
     import pandas as pd

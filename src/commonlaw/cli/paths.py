@@ -10,9 +10,9 @@ from click.shell_completion import CompletionItem
 from click.types import StringParamType
 
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
-from commonlaw.files import check_targets
-from commonlaw.names import as_text, in_line
+from commonlaw.runtime.files import check_targets
+from commonlaw.runtime.packages import optional_import
+from commonlaw.text import as_text, in_line
 
 _EQUATION = re.compile(r"('|\]|/\s*d\s*\w+(\s*\^?\s*2)?)\s*=")
 """The left-hand side of an equation: of ``x''``, ``x[k+1]``, ``dx/dt``."""

@@ -17,10 +17,10 @@ from commonlaw.cli.output import print_frame, print_json, say
 from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile, WrittenTable
 from commonlaw.cli.source import Source, with_source
 from commonlaw.cli.working import working
-from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.progress import check_memory
+from commonlaw.text import r_squared_text
 from commonlaw.trials import Trials
-from commonlaw.wording import r_squared_text
 
 if TYPE_CHECKING:
     from commonlaw.law import Law

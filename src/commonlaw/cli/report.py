@@ -15,8 +15,8 @@ from commonlaw.cli.paths import ReadFile, WrittenFile
 from commonlaw.cli.question import Question, with_question
 from commonlaw.cli.source import Source, guesses, with_training_source
 from commonlaw.cli.working import working
-from commonlaw.names import as_text
-from commonlaw.progress import part
+from commonlaw.runtime.progress import part
+from commonlaw.text import as_text
 
 
 @command

@@ -5,7 +5,7 @@ import click
 from commonlaw.cli.command import quick_command
 from commonlaw.cli.output import print_frame, print_history, say
 from commonlaw.cli.paths import ReadFile
-from commonlaw.names import in_line
+from commonlaw.text import in_line
 
 
 @quick_command

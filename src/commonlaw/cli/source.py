@@ -259,7 +259,7 @@ class Source:
 
     def _from_dataset(self) -> Trials:
         from commonlaw.datasets import DATASETS
-        from commonlaw.spec import parse_spec
+        from commonlaw.runtime.arguments import parse_spec
 
         if self.path:
             raise click.UsageError("give a file or --dataset, not both")

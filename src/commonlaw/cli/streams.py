@@ -10,7 +10,7 @@ from io import TextIOWrapper
 from typing import TextIO
 
 from commonlaw.errors import CommonlawError
-from commonlaw.names import escaped
+from commonlaw.text import escaped
 
 _STREAMS = {"stdin": "r", "stdout": "w", "stderr": "w"}
 """Names and modes, by number."""

@@ -7,9 +7,9 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
 from commonlaw.diagnostics import marked
-from commonlaw.ending import deaf_to_interrupts, end_with_parent
 from commonlaw.errors import CommonlawError
-from commonlaw.parallel import threads
+from commonlaw.runtime.parallel import threads
+from commonlaw.runtime.shutdown import deaf_to_interrupts, end_with_parent
 
 T = TypeVar("T")
 R = TypeVar("R")

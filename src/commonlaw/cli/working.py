@@ -8,7 +8,7 @@ from threading import Event, Thread
 import click
 
 from commonlaw.cli.output import changing_line, say
-from commonlaw.progress import Course, ProgressCallback
+from commonlaw.runtime.progress import Course, ProgressCallback
 
 INTERVAL = 10.0
 """Seconds between lines where there is no terminal to show a line that changes."""

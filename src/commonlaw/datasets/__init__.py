@@ -14,7 +14,7 @@ from commonlaw.datasets.lotka_volterra import lotka_volterra
 from commonlaw.datasets.nonlinear_oscillator import nonlinear_oscillator
 from commonlaw.datasets.reynolds_drag import PRINTED_VISCOSITY, reynolds_drag
 from commonlaw.errors import unknown
-from commonlaw.spec import parse_spec
+from commonlaw.runtime.arguments import parse_spec
 from commonlaw.trials import Trials
 
 if TYPE_CHECKING:

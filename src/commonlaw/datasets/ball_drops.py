@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.ending import put_away_first
 from commonlaw.errors import CommonlawError
-from commonlaw.foreign import read_file
+from commonlaw.runtime.reading import read_file
+from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.trials import Schema, Trial, Trials
 
 _SOURCE = (

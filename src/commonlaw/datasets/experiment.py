@@ -6,11 +6,11 @@ from typing import Protocol
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.runtime.progress import check_memory
+from commonlaw.text import counted
 from commonlaw.trials import Schema, Trial, Trials
-from commonlaw.validation import check_whole_number
-from commonlaw.wording import counted
 
 
 class NormalSource(Protocol):

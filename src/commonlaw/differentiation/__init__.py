@@ -18,7 +18,7 @@ from commonlaw.differentiation.spectral import SpectralDerivative
 from commonlaw.differentiation.spline import SmoothingSpline
 from commonlaw.differentiation.total_variation import TotalVariationDerivative
 from commonlaw.errors import CommonlawError
-from commonlaw.spec import format_spec, parse_spec
+from commonlaw.runtime.arguments import format_spec, parse_spec
 
 __all__ = [
     "METHODS",

@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates, need_samples
 from commonlaw.errors import CommonlawError
-from commonlaw.validation import check_whole_number
+from commonlaw.runtime.arguments import check_whole_number
 
 _END = np.array([-11 / 6, 3, -3 / 2, 1 / 3])
 

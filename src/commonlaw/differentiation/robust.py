@@ -11,7 +11,7 @@ from commonlaw.differentiation.base import AbstractDifferentiator, Rates
 from commonlaw.differentiation.noise import MEDIAN_SIZE, differences
 from commonlaw.differentiation.spline import SmoothingSpline, cross_validated, smoothing_spline
 from commonlaw.errors import CommonlawError
-from commonlaw.validation import check_number
+from commonlaw.runtime.arguments import check_number
 
 _LEAST = 5
 """Measured values that a spline takes."""

@@ -9,7 +9,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates, check_uniform
 from commonlaw.differentiation.differences import CenteredDifference
 from commonlaw.errors import CommonlawError
-from commonlaw.validation import check_whole_number
+from commonlaw.runtime.arguments import check_whole_number
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates, check_uniform, need_samples
-from commonlaw.validation import check_number
+from commonlaw.runtime.arguments import check_number
 
 
 @dataclass(frozen=True)

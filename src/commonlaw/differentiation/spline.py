@@ -10,7 +10,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates, need_samples
 from commonlaw.differentiation.curvature import INNER, Factors, slope_bands
 from commonlaw.errors import CommonlawError
-from commonlaw.validation import check_number
+from commonlaw.runtime.arguments import check_number
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates, need_samples
 from commonlaw.differentiation.curvature import INNER, slope_bands, solve
-from commonlaw.validation import check_number
+from commonlaw.runtime.arguments import check_number
 
 _SWEEPS = 300
 _TOLERANCE = 1e-3

@@ -11,7 +11,6 @@ from commonlaw.discovery.fit_options import FitOptions
 from commonlaw.discovery.method import parsed
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.screened import Screened
-from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import (
     PATH,
@@ -34,11 +33,11 @@ from commonlaw.inference import (
     with_parametric_terms_under_errors,
 )
 from commonlaw.library import Offer, ParametricTerm, TiedTerms, highest_order
-from commonlaw.progress import ProgressCallback, part
+from commonlaw.runtime.progress import ProgressCallback, announce, check_memory, part
 from commonlaw.solvers import parse_solver
+from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.trials.logarithms import with_logarithms
-from commonlaw.wording import counted
 
 _FACTORS, _ARRAYS = 6, 20
 """Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
 
 import numpy as np
 
-from commonlaw.cluster import on_cluster, refuse_client
 from commonlaw.discovery.blas import one_blas_thread
 from commonlaw.discovery.data_check import outcomes_of_stand_ins
 from commonlaw.discovery.derivative_regression import DerivativeRegression
@@ -30,11 +29,12 @@ from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, CappedLibrary, one_order, order_of_each, parse_library
 from commonlaw.outcomes import Outcome, note
-from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.runtime.cluster import on_cluster, refuse_client
+from commonlaw.runtime.progress import ProgressCallback, on_terminal
+from commonlaw.text import shown
 from commonlaw.trials import Trial, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
 from commonlaw.trials.rest import objects_at_rest, outcome_of_rest, without_objects
-from commonlaw.wording import shown
 
 if TYPE_CHECKING:
     from distributed import Client

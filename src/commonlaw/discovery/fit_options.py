@@ -11,9 +11,9 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import MAX_SAMPLES, CovarianceKind, ErrorKind
 from commonlaw.integration import BETWEEN
 from commonlaw.likelihood import HUBER_THRESHOLD, ObservationModel
-from commonlaw.parallel import check_n_jobs
+from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.runtime.parallel import check_n_jobs
 from commonlaw.solvers import AbstractSolver, parse_solver
-from commonlaw.validation import check_whole_number
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.diagnostics import marked
 from commonlaw.discovery.derivative_regression import suitable_differentiation
 from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
-from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import LawOfPart, law_of_all, outcomes_of_constants, refine, with_constants_found
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
@@ -29,7 +27,8 @@ from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
 from commonlaw.outcomes import Outcome, OutcomeKind, note
-from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.runtime.progress import ProgressCallback, on_terminal, unannounced
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.doses import with_doses

@@ -16,10 +16,10 @@ import numpy as np
 
 import commonlaw
 from commonlaw.errors import CommonlawError
-from commonlaw.files import make_folder, mark_as_used, remove_longest_unused, write_whole
-from commonlaw.foreign import read_file
 from commonlaw.law import Law
-from commonlaw.progress import ProgressCallback, Stage
+from commonlaw.runtime.files import make_folder, mark_as_used, remove_longest_unused, write_whole
+from commonlaw.runtime.progress import ProgressCallback, Stage
+from commonlaw.runtime.reading import read_file
 from commonlaw.trials import Trials
 
 VARIABLE = "COMMONLAW_CACHE"

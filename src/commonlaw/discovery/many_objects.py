@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from commonlaw.array_types import Bools
-from commonlaw.cluster import done_in_parts
-from commonlaw.effort import unannounced
 from commonlaw.inference import (
     CovarianceKind,
     ErrorKind,
@@ -19,10 +17,11 @@ from commonlaw.inference import (
 )
 from commonlaw.law import Law, Step
 from commonlaw.law.population import with_pooled_forecasts
-from commonlaw.progress import ProgressCallback, part
+from commonlaw.runtime.cluster import done_in_parts
+from commonlaw.runtime.progress import ProgressCallback, part, unannounced
 from commonlaw.spacing import evenly_spaced
+from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.wording import counted
 
 _GROUPS, _OBJECTS = 4, 10
 """Groups of objects that propose laws, each from a part of its own, and objects of each."""

@@ -10,7 +10,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law
 from commonlaw.library import order_of_each
-from commonlaw.progress import ProgressCallback
+from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.trials import Trials, TrialStream
 
 T = TypeVar("T")

@@ -25,7 +25,7 @@ from commonlaw.inference import (
 from commonlaw.law import Law
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order
-from commonlaw.progress import part
+from commonlaw.runtime.progress import part
 
 MAX_TERMS_OF_HIGHER_ORDER = 3
 """Coefficients of an equation of higher order more than which may stand for richer terms of a lower order."""

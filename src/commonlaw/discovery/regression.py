@@ -9,11 +9,9 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Bools
-from commonlaw.cluster import counting, current_cluster
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.effort import announce, check_memory
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import (
     MAX_GROUPS,
@@ -27,8 +25,10 @@ from commonlaw.formulation import (
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order
 from commonlaw.outcomes import Outcome, note
-from commonlaw.parallel import check_n_jobs
-from commonlaw.progress import ProgressCallback
+from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.runtime.cluster import counting, current_cluster
+from commonlaw.runtime.parallel import check_n_jobs
+from commonlaw.runtime.progress import ProgressCallback, announce, check_memory
 from commonlaw.selection import (
     RULES,
     SEGMENTS,
@@ -49,9 +49,8 @@ from commonlaw.solvers import (
     StepwiseSelection,
     parse_solver,
 )
+from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.validation import check_whole_number
-from commonlaw.wording import counted
 
 RowsByObject = dict[str, ObjectRows]
 

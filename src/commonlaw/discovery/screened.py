@@ -10,8 +10,8 @@ from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.inference import Fit, missed_terms, promising_terms
 from commonlaw.law import Step
 from commonlaw.library import SelectedLibrary, Terms
+from commonlaw.text import counted
 from commonlaw.trials import Trials
-from commonlaw.wording import counted
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from commonlaw.discovery.pipeline import law_of_best_order
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.library import order_of_each
-from commonlaw.parallel import threads
-from commonlaw.progress import ProgressCallback
+from commonlaw.runtime.parallel import threads
+from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.trials import Trials, TrialStream
 
 

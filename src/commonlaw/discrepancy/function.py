@@ -12,7 +12,7 @@ from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.errors import CommonlawError
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import with_error
-from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.trials.trial import as_numbers
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.cluster import done_in_parts, on_cluster
 from commonlaw.discrepancy.residual_tests import (
     AbstractPatterns,
     Pattern,
@@ -19,13 +18,13 @@ from commonlaw.discrepancy.residual_tests import (
     size_over_noise,
 )
 from commonlaw.discrepancy.residuals import noise_of, noise_squares, refuse_discrete_time, untested
-from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.many_objects import laws_of_parts
 from commonlaw.law import Law
-from commonlaw.progress import ProgressCallback, on_terminal, part
+from commonlaw.runtime.cluster import done_in_parts, on_cluster
+from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, unannounced
+from commonlaw.text import counted
 from commonlaw.trials import TrialStream
-from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd

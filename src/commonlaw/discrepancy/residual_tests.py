@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.trials import Trials
 
 if TYPE_CHECKING:

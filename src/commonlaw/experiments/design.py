@@ -16,7 +16,7 @@ from commonlaw.experiments.settings import Options, Range, Settings, check_amoun
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.alignment import matched
 from commonlaw.law.provenance import Domain
-from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
 
 PRICES: Mapping[str, float] = {"trial": 1.0}

@@ -11,7 +11,7 @@ from commonlaw.experiments.settings import EACH, Value, check_amount
 from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
-from commonlaw.wording import counted
+from commonlaw.text import counted
 
 NEW = "new object"
 

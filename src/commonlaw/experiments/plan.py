@@ -13,9 +13,9 @@ from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import MAX_REPEATS, MIN_RELATIVE_GAIN, SETTLED
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.text import with_error
-from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.spacing import evenly_spaced
-from commonlaw.wording import counted
+from commonlaw.text import counted
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,11 +13,11 @@ from commonlaw.integration import Trajectory
 from commonlaw.law.quantiles import mixture_interval
 from commonlaw.law.uncertainty import Widening
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
-from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
+from commonlaw.runtime.notebooks import ShownInNotebooks
+from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import as_measured, natural
-from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -24,9 +24,9 @@ from commonlaw.likelihood import (
     interpolate,
     meshes,
 )
+from commonlaw.text import shown
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
-from commonlaw.wording import shown
 
 _ZERO_NOISE = 1e-4
 """Noise of a state that is exactly zero, relative to that of the state elsewhere: next to none."""

@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.cluster import done_in_parts, on_cluster
-from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
-from commonlaw.files import make_folder, write_whole
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.forecast.prediction import predict
 from commonlaw.law import Law
 from commonlaw.law.population import is_typical
-from commonlaw.progress import ProgressCallback, part
+from commonlaw.runtime.cluster import done_in_parts, on_cluster
+from commonlaw.runtime.files import make_folder, write_whole
+from commonlaw.runtime.progress import ProgressCallback, part, unannounced
 from commonlaw.trials import Trials, TrialStream
 
 if TYPE_CHECKING:

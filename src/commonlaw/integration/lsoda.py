@@ -14,7 +14,7 @@ from commonlaw.integration.event import EventFunctions, occurrences
 from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
 from commonlaw.integration.trajectory import Trajectory, diverged
 from commonlaw.integration.variational import sensitivities
-from commonlaw.quiet import quiet
+from commonlaw.runtime.packages import quiet
 
 _EVERY = 4
 """Steps of the states between which those of their derivatives begin anew."""

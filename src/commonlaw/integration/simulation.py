@@ -7,7 +7,6 @@ from importlib.util import find_spec
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.integration.base import AbstractIntegrator
 from commonlaw.integration.event import Event
@@ -17,6 +16,7 @@ from commonlaw.integration.trajectory import Trajectory
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Order
 from commonlaw.outcomes import OutcomeKind
+from commonlaw.runtime.progress import announced
 
 METHODS = ("auto", "heyoka", "scipy")
 

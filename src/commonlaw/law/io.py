@@ -16,7 +16,6 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.foreign import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
 from commonlaw.hierarchy import Relation
 from commonlaw.law.document import (
     ErrorsDocument,
@@ -38,6 +37,7 @@ from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import ObjectEstimates, Uncertainty, Widening
 from commonlaw.library import Order, Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
+from commonlaw.runtime.reading import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
 from commonlaw.trials import Schema
 from commonlaw.trials.parquet import parquet_bytes, parquet_columns
 from commonlaw.trials.trial import ObjectProperties, nearest

@@ -16,9 +16,6 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.extras import optional_import
-from commonlaw.files import write_whole
-from commonlaw.foreign import read_file
 from commonlaw.hierarchy.dimensions import quotient_unit, units_of_coefficients
 from commonlaw.integration import Event, Trajectory, VectorField
 from commonlaw.law import text
@@ -34,13 +31,16 @@ from commonlaw.library import Order, Terms, with_rates
 from commonlaw.library.equation import split_equations
 from commonlaw.library.notation import latex_name
 from commonlaw.likelihood import HUBER_THRESHOLD
-from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
+from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.runtime.files import write_whole
+from commonlaw.runtime.notebooks import ShownInNotebooks
+from commonlaw.runtime.packages import optional_import
+from commonlaw.runtime.reading import read_file
+from commonlaw.text import counted
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.properties import Properties
 from commonlaw.trials.trial import ObjectProperties, normalized
-from commonlaw.validation import check_whole_number
-from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,9 +14,9 @@ from commonlaw.law.explanation import Explanation, dependence
 from commonlaw.law.provenance import Step
 from commonlaw.law.uncertainty import ObjectEstimates, Uncertainty
 from commonlaw.outcomes import Outcome, note
+from commonlaw.text import shown
 from commonlaw.trials.properties import Properties, given_properties
 from commonlaw.trials.trial import ObjectProperties
-from commonlaw.wording import shown
 
 _ALIKE, _OWN = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""

@@ -11,8 +11,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.notebooks import ShownInNotebooks
 from commonlaw.outcomes import Outcome
+from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.logarithms import natural
 from commonlaw.trials.trial import property_names, value_range

@@ -11,7 +11,6 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
 from commonlaw.law.law import Law
 from commonlaw.law.parse import read_equations
 from commonlaw.law.simplification import Replacement, Simplification, p_value
@@ -19,6 +18,7 @@ from commonlaw.law.text import rounded
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library.equation import split_equations
 from commonlaw.library.notation import quoted
+from commonlaw.runtime.packages import optional_import
 
 if TYPE_CHECKING:
     import sympy

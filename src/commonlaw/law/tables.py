@@ -11,7 +11,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.text import Written, probability_text, rounded
-from commonlaw.wording import counted
+from commonlaw.text import counted
 
 _MORE_TERMS = 2
 

@@ -12,9 +12,8 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.library import Order, order_of_each
 from commonlaw.library.notation import latex_name
 from commonlaw.library.terms import Fraction
-from commonlaw.names import in_line
 from commonlaw.outcomes import Outcome
-from commonlaw.wording import counted
+from commonlaw.text import counted, in_line
 
 _DIGITS = 2
 """Significant digits of an error."""

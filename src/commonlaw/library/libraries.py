@@ -23,8 +23,7 @@ from commonlaw.library.parametric import (
 from commonlaw.library.term import Term, monomial, parse_term, product, sinusoid
 from commonlaw.library.terms import Terms
 from commonlaw.library.variables import Variables
-from commonlaw.spec import parse_spec
-from commonlaw.validation import check_whole_number
+from commonlaw.runtime.arguments import check_whole_number, parse_spec
 
 MAX_TERMS = 100_000
 

@@ -8,9 +8,9 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
 from commonlaw.library.grammar import FUNCTIONS, MAX_NUMBER, Algebra, evaluate
-from commonlaw.names import in_latex
+from commonlaw.runtime.packages import optional_import
+from commonlaw.text import in_latex
 
 if TYPE_CHECKING:
     import sympy

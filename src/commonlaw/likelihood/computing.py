@@ -14,7 +14,7 @@ from commonlaw.likelihood.compiled import Packed, Together, packed, together
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.observation_model import LatentProcesses
-from commonlaw.parallel import in_parallel
+from commonlaw.runtime.parallel import in_parallel
 
 _MIN_NUMBERS_OF_THREADS = 50_000
 """Numbers in the rows of all terms from which threads pay: a linearisation then takes them some milliseconds."""

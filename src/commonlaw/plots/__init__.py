@@ -12,7 +12,6 @@ try:
 except ValueError as error:
     raise CommonlawError("matplotlib-failed", error=error) from None
 
-from commonlaw.notebooks import show_type
 from commonlaw.plots.coefficients import IntervalPanels, plot_coefficients, plot_intervals
 from commonlaw.plots.design import plot_design
 from commonlaw.plots.forecast import plot_forecast
@@ -22,6 +21,7 @@ from commonlaw.plots.panels import ForecastPanels, plot_trials
 from commonlaw.plots.relations import plot_relations
 from commonlaw.plots.residuals import ResidualPanels, plot_discrepancy, plot_errors, plot_residuals
 from commonlaw.plots.style import figure_format, render, save_figure
+from commonlaw.runtime.notebooks import show_type
 
 __all__ = [
     "Figure",

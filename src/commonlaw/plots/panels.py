@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from commonlaw.errors import unknown
 from commonlaw.forecast import Forecast
-from commonlaw.names import in_line
 from commonlaw.plots.forecast import Curve, Pair, curves_of, difference_of, draw_bands, draw_pair, limits_of
 from commonlaw.plots.style import DASHES, GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
+from commonlaw.text import in_line
 from commonlaw.trials import Trials
 
 _WIDTH, _HEIGHT, _FOOT = 3.6, 2.3, 0.5

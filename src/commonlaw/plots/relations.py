@@ -15,9 +15,9 @@ from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
 from commonlaw.law.explanation import dependence
 from commonlaw.law.quantiles import two_sided
-from commonlaw.names import in_line
 from commonlaw.plots.equations import left_hand_sides, term_labels
 from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
+from commonlaw.text import in_line
 
 _POINTS = 100
 """Of a curve."""

@@ -18,9 +18,9 @@ from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 
 from commonlaw.errors import unknown
-from commonlaw.files import write_whole
-from commonlaw.names import in_line
-from commonlaw.quiet import quiet
+from commonlaw.runtime.files import write_whole
+from commonlaw.runtime.packages import quiet
+from commonlaw.text import in_line
 
 GREY = "#8c8c8c"
 ABSENT = "#ececec"

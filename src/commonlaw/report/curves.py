@@ -12,7 +12,7 @@ from commonlaw.plots import ForecastPanels, plot_errors
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.law_sections import LawCase, folded, listed
 from commonlaw.report.markup import literal
-from commonlaw.wording import counted, r_squared
+from commonlaw.text import counted, r_squared
 
 _EACH, _ALL = 3, 12
 """Of best, typical and worst objects so many are shown each; all of them if there are no more than that."""

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from commonlaw.cluster import on_cluster, refuse_client
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
@@ -15,16 +14,17 @@ from commonlaw.law.script import Source
 from commonlaw.law.tables import letter_values, strangest
 from commonlaw.law.text import MANY, with_error
 from commonlaw.plots import plot_intervals
-from commonlaw.progress import on_terminal
 from commonlaw.report import curves, law_sections
 from commonlaw.report.document import Block, Picture, Report, Section, Table, Text
 from commonlaw.report.law_sections import LawCase, listed
 from commonlaw.report.markup import coefficient_names, law_markdown, literal
 from commonlaw.report.page import Page
 from commonlaw.report.write import check_packages, to_page
+from commonlaw.runtime.cluster import on_cluster, refuse_client
+from commonlaw.runtime.progress import on_terminal
+from commonlaw.text import counted, r_squared_text
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.verdict import Findings, ManyFindings, find, find_by_stream
-from commonlaw.wording import counted, r_squared_text
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -24,9 +24,9 @@ from commonlaw.plots import IntervalPanels, ResidualPanels, plot_discrepancy, pl
 from commonlaw.plots.style import unit_text
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.markup import code, coefficient_names, literal
+from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.verdict import Findings
-from commonlaw.wording import counted
 
 _LONG = 12
 """Rows from which on a table is folded."""

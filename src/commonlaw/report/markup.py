@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element, fromstring, tostring
 
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
 from commonlaw.law import Law
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import aligned, latex_left_hand_sides, said_within_errors
-from commonlaw.names import visible
+from commonlaw.runtime.packages import optional_import
+from commonlaw.text import visible
 
 if TYPE_CHECKING:
     from markdown_it import MarkdownIt

@@ -4,7 +4,7 @@ import os
 from dataclasses import dataclass
 from html import escape
 
-from commonlaw.files import write_whole
+from commonlaw.runtime.files import write_whole
 
 
 @dataclass(frozen=True)

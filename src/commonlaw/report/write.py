@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
-from commonlaw.files import make_folder, write_all
 from commonlaw.law.tables import readable
-from commonlaw.names import visible
 from commonlaw.plots import render
 from commonlaw.report.document import (
     KINDS,
@@ -28,6 +25,9 @@ from commonlaw.report.document import (
     to_json,
 )
 from commonlaw.report.markup import inline, markdown, plain
+from commonlaw.runtime.files import make_folder, write_all
+from commonlaw.runtime.packages import optional_import
+from commonlaw.text import visible
 
 _LONG = 28
 """Letters from which on a cell may have several lines."""

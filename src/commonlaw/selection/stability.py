@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.cluster import done_in_parts
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem, redrawn
+from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.selection.cross_validation import ProblemGroups
 from commonlaw.solvers import Candidate
 

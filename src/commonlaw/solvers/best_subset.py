@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Indices
+from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.solvers.base import AbstractSolver, Candidates, Problems, Subset, Values, check_shared, fixed_cardinality
 from commonlaw.solvers.standardized_problem import Directions, StandardizedProblem
 from commonlaw.solvers.stepwise import backward_order, forward_order
-from commonlaw.validation import check_whole_number
 
 _MAX_TERMS_OF_FULL_SEARCH = 60
 """Terms beyond which the search gets fewer nodes, as the work of a node grows with the third power of the terms."""

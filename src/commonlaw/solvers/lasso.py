@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.runtime.arguments import check_number, check_whole_number
 from commonlaw.solvers.base import (
     AbstractSolver,
     Candidate,
@@ -18,7 +19,6 @@ from commonlaw.solvers.base import (
     least_squares,
 )
 from commonlaw.solvers.standardized_problem import StandardizedProblem
-from commonlaw.validation import check_number, check_whole_number
 
 _PENALTIES = np.geomspace(1.0, 1e-4, 41)
 

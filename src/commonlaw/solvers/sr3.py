@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools
+from commonlaw.runtime.arguments import check_number, check_whole_number
 from commonlaw.solvers.base import (
     AbstractSolver,
     Candidate,
@@ -16,7 +17,6 @@ from commonlaw.solvers.base import (
     least_squares,
     threshold_path,
 )
-from commonlaw.validation import check_number, check_whole_number
 
 
 @dataclass(frozen=True)

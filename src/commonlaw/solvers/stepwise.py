@@ -8,9 +8,9 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import unknown
+from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.solvers.base import AbstractSolver, Candidates, Problems, Subset, Values, check_shared, fixed_cardinality
 from commonlaw.solvers.standardized_problem import StandardizedProblem
-from commonlaw.validation import check_whole_number
 
 
 @dataclass(frozen=True)

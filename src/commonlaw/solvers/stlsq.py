@@ -7,6 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.arguments import check_number, check_whole_number
 from commonlaw.solvers.base import (
     AbstractSolver,
     Candidate,
@@ -17,7 +18,6 @@ from commonlaw.solvers.base import (
     groups,
     threshold_path,
 )
-from commonlaw.validation import check_number, check_whole_number
 
 
 class AbstractImportance(ABC):

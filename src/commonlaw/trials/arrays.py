@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError
+from commonlaw.text import shown
 from commonlaw.trials.dates import Elapsed, elapsed
 from commonlaw.trials.grouping import are_used, inputs_before, repeats_in_words
 from commonlaw.trials.headers import joined_units
 from commonlaw.trials.identifiers import label
 from commonlaw.trials.properties import given_properties
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
-from commonlaw.wording import shown
 
 
 def trials_from_arrays(

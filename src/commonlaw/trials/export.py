@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.files import write_whole
+from commonlaw.runtime.files import write_whole
 from commonlaw.trials.columns import Column
 from commonlaw.trials.headers import join_header
 from commonlaw.trials.parquet import write_parquet

@@ -9,9 +9,9 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
+from commonlaw.text import counted, shown
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.trial import Schema, Trial
-from commonlaw.wording import counted, shown
 
 Restarts = Literal["trials", "sort"]
 """What times that go back mean: new trials, or rows of one trial that are out of order."""

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from commonlaw.text import shown
 from commonlaw.trials.cells import is_missing
 from commonlaw.trials.headers import split_header
 from commonlaw.trials.units import known_unit
-from commonlaw.wording import shown
 
 _BEYOND = "[<>~\N{LESS-THAN OR EQUAL TO}\N{GREATER-THAN OR EQUAL TO}]? ?"
 _NUMBER = rf"{_BEYOND}[+\-\N{{MINUS SIGN}}]?(\d[\d.,' \N{{NO-BREAK SPACE}}]*|[.,]\d+)([eE][+-]?\d+)?"

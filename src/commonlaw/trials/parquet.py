@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
-from commonlaw.files import write_whole
-from commonlaw.foreign import LARGEST_FILE, MOST_CELLS, check_size, checked_file, read_json
+from commonlaw.runtime.files import write_whole
+from commonlaw.runtime.packages import optional_import
+from commonlaw.runtime.reading import LARGEST_FILE, MOST_CELLS, check_size, checked_file, read_json
 from commonlaw.trials.columns import Column, Table, frame_table
 
 if TYPE_CHECKING:

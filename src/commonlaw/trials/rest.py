@@ -4,9 +4,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.outcomes import Outcome, note
+from commonlaw.text import shown
 from commonlaw.trials.trial import Trial
 from commonlaw.trials.trials import Trials
-from commonlaw.wording import shown
 
 _DIFFERENCES = 10
 """Differences of neighbouring samples by which a state at rest is known."""

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from commonlaw.errors import CommonlawError
-from commonlaw.foreign import BYTE_ORDER_MARK, read_file, unpacked
+from commonlaw.runtime.reading import BYTE_ORDER_MARK, read_file, unpacked
 from commonlaw.trials.columns import Table
 from commonlaw.trials.parquet import parquet_table
 from commonlaw.trials.text import text_table

@@ -11,11 +11,11 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from commonlaw.cluster import done_in_parts
-from commonlaw.effort import check_memory
 from commonlaw.errors import CommonlawError
-from commonlaw.foreign import MOST_CELLS
-from commonlaw.progress import on_terminal
+from commonlaw.runtime.cluster import done_in_parts
+from commonlaw.runtime.progress import check_memory, on_terminal
+from commonlaw.runtime.reading import MOST_CELLS
+from commonlaw.text import counted
 from commonlaw.trials.choosing import Named, Until, all_begin_later, all_fit, labels, name_of
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import refuse_dates
@@ -25,7 +25,6 @@ from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured
 from commonlaw.trials.trials import Trials
-from commonlaw.wording import counted
 
 _ROWS = 100_000
 """Rows of a file that are held at a time, besides those of the trial that is not complete yet."""

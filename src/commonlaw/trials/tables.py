@@ -8,7 +8,7 @@ from typing import Any, Unpack, cast
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.names import as_text
+from commonlaw.text import as_text
 from commonlaw.trials.across import times_across
 from commonlaw.trials.columns import Codes, Table, frame_table, with_numbers
 from commonlaw.trials.dates import is_time, with_dates_as_times

@@ -12,11 +12,11 @@ import numpy as np
 
 from commonlaw.array_types import Indices
 from commonlaw.errors import CommonlawError
-from commonlaw.foreign import check_size, decoded
+from commonlaw.runtime.reading import check_size, decoded
+from commonlaw.text import counted, shown
 from commonlaw.trials.columns import Table, filled_table
 from commonlaw.trials.headers import split_header
 from commonlaw.trials.layout import Layout, Row, is_value, layout_of, usual_width
-from commonlaw.wording import counted, shown
 
 _SAMPLE = 200_000
 """Characters at the beginning of a file by which its layout is found."""

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.runtime.notebooks import ShownInNotebooks
+from commonlaw.text import counted
 from commonlaw.trials.arrays import trials_from_arrays
 from commonlaw.trials.check import Report, check, clipped
 from commonlaw.trials.choosing import Until, all_begin_later, all_fit, labels, listed, name_of
@@ -30,7 +31,6 @@ from commonlaw.trials.trial import (
     normalized,
     property_names,
 )
-from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd

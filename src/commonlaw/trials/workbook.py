@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from commonlaw.ending import put_away_first
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.extras import optional_import
-from commonlaw.foreign import check_size
+from commonlaw.runtime.packages import optional_import
+from commonlaw.runtime.reading import check_size
+from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.trials import workbook_process
 from commonlaw.trials.columns import Table, column_of, filled_table
 

@@ -10,16 +10,16 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import marked
 from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
-from commonlaw.effort import announced
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
 from commonlaw.law.population import is_typical, with_objects_of
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import OutcomeKind
+from commonlaw.runtime.progress import announced
+from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
 from commonlaw.verdict.law_verdict import SMALL_ERROR, LawVerdict, StateError, listed
-from commonlaw.wording import counted
 
 _BEFORE = 0.2
 """Share of a trial, its beginning, that tells where a forecast starts: so much averages the noise of a start, and

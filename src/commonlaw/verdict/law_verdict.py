@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import isnan, sqrt
 from typing import NamedTuple
 
-from commonlaw.notebooks import ShownInNotebooks
-from commonlaw.wording import counted
+from commonlaw.runtime.notebooks import ShownInNotebooks
+from commonlaw.text import counted
 
 SMALL_ERROR = 0.5
 """Forecasts are good as far ahead as their errors stay within this share of the states' spread: three quarters of the

@@ -7,15 +7,15 @@ from functools import cached_property, partial
 import numpy as np
 import pandas as pd
 
-from commonlaw.cluster import done_in_parts
 from commonlaw.forecast.many_objects import WITHIN, forecast_parts, law_of
 from commonlaw.law import Law
-from commonlaw.progress import ProgressCallback, Stage, part
+from commonlaw.runtime.cluster import done_in_parts
+from commonlaw.runtime.progress import ProgressCallback, Stage, part
 from commonlaw.spacing import evenly_spaced
+from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.stream import as_one
 from commonlaw.verdict.findings import Findings, find
-from commonlaw.wording import counted
 
 _MAX_OBJECTS = 24
 """Objects that stand for all, evenly by rank of their errors: figures and tables of so many can be read."""

@@ -18,8 +18,8 @@ from commonlaw.differentiation import noise_level
 from commonlaw.inference import settings
 from commonlaw.likelihood import MAX_MESH_SAMPLES
 from commonlaw.spacing import evenly_spaced
+from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
-from commonlaw.wording import counted
 
 
 @dataclass(frozen=True, eq=False)

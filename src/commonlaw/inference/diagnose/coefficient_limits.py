@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from commonlaw.notebooks import ShownInNotebooks
+from commonlaw.runtime.notebooks import ShownInNotebooks
 
 if TYPE_CHECKING:
     import pandas as pd

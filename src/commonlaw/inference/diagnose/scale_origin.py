@@ -9,10 +9,10 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law
 from commonlaw.outcomes import Outcome, OutcomeKind, note
+from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.conversion import Conversion
 from commonlaw.trials.units import parse_unit, registry
-from commonlaw.wording import counted
 
 _ABOUT_ZERO = (OutcomeKind.SCALE, OutcomeKind.START)
 _NOISES = 2

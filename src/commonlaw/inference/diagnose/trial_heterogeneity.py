@@ -12,7 +12,7 @@ from commonlaw.inference.fit.fit import Fit
 from commonlaw.likelihood import Estimate, fit as fitted_states, linearize
 from commonlaw.outcomes import Outcome, note
 from commonlaw.spacing import evenly_spaced
-from commonlaw.wording import shown
+from commonlaw.text import shown
 
 
 def differing_trials(fit: Fit) -> tuple[Outcome, ...]:

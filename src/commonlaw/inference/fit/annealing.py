@@ -27,9 +27,9 @@ from commonlaw.inference.fit.initial_condition_prior import AlikeStarts
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.likelihood import Estimate, NotPositiveError, threads_pay
-from commonlaw.parallel import in_parallel
-from commonlaw.progress import ProgressCallback, Stage
-from commonlaw.wording import counted
+from commonlaw.runtime.parallel import in_parallel
+from commonlaw.runtime.progress import ProgressCallback, Stage
+from commonlaw.text import counted
 
 LEFT_BY_LAW = "by what the law leaves of the measurements"
 """Why the noise is what it is."""

@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.effort import unannounced
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.heteroscedasticity import growth
@@ -17,6 +16,7 @@ from commonlaw.inference.settings import MAX_STANDARDIZED_RESIDUAL
 from commonlaw.integration import InitialValueProblem, Inputs, OutputOptions, VectorField, simulate_each
 from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import Estimate, Mesh, jacobians
+from commonlaw.runtime.progress import unannounced
 from commonlaw.spacing import evenly_spaced
 
 

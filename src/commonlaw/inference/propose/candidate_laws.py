@@ -22,7 +22,7 @@ from commonlaw.inference.propose.integral_ranking import Start, TermSet
 from commonlaw.library import Offer, Term, Terms, parse_term
 from commonlaw.library.parametric import free_name
 from commonlaw.likelihood import Estimate
-from commonlaw.parallel import in_parallel
+from commonlaw.runtime.parallel import in_parallel
 
 
 @dataclass(frozen=True, eq=False)

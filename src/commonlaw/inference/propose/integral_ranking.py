@@ -20,7 +20,7 @@ from commonlaw.inference.fit.integral_form import Course, Match, gains
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, Ratio, TiedTerms
 from commonlaw.likelihood import Estimate
-from commonlaw.parallel import in_parallel
+from commonlaw.runtime.parallel import in_parallel
 from commonlaw.spacing import evenly_spaced
 
 _T = TypeVar("_T")

@@ -29,7 +29,7 @@ from commonlaw.library import ParametricTerm, Terms, TiedTerms, Variables, parse
 from commonlaw.library.notation import quoted
 from commonlaw.library.parametric import free_name, parametric_term, terms_of_family
 from commonlaw.outcomes import Outcome, note
-from commonlaw.progress import ProgressCallback, Stage
+from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.trials import Trials
 from commonlaw.trials.starts import with_starts
 from commonlaw.trials.trial import property_names

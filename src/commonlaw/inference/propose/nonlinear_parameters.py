@@ -31,8 +31,8 @@ from commonlaw.library.bounds import Bound, limits_of
 from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import HUBER_THRESHOLD, Estimate
 from commonlaw.outcomes import Outcome, note
-from commonlaw.parallel import in_parallel, threads
-from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.runtime.parallel import in_parallel, threads
+from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials
 

@@ -24,7 +24,7 @@ from commonlaw.inference.search.law_search import resolved
 from commonlaw.inference.search.pool import Pool
 from commonlaw.library import Offer
 from commonlaw.likelihood import ErrorModel, Estimate
-from commonlaw.progress import ProgressCallback, Stage
+from commonlaw.runtime.progress import ProgressCallback, Stage
 
 
 def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: ProgressCallback) -> Pool:

@@ -23,7 +23,7 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.integral_ranking import InformationCriterion, Start, TermSet, courses_of, for_all
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
-from commonlaw.parallel import in_parallel
+from commonlaw.runtime.parallel import in_parallel
 
 
 def matching_ratios(

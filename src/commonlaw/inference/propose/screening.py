@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.effort import check_memory
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import estimated_noise
@@ -20,8 +19,9 @@ from commonlaw.inference.data.smoothing import smooth_curves, terms_and_rates
 from commonlaw.inference.data.subsampling import as_many_as_are_carried
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.library import Terms
+from commonlaw.runtime.progress import check_memory
+from commonlaw.text import counted
 from commonlaw.trials import Trials
-from commonlaw.wording import counted
 
 
 def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> Bools:

@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_solutions
@@ -30,7 +29,7 @@ from commonlaw.inference.search.law_search import resolved
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, Uncertainty
 from commonlaw.outcomes import Outcome, note
-from commonlaw.progress import ProgressCallback
+from commonlaw.runtime.progress import ProgressCallback, unannounced
 from commonlaw.trials import Trials
 
 Series = list[Floats]

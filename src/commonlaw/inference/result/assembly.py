@@ -29,7 +29,7 @@ from commonlaw.law import Law, PlausibleLaw, Provenance
 from commonlaw.law.alignment import with_constants_of
 from commonlaw.law.population import with_pooled_forecasts
 from commonlaw.likelihood import ErrorKind
-from commonlaw.progress import ProgressCallback
+from commonlaw.runtime.progress import ProgressCallback
 
 
 def assemble(

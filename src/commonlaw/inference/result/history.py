@@ -15,8 +15,8 @@ from commonlaw.inference.settings import CONVERGED, MAX_MESH_POINTS, MAX_MODELS,
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.outcomes import Outcome, OutcomeKind, note
+from commonlaw.text import counted
 from commonlaw.trials import Schema
-from commonlaw.wording import counted
 
 Compared = dict[tuple[str, ...], float]
 """Names of the terms of an equation, the chosen ones first, with 2 log B of those against them; or with twice the

@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 
 from commonlaw.array_types import Bools
-from commonlaw.effort import unannounced
 from commonlaw.inference import settings
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.result.interval_calibration import StandardizedErrors, standardized_errors
@@ -23,7 +22,7 @@ from commonlaw.inference.search.error_models import GROUPS, of_each_group, under
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law
 from commonlaw.likelihood import ErrorKind
-from commonlaw.progress import ProgressCallback
+from commonlaw.runtime.progress import ProgressCallback, unannounced
 
 
 def best_forecaster(

@@ -6,7 +6,6 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Bools
-from commonlaw.effort import unannounced
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import annealed, fit_solutions, fit_supports, fit_with, polish
 from commonlaw.inference.fit.fit import Fit
@@ -15,7 +14,7 @@ from commonlaw.inference.search.error_levels import with_errors_of_kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
 from commonlaw.likelihood import ErrorKind
-from commonlaw.progress import ProgressCallback, Stage, part
+from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 
 WORDS: dict[ErrorKind, str] = {
     "white": "white noise",

@@ -32,8 +32,8 @@ from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.law import Step
 from commonlaw.library import Terms
 from commonlaw.likelihood import ErrorKind, threads_pay
-from commonlaw.parallel import in_parallel
-from commonlaw.progress import ProgressCallback, Stage, part
+from commonlaw.runtime.parallel import in_parallel
+from commonlaw.runtime.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
 

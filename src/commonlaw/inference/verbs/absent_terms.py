@@ -13,7 +13,7 @@ from commonlaw.inference.verbs.other_terms import candidate_law
 from commonlaw.law import Law, Provenance
 from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.library import Terms, parse_term, parse_terms
-from commonlaw.progress import ProgressCallback, Stage, on_terminal
+from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal
 from commonlaw.trials import Trials
 
 

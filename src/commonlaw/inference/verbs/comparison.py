@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
-from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import ANY_ERROR, Fit
@@ -23,8 +21,9 @@ from commonlaw.law import Law, Provenance
 from commonlaw.law.alignment import matched
 from commonlaw.library import Order, parse_terms
 from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
-from commonlaw.parallel import in_parallel, threads
-from commonlaw.progress import ProgressCallback, on_terminal
+from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.runtime.parallel import in_parallel, threads
+from commonlaw.runtime.progress import ProgressCallback, on_terminal, unannounced
 from commonlaw.trials import Schema, Trials, TrialStream
 
 if TYPE_CHECKING:

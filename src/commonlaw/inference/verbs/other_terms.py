@@ -12,9 +12,9 @@ from commonlaw.inference.verbs.refinement import refine
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.tables import LOG_SCORE
-from commonlaw.progress import Stage
+from commonlaw.runtime.progress import Stage
+from commonlaw.text import counted
 from commonlaw.trials import Trials
-from commonlaw.wording import counted
 
 _MEASURES = ("2 log B", LOG_SCORE, "held-out error", "BIC", "EBIC", "AIC", "AICc")
 """What tells the best candidate of a size, the first that all have; small is good."""

@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
-from commonlaw.cluster import done_in_parts, on_cluster, refuse_client
-from commonlaw.effort import unannounced
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.many_objects import objects_of_parts
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
@@ -32,10 +30,11 @@ from commonlaw.law import Law, Step
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
-from commonlaw.parallel import threads
-from commonlaw.progress import ProgressCallback, on_terminal, part
+from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.runtime.parallel import threads
+from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, unannounced
+from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.wording import counted
 
 if TYPE_CHECKING:
     from distributed import Client

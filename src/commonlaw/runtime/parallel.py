@@ -1,7 +1,7 @@
-"""Pieces of work that know nothing of each other, in several threads at a time.
+"""Independent pieces of work in several threads.
 
-The compiled kernel and linear algebra leave the interpreter to others while they compute, so that threads suffice: no
-data goes from process to process. Each piece gives what it gives alone, whatever the number of threads.
+The compiled kernel and linear algebra release the interpreter lock while they compute, so that threads suffice. Each
+piece gives what it gives alone, whatever the number of threads.
 """
 
 import os

@@ -1,6 +1,10 @@
-"""Packages that only some features need: imported where they are used, or missed with the way to install them."""
+"""Other packages: optional ones, and warnings of them that say nothing to users."""
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
+from threading import RLock
 from typing import Any
 
 from commonlaw.errors import CommonlawError
@@ -23,3 +27,15 @@ def optional_import(module: str, feature: str, extra: str) -> Any:
         if error.name is None or error.name.split(".")[0] != package:
             raise
         raise CommonlawError("extra-missing", feature=feature, package=package.replace("_", "-"), extra=extra) from None
+
+
+_ALONE = RLock()
+"""What warnings are shown is set for the whole process: of two threads, each would put back what the other has set."""
+
+
+@contextmanager
+def quiet(category: type[Warning], message: str = "") -> Iterator[None]:
+    """Leave out warnings of a category whose text begins with a regular expression."""
+    with _ALONE, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message, category)
+        yield

@@ -1,4 +1,4 @@
-"""What notebooks show: values as tables and figures, and how far long work has come."""
+"""What notebooks show: values as tables and figures, and the progress of long work."""
 
 import sys
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from time import monotonic
 from typing import Any
 from weakref import finalize
 
-from commonlaw.names import in_line
+from commonlaw.text import in_line
 
 _SHELL = "ZMQInteractiveShell"
 """The class of shells whose front ends show HTML."""

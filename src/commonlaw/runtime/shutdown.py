@@ -1,4 +1,4 @@
-"""How a process ends that is told to: at once, but for what has to be put away first."""
+"""How a process ends on a signal: at once, but for what has to be put away first."""
 
 import os
 import signal

@@ -1,9 +1,8 @@
-"""The one way to disk: every file is written whole or not at all, and what is there already is respected.
+"""Writing files: whole or not at all, with respect for what is there already.
 
 A regular file is replaced in one step and keeps its permissions; a symbolic link stays, and the file that it points to
-is replaced. Devices and pipes are written to, being there for that. Refused are read-only files, even for root, and
-files with further names (hard links): a replacement would part them from these, and writing in place could leave them
-half-written.
+is replaced. Devices and pipes are written to. Refused are read-only files, even for root, and files with further names
+(hard links): a replacement would part them from these, and writing in place could leave them half-written.
 """
 
 import errno
@@ -19,8 +18,8 @@ from tempfile import TemporaryDirectory
 from typing import TypeVar
 from uuid import uuid4
 
-from commonlaw.ending import put_away_first
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.shutdown import put_away_first
 
 AnyPath = str | os.PathLike[str]
 P = TypeVar("P", bound=AnyPath)

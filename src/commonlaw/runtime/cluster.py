@@ -1,4 +1,4 @@
-"""Work on a dask cluster: pieces are done by workers, where their data are, and only what they come to travels."""
+"""Work on a dask cluster: workers compute where their data are, and only results travel."""
 
 import asyncio
 import logging
@@ -13,13 +13,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from commonlaw.errors import CommonlawError
-from commonlaw.extras import optional_import
-from commonlaw.parallel import threads
-from commonlaw.progress import ProgressCallback, Stage
-from commonlaw.wording import counted
+from commonlaw.runtime.packages import optional_import
+from commonlaw.runtime.parallel import threads
+from commonlaw.runtime.progress import ProgressCallback, Stage
+from commonlaw.text import counted
 
 if TYPE_CHECKING:
     from distributed import Client
+
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -1,4 +1,4 @@
-"""Bytes of strangers: whatever is read from a file comes through here, within stated limits."""
+"""Reading files of strangers within stated limits."""
 
 import io
 import os
