@@ -499,14 +499,19 @@ _MAX_DEGREE = 4
 """Of the polynomials that are tried before terms with constants inside."""
 
 
+_FEWEST_OF_VECTORS = 4
+"""States, with rates, from which on positions and velocities may be vectors."""
+
+
 @dataclass(frozen=True)
 class AutoLibrary(AbstractLibrary):
     """All kinds of terms, the simplest first: for data without a hypothesis.
 
     Polynomials of `degree`, and of degree 4 where the best law has a lack of fit, or many terms. Where that too has
-    one, or may be a truncated series, with three powers of a variable in equal steps up to the highest: in addition a
-    few functions of all families, alone and as factors of a state or an input; then ratios of sums of terms up to
-    degree 2, with linear terms; then, in laws of first order of several trials of at most ten objects, a latent state.
+    one, or may be a truncated series, with three powers of a variable in equal steps up to the highest: in addition,
+    with two states and their rates, central forces and drag; then a few functions of all families, alone and as factors
+    of a state or an input; then ratios of sums of terms up to degree 2, with linear terms; then, in laws of first order
+    of several trials of at most ten objects, a latent state.
     The evidence decides.
 
     Parameters
@@ -532,6 +537,8 @@ class AutoLibrary(AbstractLibrary):
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
         yield Offer(())
+        if len(variables.states) >= _FEWEST_OF_VECTORS:
+            yield Offer(FamilyLibrary("central").parametric(variables))
         yield Offer(self._families(variables))
         yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
 

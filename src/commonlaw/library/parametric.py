@@ -14,6 +14,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.library.equation import split_equations, with_constants
+from commonlaw.library.notation import quoted
 from commonlaw.library.term import Term, parse_term
 from commonlaw.library.variables import Variables
 
@@ -203,12 +204,14 @@ class Family:
     """Functions with a name: of a variable ``{u}``, of pairs ``{u}`` and ``{w}``, of time or not, and where they occur.
 
     `tied` are functions that share their parameters, behind the one that equals a sum of them, see `TiedTerms`.
+    `of_vectors` are functions of a component ``{u}`` of a vector, ``{s}`` its squared length and ``{p}`` a parameter.
     """
 
     functions: tuple[str, ...]
     where: str
     of_pairs: tuple[str, ...] = ()
     tied: tuple[tuple[str, ...], ...] = ()
+    of_vectors: tuple[str, ...] = ()
     of_time: bool = False
 
 
@@ -250,6 +253,11 @@ FAMILIES: Mapping[str, Family] = {
         "gliders, orbits, anything whose course turns by a force over its speed or distance",
         of_pairs=("sin({u})/{w}", "cos({u})/{w}", "sin({w})/{u}", "cos({w})/{u}"),
     ),
+    "central": Family(
+        (),
+        "orbits (Kepler), charges, springs in a plane; drag along a velocity, whose size it depends on",
+        of_vectors=("{u}*{s}^{p}", "{u}*sqrt({s})", "{u}/sqrt({s})", "{u}/{s}^1.5"),
+    ),
     "contact": Family(("sign({u})", "abs({u})"), "dry friction, valves and diodes that open one way, stops"),
     "friction": Family(("{u}/(e + abs({u}))",), "dry friction (Coulomb) that is smooth about rest"),
     "morse": Family(
@@ -266,10 +274,13 @@ def terms_of_family(
 ) -> tuple[ParametricTerm | TiedTerms, ...]:
     """Return the terms of a family over the chosen variables; default: states, inputs and, if due, time.
 
+    Vectors have the chosen variables as components; by default all states, or of four and more each half: positions,
+    and velocities.
+
     Raises `CommonlawError` if there is no such family or variable.
     """
     check_choice("family", name, FAMILIES)
-    family = FAMILIES[name]
+    family, asked = FAMILIES[name], chosen is not None
     if chosen is None:
         chosen = (*variables.states, *variables.inputs, *((variables.time,) if family.of_time else ()))
     names = [variables.measured[variables.index(each)] for each in chosen]
@@ -277,7 +288,25 @@ def terms_of_family(
     found = [_of(text, variables, (u, "")) for u in names for text in family.functions]
     tied = [[_of(text, variables, (u, "")) for text in texts] for u in names for texts in family.tied]
     of_pairs = [_of(text, variables, pair) for pair in pairs for text in family.of_pairs]
-    return (*found, *(TiedTerms(whole, tuple(parts)) for whole, *parts in tied), *of_pairs)
+    of_vectors = [term for each in _vectors(variables, names, asked) for term in _central(family, each, variables)]
+    return (*found, *(TiedTerms(whole, tuple(parts)) for whole, *parts in tied), *of_pairs, *of_vectors)
+
+
+def _vectors(variables: Variables, names: Sequence[str], asked: bool) -> list[Sequence[str]]:
+    """Return the components of each vector, at least two."""
+    half, rest = divmod(len(variables.states), 2)
+    listed: list[Sequence[str]] = [names] if asked else [variables.states]
+    if not asked and half > 1 and not rest:
+        listed = [variables.states[:half], variables.states[half:]]
+    return [each for each in listed if len(each) > 1]
+
+
+def _central(family: Family, components: Sequence[str], variables: Variables) -> list[ParametricTerm]:
+    """Return the functions of a vector."""
+    squared = "(" + " + ".join(f"{quoted(each)}^2" for each in components) + ")"
+    free = free_name("p", variables.measured)
+    texts = (text.format(u=quoted(u), s=squared, p=free) for u in components for text in family.of_vectors)
+    return [parametric_term(each, variables) for each in texts]
 
 
 _LETTERS = "KLMNPQRSTUVW"

@@ -20,7 +20,7 @@ from commonlaw.inference.fit.parameter_grid import frequencies_in_time
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.integral_ranking import Start, TermSet
 from commonlaw.library import Offer, Term, Terms, parse_term
-from commonlaw.library.parametric import free_name
+from commonlaw.library.parametric import ParametricTerm, free_name
 from commonlaw.likelihood import Estimate
 from commonlaw.runtime.parallel import in_parallel
 
@@ -102,6 +102,17 @@ class LawsOfSets:
                 supports[j, built.indices_of(j, row, k)] = False
                 if best.evidence.value(supports) < best.score.total + PLAUSIBLE:
                     yield (*rows[:j], row.without(k), *rows[j + 1 :])
+            yield from ((*rows[:j], each, *rows[j + 1 :]) for each in self._reflected(row))
+
+    def _reflected(self, row: TermSet) -> Iterator[TermSet]:
+        """Yield terms without a constant that may be part of a sigmoid: of s with parameters p, 1 - s(p) = s(-p)."""
+        first = len(self.base.terms.variables.measured)
+        constants = [k for k, i in enumerate(row.plain) if self.base.terms.names[i] == "1"]
+        for less in (row.without(k) for k in constants):
+            for m, other in enumerate(less.others):
+                if isinstance(other, ParametricTerm) and _is_sigmoid(other, first):
+                    place = less.places_of(len(less.plain) + m)
+                    yield replace(less, starts=tuple(_with_opposite(each, place, m) for each in less.starts))
 
     def together(self, rows: tuple[TermSet, ...]) -> list[tuple[TermSet, ...]]:
         """Return laws of what is best in each equation beside these terms of the others.
@@ -193,6 +204,24 @@ class LawsOfSets:
     def listed(self) -> list[Fit]:
         """Return all that was fitted, and the law among plain terms."""
         return [self.plain, *(fit for fit in self.fitted.values() if fit.is_usable)]
+
+
+def _is_sigmoid(other: ParametricTerm, first: int) -> bool:
+    """Return whether the sum of a term and of that with opposite parameters is one, at random points."""
+    points = np.random.default_rng(0).uniform(0.5, 2.0, (settings.GENERIC_POINTS, first + len(other.constants)))
+    opposite = points.copy()
+    opposite[:, first:] *= -1
+    with np.errstate(all="ignore"):
+        total = other.term.evaluate(points) + other.term.evaluate(opposite)
+    return bool(other.constants and (np.abs(total - 1) < settings.ROUNDING).all())
+
+
+def _with_opposite(start: Start, places: Sequence[int], m: int) -> Start:
+    """Return a start with the opposite coefficient, and parameters, of one of the terms with parameters."""
+    coefficients = start.coefficients.copy()
+    coefficients[:, places] *= -1
+    constants = tuple(-own if i == m else own for i, own in enumerate(start.constants))
+    return Start(coefficients, constants)
 
 
 def _acceptable(fit: Fit) -> Fit:
