@@ -499,7 +499,7 @@ _MAX_DEGREE = 4
 """Of the polynomials that are tried before terms with constants inside."""
 
 
-_FEWEST_OF_VECTORS = 4
+_MIN_STATES_OF_VECTORS = 4
 """States, with rates, from which on positions and velocities may be vectors."""
 
 
@@ -537,8 +537,8 @@ class AutoLibrary(AbstractLibrary):
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
         yield Offer(())
-        if len(variables.states) >= _FEWEST_OF_VECTORS:
-            yield Offer(FamilyLibrary("central").parametric(variables))
+        if len(variables.states) >= _MIN_STATES_OF_VECTORS:
+            yield Offer(ParametricLibrary("central").parametric(variables))
         yield Offer(self._families(variables))
         yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
 
