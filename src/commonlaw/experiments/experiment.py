@@ -69,7 +69,13 @@ class Experiment:
         repeats = round(_number(settings, "repeats", 1.0))
         start = np.array([_start(law, settings, name) for name in law.terms.variables.states])
         known = np.array([float((start_std or {}).get(name, np.inf)) for name in law.terms.variables.states])
-        inputs = _inputs(law, settings, times)
+        names, inputs = law.schema.inputs, None
+        if law.schema.doses:
+            amounts = [dict.fromkeys(dose_times(settings, name, times), _number(settings, name)) for name in names]
+            inputs = inputs_of_doses(times, amounts)
+        elif names:
+            columns = np.column_stack([_course(settings, name, times) for name in names])
+            inputs = Inputs.of(times, columns, law.schema.input_between)
         return cls(dict(settings), objects, times, start, known, inputs, properties, repeats, prices)
 
     def until(self, time: float) -> "Experiment":
@@ -161,18 +167,6 @@ def _start(law: Law, settings: Mapping[str, Value], name: str) -> float:
     if not isinstance(value, float | int):
         raise CommonlawError("experiment-start", name=name)
     return float(value)
-
-
-def _inputs(law: Law, settings: Mapping[str, Value], times: Floats) -> Inputs | None:
-    """Return what is given from the first sample on: courses, or amounts in a moment."""
-    names = law.schema.inputs
-    if not names:
-        return None
-    if law.schema.doses:
-        amounts = [dict.fromkeys(dose_times(settings, name, times), _number(settings, name)) for name in names]
-        return inputs_of_doses(times, amounts)
-    columns = [_course(settings, name, times) for name in names]
-    return Inputs.of(times, np.column_stack(columns), law.schema.input_between)
 
 
 def dose_times(settings: Mapping[str, Value], name: str, times: Floats) -> list[float]:

@@ -64,13 +64,18 @@ class Settings:
         given = {name: read(name, value) for name, value in vary.items()}
         for name in given:
             _check_name(name, law)
-        free = {name: value for name, value in usual.items() if not _replaced(name, given)}
-        options = {**free, **given}
+        replaced = {"rate", "samples"} if {"rate", "samples", "times"} & {*given} else set[str]()
+        replaced |= {"duration"} if "times" in given else set()
+        replaced |= {"object"} if any(name.startswith("object.") for name in given) else set()
+        options = {**{name: value for name, value in usual.items() if name not in replaced}, **given}
         if any(name.startswith("object.") for name in options):
             _check_new(options, law)
             objects = _some(law.objects)
         else:
-            named = _named_objects(options.get("object", law.objects), law)
+            named = tuple(dict.fromkeys(_words_of(options.get("object", law.objects))))
+            for name in named:
+                if name not in (*law.objects, EACH):
+                    raise unknown("object of this law", name, (*law.objects, EACH))
             objects = _some(law.objects if EACH in named else named)
             options["object"] = named if EACH in named else objects
         _check_complete(options, law)
@@ -188,36 +193,11 @@ def check_amount(what: str, value: object) -> None:
         raise CommonlawError("setting-negative", name=what, value=value)
 
 
-def _replaced(name: str, given: Mapping[str, Options]) -> bool:
-    """Whether what was given says something else in place of a setting."""
-    if name in ("rate", "samples"):
-        return not {"rate", "samples", "times"}.isdisjoint(given)
-    if name == "duration":
-        return "times" in given
-    return name == "object" and any(each.startswith("object.") for each in given)
-
-
 def _check_name(name: str, law: Law) -> None:
-    variables = law.terms.variables
-    head, _, tail = name.partition(".")
-    of_input = head in variables.inputs and tail in ("", *_courses(law))
-    if name in (*TIMING, *variables.states) or of_input or (head == "object" and tail):
-        return
-    inputs = [each for own in variables.inputs for each in (own, *(f"{own}.{tail}" for tail in _courses(law)))]
-    raise unknown("setting of an experiment", name, (*variables.states, *inputs, *TIMING, "object.<property>"))
-
-
-def _courses(law: Law) -> tuple[str, str]:
-    """Return what can be set of an input beside its level or amount."""
-    return ("at", "every") if law.schema.doses else ("shape", "period")
-
-
-def _named_objects(options: Options, law: Law) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(_words_of(options)))
-    for name in names:
-        if name not in (*law.objects, EACH):
-            raise unknown("object of this law", name, (*law.objects, EACH))
-    return names
+    variables, details = law.terms.variables, ("at", "every") if law.schema.doses else ("shape", "period")
+    inputs = [each for own in variables.inputs for each in (own, *(f"{own}.{detail}" for detail in details))]
+    if name not in (*TIMING, *variables.states, *inputs) and not (name.startswith("object.") and name != "object."):
+        raise unknown("setting of an experiment", name, (*variables.states, *inputs, *TIMING, "object.<property>"))
 
 
 def _some(names: tuple[str, ...]) -> tuple[str, ...]:
