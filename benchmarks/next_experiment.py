@@ -14,7 +14,7 @@ import commonlaw as cl
 from benchmarks.families import FAMILIES, Experiment
 from benchmarks.machine import machine
 from benchmarks.variational import Floats, solve
-from commonlaw.experiments.settings import Settings
+from commonlaw.experiments.experiment import Settings
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from scipy.optimize import curve_fit
 from scipy.special import lambertw
 
 import commonlaw as cl
+from commonlaw import kernel as kernels
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.kernel import library as kernels
 from commonlaw.law.parse import read_equations
 from commonlaw.law.text import with_error
 from commonlaw.trials.units import parse_unit

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonlaw import kernel as kernels
 from commonlaw.formulation import explained
-from commonlaw.kernel import library as kernels
 from commonlaw.library import Term, Terms, Variables, parse_library
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.likelihood import (

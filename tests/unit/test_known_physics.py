@@ -7,7 +7,7 @@ import commonlaw as cl
 from commonlaw import Law, Trials
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.library.tracing import summands, traced
+from commonlaw.library.expansion import summands, traced
 from tests.refusals import refused
 
 SETTINGS = {"order": 2, "library": "poly:1"}

@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import commonlaw as cl
+from commonlaw import kernel as kernels
 from commonlaw.app.result import results
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.kernel import library as kernels
 from commonlaw.library import Terms
 from tests.refusals import refused
 

@@ -15,7 +15,7 @@ from commonlaw.law.parse import read_equations
 from commonlaw.law.population import with_objects_of
 from commonlaw.law.text import left_hand_sides, order_in_words
 from commonlaw.library import AbstractLibrary, ExpressionLibrary, Order
-from commonlaw.library.tracing import summands, traced
+from commonlaw.library.expansion import summands, traced
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import property_names
 

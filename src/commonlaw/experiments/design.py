@@ -8,11 +8,10 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.experiments.aims import COEFFICIENTS, LAW, Aim
-from commonlaw.experiments.experiment import check_prices
+from commonlaw.experiments.experiment import Options, Range, Settings, check_amount, check_prices, read
 from commonlaw.experiments.plan import Design, Forecasts, Planned
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, SETTLED, Search
-from commonlaw.experiments.settings import Options, Range, Settings, check_amount, read
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.alignment import matched
 from commonlaw.law.provenance import Domain

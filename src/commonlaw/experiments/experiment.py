@@ -1,17 +1,259 @@
-"""One experiment: what was set, the trials that it makes, and what it costs."""
+"""What can be set in an experiment, and one experiment with its trials and its cost."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
+from typing import TypeGuard
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.experiments.settings import EACH, Value, check_amount
 from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
+from commonlaw.spacing import evenly_spaced
 from commonlaw.text import counted
+
+Value = float | str | tuple[float, ...]
+"""A number; the name of an object or of a shape; or the times of the samples."""
+
+SHAPES = ("constant", "step", "ramp", "sine", "square")
+"""Of an input: its level throughout, from half of the duration on, or reached at its end; or it swings by its level."""
+
+EACH = "each"
+"""The object that stands for each of them: a trial of every one."""
+
+TIMING = ("duration", "rate", "samples", "times", "repeats", "object")
+
+MAX_OBJECTS = 20
+"""Of which experiments are looked at."""
+
+_CORNERS = 6
+"""Ranges of which all corners are looked at."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers between two ends, that are given."""
+
+    low: float
+    high: float
+
+    def at(self, share: float) -> float:
+        """Return the number so far along."""
+        return self.low + share * (self.high - self.low)
+
+
+Options = Range | tuple[Value, ...]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All that can be set, in ranges or lists; a point in the unit cube is one choice of all.
+
+    Of more than `MAX_OBJECTS` objects so many are taken, evenly spread. For the names of options see `design`.
+    """
+
+    objects: tuple[str, ...]
+    options: Mapping[str, Options]
+
+    @classmethod
+    def of(cls, law: Law, vary: Mapping[str, object], usual: Mapping[str, Options]) -> "Settings":
+        """Return the settings of experiments with a law, from options as users write them, and defaults.
+
+        Raises `CommonlawError` if a setting is unknown, cannot be read, or is missing.
+        """
+        given = {name: read(name, value) for name, value in vary.items()}
+        for name in given:
+            _check_name(name, law)
+        replaced = {"rate", "samples"} if {"rate", "samples", "times"} & {*given} else set[str]()
+        replaced |= {"duration"} if "times" in given else set()
+        replaced |= {"object"} if any(name.startswith("object.") for name in given) else set()
+        options = {**{name: value for name, value in usual.items() if name not in replaced}, **given}
+        if any(name.startswith("object.") for name in options):
+            _check_new(options, law)
+            objects = _some(law.objects)
+        else:
+            named = tuple(dict.fromkeys(_words_of(options.get("object", law.objects))))
+            for name in named:
+                if name not in (*law.objects, EACH):
+                    raise unknown("object of this law", name, (*law.objects, EACH))
+            objects = _some(law.objects if EACH in named else named)
+            options["object"] = named if EACH in named else objects
+        _check_complete(options, law)
+        return cls(objects, options)
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """What there is a choice of."""
+        return tuple(name for name, own in self.options.items() if isinstance(own, Range) or len(own) > 1)
+
+    def at(self, point: Floats) -> dict[str, Value]:
+        """Return the settings at a point of the unit cube, shape (varied settings,)."""
+        found, shares = dict[str, Value](), dict(zip(self.varied, point.tolist(), strict=True))
+        for name, own in self.options.items():
+            share = shares.get(name, 0.0)
+            found[name] = own.at(share) if isinstance(own, Range) else own[min(int(share * len(own)), len(own) - 1)]
+        return found
+
+    def spread(self, count: int, seed: int) -> Floats:
+        """Return points all over the unit cube, shape (points, varied): corners, and as many more (Sobol 1967)."""
+        from scipy.stats import qmc
+
+        if not self.varied:
+            return np.zeros((1, 0))
+        ranges = [j for j, name in enumerate(self.varied) if isinstance(self.options[name], Range)]
+        inner = qmc.Sobol(len(self.varied), seed=seed).random_base2(int(np.ceil(np.log2(count))))
+        if len(ranges) > _CORNERS:
+            ends = np.random.default_rng(seed).integers(2, size=(2**_CORNERS, len(ranges))).astype(float)
+        else:
+            ends = np.array(list(product((0.0, 1.0), repeat=len(ranges))))
+        lists = [len(own) for name in self.varied if not isinstance(own := self.options[name], Range)]
+        corners = np.tile(ends, (max(1, *lists, 1), 1))
+        found = qmc.Sobol(len(self.varied), seed=seed + 1).random_base2(int(np.ceil(np.log2(len(corners) + 1))))
+        found = found[: len(corners)]
+        found[:, ranges] = corners
+        return np.concatenate([found, inner])
+
+    def near(self, point: Floats, width: float, count: int, seed: int) -> Floats:
+        """Return points about one, shape (count, varied): numbers within a width, one of the lists' values anew."""
+        random = np.random.default_rng(seed)
+        found = np.clip(point + width * random.uniform(-1, 1, (count, len(point))), 0.0, 1.0)
+        for j, name in enumerate(self.varied):
+            if not isinstance(self.options[name], Range):
+                anew = random.uniform(size=count) < width
+                found[:, j] = np.where(anew, random.uniform(size=count), point[j])
+        return found
+
+
+def read(name: str, value: object) -> Options:
+    """Return the options that a setting was given.
+
+    >>> read("x", "5..60"), read("rate", "15, 30"), read("x", (5, 60)), read("object", ["Ball 1"])
+    (Range(low=5.0, high=60.0), (15.0, 30.0), Range(low=5.0, high=60.0), ('Ball 1',))
+    """
+    in_words = _is_in_words(name)
+    if isinstance(value, Range) and not in_words:
+        return value
+    if isinstance(value, str):
+        low, dots, high = value.partition("..")
+        if dots and not in_words:
+            return _range(name, low, high)
+        return tuple(_plain(name, part.strip()) for part in value.split(","))
+    if isinstance(value, tuple) and len(value) == 2 and name != "times" and not in_words:
+        return _range(name, *value)
+    values = value if isinstance(value, list | tuple) else [value]
+    if name == "times" and values and not isinstance(values[0], list | tuple | np.ndarray):
+        values = [values]
+    if not values:
+        raise CommonlawError("setting-empty", name=name)
+    return tuple(_plain(name, each) for each in values)
+
+
+def _range(name: str, low: object, high: object) -> Range:
+    first, last = _plain(name, low), _plain(name, high)
+    if not (_is_number(first) and _is_number(last) and first < last):
+        raise CommonlawError("setting-range", name=name, low=low, high=high)
+    return Range(first, last)
+
+
+def _plain(name: str, value: object) -> Value:
+    if name == "times":
+        return tuple(np.asarray(value, dtype=np.float64).tolist())
+    if _is_in_words(name):
+        return str(value)
+    try:
+        number = float(str(value))
+    except ValueError:
+        raise CommonlawError("setting-syntax", name=name, value=value) from None
+    if not np.isfinite(number):
+        raise CommonlawError("setting-not-finite", name=name, value=value)
+    return number
+
+
+def _is_in_words(name: str) -> bool:
+    """Whether the values of a setting are words: names of objects, and of the shapes of inputs."""
+    return name == "object" or name.endswith(".shape")
+
+
+def _is_number(value: Value) -> TypeGuard[float]:
+    return isinstance(value, float)
+
+
+def numbers_of(options: Options) -> tuple[float, ...]:
+    """Return the ends of a range, or the numbers of a list."""
+    return (options.low, options.high) if isinstance(options, Range) else tuple(filter(_is_number, options))
+
+
+def _words_of(options: Options) -> tuple[str, ...]:
+    return () if isinstance(options, Range) else tuple(map(str, options))
+
+
+def check_amount(what: str, value: object) -> None:
+    """Refuse what is no finite number from zero on."""
+    if not (isinstance(value, float | int | np.floating | np.integer) and 0 <= value < np.inf):
+        raise CommonlawError("setting-negative", name=what, value=value)
+
+
+def _check_name(name: str, law: Law) -> None:
+    variables, details = law.terms.variables, ("at", "every") if law.schema.doses else ("shape", "period")
+    inputs = [each for own in variables.inputs for each in (own, *(f"{own}.{detail}" for detail in details))]
+    if name not in (*TIMING, *variables.states, *inputs) and not (name.startswith("object.") and name != "object."):
+        raise unknown("setting of an experiment", name, (*variables.states, *inputs, *TIMING, "object.<property>"))
+
+
+def _some(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names, of many some that are evenly spread."""
+    return tuple(names[i] for i in evenly_spaced(len(names), MAX_OBJECTS))
+
+
+def _check_new(options: Mapping[str, Options], law: Law) -> None:
+    """Refuse a new object whose coefficients nothing decides."""
+    if "object" in options:
+        raise CommonlawError("setting-object-twice")
+    properties = law.explanation.properties if law.explanation else ()
+    for name in options:
+        head, dot, tail = name.partition(".")
+        if head == "object" and dot and tail not in properties:
+            if not properties:
+                raise CommonlawError("setting-without-properties", name=name)
+            raise CommonlawError("setting-not-a-property", name=name, properties=properties)
+    lacking = [f"object.{each}" for each in properties if f"object.{each}" not in options]
+    if lacking:
+        raise CommonlawError("setting-properties-missing", properties=lacking)
+
+
+def _check_complete(options: Mapping[str, Options], law: Law) -> None:
+    """Refuse settings that leave open what every experiment needs, or have values that it cannot have."""
+    known = {*options, *law.schema.starts}
+    lacking = [name for name in (*law.terms.variables.states, *law.terms.variables.inputs) if name not in known]
+    if "times" not in options:
+        lacking += [name for name in ("duration",) if name not in options]
+        lacking += ["rate"] if not {"rate", "samples"} & {*options} else []
+    if lacking:
+        visited = law.provenance.domain.visited
+        shown = {"duration": "1..5", "rate": "10..100"}
+        shown |= {name: f"{visited[name][0]:.3g}..{visited[name][1]:.3g}" for name in lacking if name in visited}
+        ways = ", ".join(f"{name}={shown.get(name, '0..1')}" for name in lacking)
+        raise CommonlawError("setting-missing", settings=ways)
+    above = {"duration": 0.0, "rate": 0.0, "samples": 1.0, "repeats": 0.0}
+    above |= {f"{name}.every": 0.0 for name in law.schema.doses}
+    for name, least in above.items():
+        for number in numbers_of(options.get(name, ())):
+            if not number > least:
+                raise CommonlawError("setting-too-small", name=name, value=number, least=least)
+    for name in law.schema.doses:
+        for number in numbers_of(options.get(f"{name}.at", ())):
+            check_amount(f"{name}.at is", number)
+    for name in law.schema.logarithmic:
+        if any(not number > 0 for number in numbers_of(options.get(name, ()))):
+            raise CommonlawError("setting-not-positive", name=name)
+    for name in law.schema.inputs:
+        for shape in _words_of(options.get(f"{name}.shape", ())):
+            if shape not in SHAPES:
+                raise unknown("shape of an input", shape, SHAPES)
+
 
 NEW = "new object"
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.experiments.experiment import Experiment
+from commonlaw.experiments.experiment import Experiment, Range
 from commonlaw.experiments.gaussian import Gaussian
-from commonlaw.experiments.settings import Range
 from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
 from commonlaw.law.population import with_objects_of

@@ -9,10 +9,9 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.aims import Aim
-from commonlaw.experiments.experiment import Experiment
+from commonlaw.experiments.experiment import Experiment, Range, Settings, numbers_of
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
 from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis, Made
-from commonlaw.experiments.settings import Range, Settings, numbers_of
 from commonlaw.law import Law
 
 POINTS, _SHARE, _WIDTHS = 256, 8, (0.2, 0.05)

@@ -21,8 +21,7 @@ from commonlaw.formulation.least_squares_problem import (
     redrawn,
     redrawn_rows,
 )
-from commonlaw.formulation.row_accuracy import differentiation_bias, effective_share
-from commonlaw.formulation.sampled import DiscreteForm, StrongForm
+from commonlaw.formulation.sampled import DiscreteForm, StrongForm, differentiation_bias, effective_share
 from commonlaw.formulation.weak import WeakForm, reweight
 
 __all__ = [

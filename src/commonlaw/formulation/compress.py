@@ -10,7 +10,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
-from commonlaw.formulation.row_accuracy import SAMPLES
+from commonlaw.formulation.sampled import SAMPLES
 from commonlaw.library import Terms
 from commonlaw.runtime.shutdown import end_with_parent
 from commonlaw.trials import Schema, Trial, Trials

@@ -1,4 +1,4 @@
-/* Numbers of the C and of the NumPy way, which library.py reads from here. */
+/* Numbers of the C and of the NumPy way, which Python reads from here. */
 #ifndef COMMONLAW_CONSTANTS_H
 #define COMMONLAW_CONSTANTS_H
 

@@ -1,7 +1,7 @@
 /* The compiled fit of one object: what fitting.py and linearization.py do, for terms that are programs.
 
    Arrays are in C order. Sizes: d equations, D states (d, and the rates of some), w latent processes, W = D + w, n points of
-   a mesh, K terms, p parameters (the free coefficients), c constants inside of terms, S = D + c. Structures are those of library.py, field by field. */
+   a mesh, K terms, p parameters (the free coefficients), c constants inside of terms, S = D + c. Structures are those of Python, field by field. */
 #ifndef COMMONLAW_KERNEL_H
 #define COMMONLAW_KERNEL_H
 

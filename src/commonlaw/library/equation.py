@@ -10,8 +10,8 @@ from typing import NamedTuple, NoReturn
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.bounds import is_bound, parts_of
+from commonlaw.library.expansion import NotAFactorError, Product, multiplied_out
 from commonlaw.library.grammar import FUNCTIONS, MAX_CHARACTERS, MAX_DEPTH, OTHER_NAMES, read, with_names, write
-from commonlaw.library.multiplying import NotAFactorError, Product, multiplied_out
 from commonlaw.library.notation import expression_latex, quoted
 from commonlaw.library.term import Term, parse_term
 from commonlaw.library.variables import Variables
