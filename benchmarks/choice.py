@@ -104,14 +104,14 @@ def score_of(kind: str, seed: int, changed: Mapping[str, float] | None = None) -
 
 
 def _score(problem: SmallProblem, law: cl.Law, seconds: float) -> Score:
-    table, stated, listed = law.candidates(), 1.0, True
+    table, stated, listed = law.comparison, 1.0, True
     found = tuple(tuple(law.terms.names[k] for k in np.flatnonzero(own)) for own in law.support)
     for left, true in zip(problem.shape.equations, problem.support, strict=True):
         own = table[table["equation"] == left]
-        stated *= float(own.loc[own["chosen"], "probability"].sum())
+        stated *= float(own.loc[own["chosen"], "weight"].sum())
         listed &= {*true} in [{*each.split(", ")} for each in own["terms"]]
     inside, given = (
-        [_holds(problem, row) for row in law.intervals(averaged=averaged).to_dict(orient="records")]
+        [_holds(problem, row) for row in law.conf_int(averaged=averaged).to_dict(orient="records")]
         for averaged in (True, False)
     )
     right = all({*own} == {*true} for own, true in zip(found, problem.support, strict=True))

@@ -113,14 +113,14 @@ def experiment(name: str, samples: int, objects: int, seed: int, scatter: float 
 
 def stated(law: cl.Law, family: Family) -> tuple[Floats, Floats]:
     """Return the middles of a law's intervals and half their widths, both (objects, letters)."""
-    low, high = law.letter_interval_ends(LEVEL)
-    order = [law.letters.index(letter) for letter in family.letters]
+    low, high = law.parameter_intervals(LEVEL)
+    order = [law.parameters.names.index(letter) for letter in family.letters]
     return (low + high)[:, order] / 2, (high - low)[:, order] / 2
 
 
 def stated_of_terms(law: cl.Law, family: Family, averaged: bool) -> tuple[Floats, Floats]:
-    """Return the same of the coefficients of the terms, see `Law.intervals`; NaN for a law that has others."""
-    low, high = law.interval_ends(LEVEL, averaged)
+    """Return the same of the coefficients of the terms, see `Law.conf_int`; NaN for a law that has others."""
+    low, high = law.coefficient_intervals(LEVEL, averaged)
     own = [law.terms.names.index(term) for term in family.terms]
     is_right = np.array_equal(np.flatnonzero(law.support[0]), sorted(own))
     found = np.array([low, high])[:, :, 0, own] if is_right else np.full((2, len(law.objects), len(own)), np.nan)
@@ -178,7 +178,7 @@ def line(verb: str, name: str, samples: int, objects: int, kind: str, draws: int
             of_average.append(holds(*stated_of_terms(law, drawn.family, True), truth))
         held.append(holds(middle, half, truth))
         widths.append(np.median(half / reference[1]))
-        others += bool(np.isnan(half).any()) or any(each.kind.name == "ERRORS" for each in law.outcomes)
+        others += bool(np.isnan(half).any()) or any(each.kind.name == "ERRORS" for each in law.diagnostics)
     width = f"{np.nanmedian(widths):.2f}" if np.isfinite(widths).any() else ""
     shares = f"{share(held)} | {share(of_average) if by_terms else ''} | {share(references)}"
     return f"| {verb} | {name} | {samples} | {objects} | {kind} | {shares} | {width} | {others} |"

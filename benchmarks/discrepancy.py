@@ -79,7 +79,7 @@ def dropped(seed: int, equation: str) -> list[list[float]]:
         radius, mass = (float(drops.properties[name][each]) for each in ("radius", "mass"))
         fastest = max(abs(np.gradient(each.states[:, 0], each.times)).max() for each in drops.of_object(name))
         speeds = np.linspace(SPEEDS[0], SPEEDS[1], 15) * fastest
-        slope = found.law.coefficients_of(name)[0, found.law.terms.index("v")]
+        slope = found.law.coefficients[found.law.index(name)][0, found.law.terms.index("v")]
         reynolds = reynolds_number(speeds, 2 * radius)
         force = mass * (-slope * speeds) - found(reynolds) * radius**2 * speeds**2
         right = drag_coefficient(reynolds) * AIR_DENSITY * np.pi * radius**2 * speeds**2 / 2

@@ -93,4 +93,4 @@ def _outcome(name: str, level: float, seed: int) -> Outcome:
     trials = known.measured(level, seed)
     law = known.discover(trials)
     plain = tuple(plain_regression(known, trials, parse_differentiation(each)) for each in SMOOTHINGS)
-    return Outcome(stated(known, law), stated(known, law.partial_pooling()), plain)
+    return Outcome(stated(known, law), stated(known, law.pool()), plain)

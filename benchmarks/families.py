@@ -109,10 +109,10 @@ class Experiment:
 
     def errors(self, law: cl.Law) -> Floats:
         """Return the standard errors of a law of the true support, as the coefficients here are ordered."""
-        assert law.covariance is not None
+        assert law.uncertainty.covariance is not None
         listed = [tuple(index) for index in np.argwhere(law.support)]
         order = [listed.index(tuple(index)) for index in self._places(law)]
-        return np.asarray(np.sqrt(law.covariance[:, order, order]))
+        return np.asarray(np.sqrt(law.uncertainty.covariance[:, order, order]))
 
     def _places(self, law: cl.Law) -> NDArray[np.int_]:
         """Return equation and term of each coefficient, shape (parameters, 2)."""

@@ -168,8 +168,8 @@ def drawn(name: str, seed: int, count: int, designed: bool, each: bool) -> Outco
     for k in range(count + 1):
         law = first.discover(trials)
         right.append(first.estimates(law) is not None)
-        laws.append([("; ".join(one.law.structure()), one.probability) for one in law.plausible])
-        if k == count or law.plausible[0].probability >= SURE:
+        laws.append([("; ".join(one.law.structure), one.probability) for one in law.models])
+        if k == count or law.models[0].probability >= SURE:
             break
         space = Settings.of(law, vary, {})
         settings: Mapping[str, object] = space.at(random.uniform(size=len(space.varied)))
@@ -191,7 +191,7 @@ def expected(
     try:
         design = cl.design(law, vary, seed=seed)
     except cl.CommonlawError:
-        return law.plausible[0].probability, otherwise
+        return law.models[0].probability, otherwise
     return design.chance, design.experiments[0].experiment.settings
 
 

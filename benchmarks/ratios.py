@@ -125,12 +125,12 @@ def line(name: str, level: float, draws: int, library: str = RATIO) -> str:
     known, begun = KINETICS[name], time.process_time()
     laws = [cl.discover(known.measured(level, 1000 + seed), library=library, cache=False) for seed in range(draws)]
     took = (time.process_time() - begun) / draws
-    right = [law for law in laws if law.structure() == (known.form,)]
+    right = [law for law in laws if law.structure == (known.form,)]
     cells = [name, f"{100 * level:g} %", f"{len(right)} of {draws}", "", "", f"{took:.1f}"]
     if known.signs and right:
         truth = np.array([*known.objects.values()]) * known.signs
-        errors = np.array([law.letter_values()[0] - truth for law in right]) / known.bounds(level)
-        tables = [law.intervals() for law in right]
+        errors = np.array([law.parameters.values - truth for law in right]) / known.bounds(level)
+        tables = [law.conf_int() for law in right]
         held = [each["low"].le(truth.ravel()) & each["high"].ge(truth.ravel()) for each in tables]
         cells[3:5] = f"{np.sqrt(np.mean(errors**2)):.2f}", f"{np.sum(held)} of {np.size(held)}"
     return f"| {' | '.join(cells)} |"

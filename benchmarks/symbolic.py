@@ -235,14 +235,14 @@ def ours(problem: Any, library: str) -> list[Model]:
 
 def _rates(law: cl.Law, name: str, points: Floats) -> Floats:
     """Return the highest derivatives of an object at points [time, states ...]."""
-    return law.evaluate(name, _columns(points, driven=True))
+    return law.rhs(name, _columns(points, driven=True))
 
 
 def counts(law: cl.Law, name: str) -> list[int]:
     """Return how many numbers each equation of an object has: coefficients, and constants inside of its terms."""
     first = len(law.terms.variables.measured)
     found = []
-    for row in law.coefficients_of(name):
+    for row in law.coefficients[law.index(name)]:
         used = [k for k in np.flatnonzero(row) if law.terms.is_factor[k]]
         inside = {column for k in used for column in law.terms.terms[k].columns() if column >= first}
         found.append(len(used) + len(inside))

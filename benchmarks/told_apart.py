@@ -61,7 +61,7 @@ def said_by_check(trials: cl.Trials, library: str) -> bool:
 def said_by_law(trials: cl.Trials, library: str) -> bool:
     """Whether the law says so."""
     law = cl.discover(trials, order=2, library=library)
-    return any(each.kind is OutcomeKind.NOT_IDENTIFIABLE for each in law.outcomes)
+    return any(each.kind is OutcomeKind.NOT_IDENTIFIABLE for each in law.diagnostics)
 
 
 def _errors(count: int, random: np.random.Generator) -> Floats:

@@ -152,9 +152,9 @@ def _relation(want: tuple[Any, ...]) -> tuple[str, dict[str, float]]:
 
 def _powers(law: cl.Law, left: str, term: str) -> dict[str, float]:
     """Return the exponents of a coefficient's relation by property."""
-    assert law.explanation is not None
+    assert law.uncertainty.explanation is not None
     places = [(law.left_hand_sides[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
-    relation = law.explanation.relations[places.index((left, term))]
+    relation = law.uncertainty.explanation.relations[places.index((left, term))]
     assert relation is not None
     return dict(zip(relation.properties, map(float, relation.exponents), strict=False))
 

@@ -160,7 +160,7 @@ def _found(system: System, seeds: int) -> tuple[int, float]:
     for seed in range(seeds):
         trials = system.draw(seed)[-1]
         law = cl.discover(trials, order=system.order, library=system.library, unmeasured=1, cache=False)
-        right += law.structure() == tuple(system.found)
+        right += law.structure == tuple(system.found)
     return right, (time.process_time() - begun) / max(seeds, 1)
 
 
@@ -173,11 +173,11 @@ def _fitted(system: System, seeds: int) -> tuple[float, str, float]:
         begun = time.process_time()
         law = cl.fit(system.equations, trials, errors="white", partial_pooling=False, **system.options)
         took += time.process_time() - begun
-        columns = [law.letters.index(each) for each in system.letters]
-        low, high = (each[:, columns] for each in law.letter_interval_ends())
+        columns = [law.parameters.names.index(each) for each in system.letters]
+        low, high = (each[:, columns] for each in law.parameter_intervals())
         inside.append(np.asarray((low < values) & (values < high)))
         bounds = np.array([system.bound(own, noise, free) for own in values])
-        relative.append((law.letter_values()[0][:, columns] - values) / bounds)
+        relative.append((law.parameters.values[:, columns] - values) / bounds)
     held = np.concatenate(inside)
     return (
         float(np.sqrt(np.mean(np.concatenate(relative) ** 2))),

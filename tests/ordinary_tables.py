@@ -20,7 +20,7 @@ class Ordinary:
 
     def check(self, law: cl.Law) -> None:
         """Check terms and coefficients, to 5 % and to 4 standard errors."""
-        assert law.structure() == (self.structure,)
+        assert law.structure == (self.structure,)
         assert set(law.objects) == set(self.coefficients)
         for name, truth in self.coefficients.items():
             o = law.objects.index(name)

@@ -30,7 +30,7 @@ class Choice:
     @cached_property
     def listed(self) -> dict[str, Mapping[str, float | None]]:
         """What the law's list says of each form of drag, the largest evidence first."""
-        measures = {each.terms: each.measures for each in self.law.alternatives}
+        measures = {each.terms: each.measures for each in self.law.provenance.alternatives}
         found = {form: measures[terms] for form, terms in DRAG_FORMS.items() if terms in measures}
         return dict(sorted(found.items(), key=lambda each: _number(each[1]["2 log B"])))
 
@@ -163,10 +163,10 @@ def _favoured(choices: Mapping[str, Choice], drag: str) -> str:
 
 
 def _meant(law: Law) -> str:
-    table = law.intervals()
+    table = law.conf_int()
     drag = table[table["term"] == "v"]
     pushed = drag[drag["low"] > 0]["object"].tolist()
-    constant = table[table["term"] == "1"]["coefficient"]
+    constant = table[table["term"] == "1"]["estimate"]
     if drag.empty:
         return "The law of all ten balls has no linear drag."
     return (

@@ -33,7 +33,7 @@ METHODS: Mapping[str, Callable[..., Law]] = {"single": single_law, "group": grou
 
 def coefficients_of(law: Law, ball: str) -> dict[str, float]:
     """Return the coefficients of the terms that are in a ball's equation, by term."""
-    own = law.coefficients_of(ball)[0]
+    own = law.coefficients[law.index(ball)][0]
     return {law.terms.names[k]: float(own[k]) for k in np.flatnonzero(own)}
 
 

@@ -80,7 +80,7 @@ def _added_mass(law: Law, drops: Trials) -> pd.DataFrame:
     With r the density of the fluid over that of the ball, and C the added mass in masses of displaced fluid, a ball
     at rest accelerates by g (1 - r) / (1 + C r).
     """
-    values, errors = law.letter_values()
+    values, errors = law.parameters.values, law.parameters.errors
     freedom = law.uncertainty.degrees_of_freedom
     degrees, rows = np.inf if freedom is None else float(freedom[0]), []
     for i, ball in enumerate(law.objects):

@@ -43,4 +43,4 @@ def recovered(law: Law, truth: Law) -> Bools:
 
 def _terms(law: Law, name: str) -> set[tuple[int, str]]:
     """Return the equation and name of each term of an object."""
-    return {(int(j), law.terms.names[k]) for j, k in np.argwhere(law.coefficients_of(name))}
+    return {(int(j), law.terms.names[k]) for j, k in np.argwhere(law.coefficients[law.index(name)])}

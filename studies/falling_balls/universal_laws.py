@@ -88,8 +88,8 @@ def universal_laws(inquiry: Inquiry) -> Section:
 
 def _relations(law: Law) -> tuple[Relation, Relation]:
     """Return what decides gravity and drag."""
-    assert law.explanation is not None
-    gravity, drag = law.explanation.relations
+    assert law.uncertainty.explanation is not None
+    gravity, drag = law.uncertainty.explanation.relations
     assert gravity is not None
     assert drag is not None
     return gravity, drag

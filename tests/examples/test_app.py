@@ -110,16 +110,16 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert taken.pop("law.png").startswith(b"\x89PNG")
         taken = {name: content.decode() for name, content in taken.items()}
         law = cl.Law.from_json(taken["law.json"])
-        assert law.structure() == ("x'' = a + b v",)
-        assert law.verdict(trials, trials.select(trial=1)).sentences[0] in text(page, "verdict")
+        assert law.structure == ("x'' = a + b v",)
+        assert law.assess(trials, trials.select(trial=1)).sentences[0] in text(page, "verdict")
         assert text(page, "command").startswith("commonlaw discover drops.csv --order 2")
         assert "--hold-out trial=2" in text(page, "command")
         rows = list(csv.DictReader(io.StringIO(taken["coefficients.csv"])))
         assert [(each["object"], each["term"]) for each in rows] == [
             (name, term) for name in law.objects for term in "1v"
         ]
-        np.testing.assert_allclose([float(each["value"]) for each in rows], law.intervals()["coefficient"])
-        np.testing.assert_allclose([float(each["low"]) for each in rows], law.intervals()["low"])
+        np.testing.assert_allclose([float(each["value"]) for each in rows], law.params["estimate"])
+        np.testing.assert_allclose([float(each["low"]) for each in rows], law.conf_int()["low"])
         terms = page.find_elements("css selector", "#terms button[aria-pressed=true]")
         assert [each.text for each in terms] == [law.terms.factors[k] for k in law.support[0].nonzero()[0]]
         assert page.execute_script(MOVES) < 100

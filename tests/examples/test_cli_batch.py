@@ -36,12 +36,12 @@ def test_each_file_has_its_law_and_a_bad_one_says_what_is_wrong(run, tmp_path):
     for name in ("0.csv", "1.csv"):
         trials = cl.Trials.read(tmp_path / name, states=["x"])
         law = cl.discover(trials, order=2, library="poly:1")
-        rows, expected = found[found["file"] == name], law.intervals()
-        for column, of_law in (("value", "coefficient"), *((each,) * 2 for each in ("standard error", "low", "high"))):
+        rows, expected = found[found["file"] == name], law.conf_int()
+        for column, of_law in (("value", "estimate"), *((each,) * 2 for each in ("standard error", "low", "high"))):
             np.testing.assert_allclose(rows[column], expected[of_law], rtol=1e-9)
         assert rows["term"].tolist() == ["1", "v"]
         assert rows["unit"].tolist() == ["m/s²", "1/s"]
-        assert set(rows["verdict"]) == {law.verdict(trials).sentences[0]}
+        assert set(rows["verdict"]) == {law.assess(trials).sentences[0]}
         assert rows["error"].isna().all()
     bad = found[found["file"] == "bad.csv"].iloc[0]
     assert "'two' is not a number" in bad["error"]

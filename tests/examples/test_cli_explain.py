@@ -31,7 +31,7 @@ def test_a_fitted_law_is_explained_by_the_properties_in_its_table(run, tmp_path)
     assert "universal" in out
     assert "Wrote explained.json" in out
     law = cl.Law.load(tmp_path / "explained.json")
-    assert law.explanation.relations[1].factors[0] == pytest.approx(-0.03, rel=0.02)
+    assert law.uncertainty.explanation.relations[1].factors[0] == pytest.approx(-0.03, rel=0.02)
     code, out, _ = run("explain", "law.json", "--json")
     assert json.loads(out)["relations"][1]["follows"] == "1/mass"
     assert r"\frac{1}{\mathrm{mass}}" in run("explain", "law.json", "--latex")[1]

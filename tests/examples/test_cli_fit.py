@@ -30,7 +30,7 @@ def test_fit_finds_the_coefficients_of_an_equation_by_their_names(run, tmp_path)
     assert "dT/dt = -k (T - 20)" in out
     law = cl.Law.load(tmp_path / "law.json")
     assert law.schema.states == ("T",)
-    assert law.letter_values()[0].ravel() == pytest.approx([0.1, 0.05], rel=0.02)
+    assert law.parameters.values.ravel() == pytest.approx([0.1, 0.05], rel=0.02)
     assert (tmp_path / "law.svg").stat().st_size > 0
 
 
@@ -50,7 +50,7 @@ def test_constants_inside_of_terms_are_fitted_saved_and_forecast_with(run, tmp_p
     assert (code, err) == (0, "")
     assert "s' = -V s/(K + s)" in out
     law = cl.Law.load(tmp_path / "law.json")
-    values, errors = law.letter_values()
+    values, errors = law.parameters.values, law.parameters.errors
     assert (np.abs(values - [1.0, 0.5]) < 3 * errors).all()
     for command in (("show", "law.json", "--latex"), ("predict", "law.json", "s.csv"), ("check", "law.json", "s.csv")):
         assert run(*command)[0] == 0
@@ -124,7 +124,7 @@ def test_a_state_without_a_column_starts_at_a_dose(run, tmp_path):
     )
     assert code == 0
     assert "RMS residual of conc" in out
-    values = cl.Law.load(tmp_path / "law.json").letter_values()[0]
+    values = cl.Law.load(tmp_path / "law.json").parameters.values
     assert values == pytest.approx(np.tile([1.5, 20.0, 0.3], (2, 1)), rel=0.1)
     code, out, _ = run("predict", "law.json", *roles)
     assert code == 0
@@ -134,13 +134,13 @@ def test_a_state_without_a_column_starts_at_a_dose(run, tmp_path):
 @pytest.mark.usefixtures("cups")
 def test_fit_prints_a_line_for_each_parameter(run, tmp_path):
     code, out, _ = run("fit", "T' = -k (T - a)", "cups.csv", *ROLES, "--unit", "min=min", "--save", "law.json")
-    law = cl.Law.load(tmp_path / "law.json").intervals()
+    law = cl.Law.load(tmp_path / "law.json").conf_int()
     lines = [line.split() for line in out.splitlines()]
     assert ["cup", "parameter", "estimate", "standard", "error", "95", "%", "low", "95", "%", "high", "unit"] in lines
     assert code == 0
     for row in law.itertuples(index=False):
         (numbers,) = [line[2:] for line in lines if line[:2] == [row.object, row.parameter]]
-        assert [float(each) for each in numbers[:4]] == pytest.approx(list(row[2:6]), rel=0.02, abs=0.06 * row[3])
+        assert [float(each) for each in numbers[:4]] == pytest.approx(list(row[4:8]), rel=0.02, abs=0.06 * row[5])
         assert numbers[4:] == (["1/min"] if row.parameter == "k" else [])
 
 

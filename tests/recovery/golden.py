@@ -36,7 +36,7 @@ def recovered(name: str) -> Recovered:
     estimates, errors = law.coefficients[:, law.support], law.standard_errors[:, law.support]
     # The first law is the one that is returned, others are beside it
     score = laws[0][1].score.total if laws else None
-    return Recovered(list(law.structure()), estimates.tolist(), errors.tolist(), score, len(fits))
+    return Recovered(list(law.structure), estimates.tolist(), errors.tolist(), score, len(fits))
 
 
 @contextmanager

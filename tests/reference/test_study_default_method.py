@@ -55,7 +55,7 @@ def first_speed(trial):
 
 def heights(law, trial, speed):
     """Integrate ``x'' = a + b v + c v^2`` from the trial's first height."""
-    a, b, c = law.coefficients_of(trial.object)[0]
+    a, b, c = law.coefficients[law.index(trial.object)][0]
     start, span = [trial.states[0, 0], speed], trial.times[[0, 41]]
 
     def rates(_, y):
@@ -76,7 +76,7 @@ def test_forecasts_are_those_of_the_law_from_the_first_height_and_the_rate_by_th
     for ball in ("Baseball", "Whiffle Ball 2"):
         (trial,) = drops.select(object=ball, trial="2")
         # The median of all laws that are plausible
-        ends = sorted((heights(each.law, trial, first_speed(trial))[-1], each.probability) for each in law.plausible)
+        ends = sorted((heights(each.law, trial, first_speed(trial))[-1], each.probability) for each in law.models)
         reached = np.cumsum([share for _, share in ends])
         end = ends[int(np.searchsorted(reached, reached[-1] / 2))][0]
         assert errors["1"][ball] == pytest.approx(abs(end - trial.states[41, 0]), abs=1e-5)
@@ -113,13 +113,13 @@ def test_the_median_errors_to_a_centimetre(results):
 
 def test_what_is_chosen_is_what_discover_chooses_and_its_list_says(whiffle, results):
     found = results["choices"]["whiffle balls"]
-    listed = whiffle.candidates().set_index("terms")
+    listed = whiffle.comparison.set_index("terms")
     (chosen,) = listed.index[listed["chosen"]]
     assert DRAG_FORMS[found["chosen"]] == tuple(chosen.split(", "))
     for form, terms in DRAG_FORMS.items():
         row = listed.loc[", ".join(terms)]
-        assert found["laws"][form]["two_log_bayes_factor"] == pytest.approx(row["2 log B"], abs=1e-6)
-        assert found["laws"][form]["probability"] == pytest.approx(row["probability"], rel=1e-6)
+        assert found["laws"][form]["two_log_bayes_factor"] == pytest.approx(row["score"], abs=1e-6)
+        assert found["laws"][form]["probability"] == pytest.approx(row["weight"], rel=1e-6)
 
 
 def test_white_noise_explains_the_heights_of_no_group(results):

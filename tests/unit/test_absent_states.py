@@ -46,8 +46,8 @@ def test_zeros_of_absent_species_do_not_count_as_measurements(cultures):
 
 def test_a_species_that_is_absent_stays_so_in_the_fit_and_in_forecasts(cultures):
     law = cl.fit(COMPETITION, cultures, errors="white")
-    values, errors = (each[0] for each in law.letter_values())
-    true = np.array([TRUE[name] for name in law.letters])
+    values, errors = (each[0] for each in (law.parameters.values, law.parameters.errors))
+    true = np.array([TRUE[name] for name in law.parameters.names])
     assert np.all(np.abs(values - true) < 4 * errors)
     assert law.noise == pytest.approx([NOISE, NOISE], rel=0.3)
     # Given four samples, the absent species does not invade

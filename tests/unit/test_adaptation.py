@@ -24,7 +24,7 @@ def law(drops):
 
 
 def numbers(law):
-    return law.coefficients[0][law.support], law.standard_errors[0][law.support], law.covariance[0]
+    return law.coefficients[0][law.support], law.standard_errors[0][law.support], law.uncertainty.covariance[0]
 
 
 def test_the_posterior_is_the_product_of_what_was_known_and_what_the_trials_tell(drops, law):
@@ -34,7 +34,7 @@ def test_the_posterior_is_the_product_of_what_was_known_and_what_the_trials_tell
     own, _, covariance = numbers(cl.fit("x'' = -g - c v", unseen, noise=noise, partial_pooling=False))
     total = np.linalg.inv(np.linalg.inv(spread) + np.linalg.inv(covariance))
     mean = total @ (np.linalg.solve(spread, expected) + np.linalg.solve(covariance, own))
-    found, errors, _ = numbers(law.adapt(unseen))
+    found, errors, _ = numbers(law.update(unseen))
     np.testing.assert_array_less(abs(found - mean), 0.05 * errors)
     np.testing.assert_allclose(errors, np.sqrt(np.diag(total)), rtol=0.02)
 
@@ -44,7 +44,7 @@ def test_the_more_samples_the_nearer_the_truth_and_the_surer(drops, law):
     before, known, _ = numbers(with_objects_of(law, unseen)[0])
     errors = [known[1]]
     for end in (0.6, 1.5, 3.3):
-        found, sure, _ = numbers(law.adapt(unseen.until(end)))
+        found, sure, _ = numbers(law.update(unseen.until(end)))
         assert abs(found[1] + 0.4) < 3 * sure[1]
         errors.append(sure[1])
     assert np.all(np.diff(errors) < 0)
@@ -54,7 +54,7 @@ def test_the_more_samples_the_nearer_the_truth_and_the_surer(drops, law):
 
 def test_an_adapted_law_forecasts_and_says_where_it_comes_from(drops, law):
     unseen = drops.select(object="Ball 6")
-    adapted = law.adapt(unseen.select(trial=1).until(1.5))
+    adapted = law.update(unseen.select(trial=1).until(1.5))
     assert adapted.objects == ("Ball 6",)
     assert adapted.history[-1].stage == "adaptation"
     before, after = (each.predict(unseen.select(trial=2), return_std=True) for each in (law, adapted))
@@ -67,7 +67,7 @@ def test_known_objects_learn_from_more_trials(drops):
     first = drops.select(object=drops.objects[:2], trial=1)
     law = cl.fit("x'' = -9.8 - c v", first)
     found, both = (
-        law.adapt(drops.select(object="Ball 2", trial=2)),
+        law.update(drops.select(object="Ball 2", trial=2)),
         cl.fit("x'' = -9.8 - c v", drops.select(object="Ball 2")),
     )
     assert found.standard_errors[0, 0, 0] == 0  # Gravity is known
@@ -78,9 +78,9 @@ def test_known_objects_learn_from_more_trials(drops):
 def test_laws_that_cannot_weigh_new_trials_are_refused(drops, law):
     noiseless = replace(law, uncertainty=replace(law.uncertainty, noise=None))
     with refused("weights-unknown", lacking="does not know its noise"):
-        noiseless.adapt(drops)
+        noiseless.update(drops)
     walking = replace(law.uncertainty.error_model, walk=np.array([0.1, 0.1]))
     with refused("weights-unknown", lacking="has errors other than white noise"):
-        replace(law, uncertainty=replace(law.uncertainty, error_model=walking)).adapt(drops)
+        replace(law, uncertainty=replace(law.uncertainty, error_model=walking)).update(drops)
     with refused("columns-differ", kind="states"):
-        law.adapt(cl.Trials.from_arrays(np.arange(9.0), np.arange(9.0), names=["y"], object="Ball 1"))
+        law.update(cl.Trials.from_arrays(np.arange(9.0), np.arange(9.0), names=["y"], object="Ball 1"))

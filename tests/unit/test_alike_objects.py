@@ -36,10 +36,10 @@ def switches():
 
 def test_an_object_that_does_not_tell_a_constant_leaves_others_as_they_are_and_takes_it_from_them(switches):
     law = cl.fit(SWITCH, switches, partial_pooling=True)
-    values = law.letter_values()[0][:, [law.letters.index(name) for name in LETTERS]]
+    values = law.parameters.values[:, [law.parameters.names.index(name) for name in LETTERS]]
     truth = np.array(list(OWN.values()))
     alone = cl.fit(SWITCH, switches, partial_pooling=False)
-    errors = alone.letter_values()[1][:, [alone.letters.index(name) for name in LETTERS]]
+    errors = alone.parameters.errors[:, [alone.parameters.names.index(name) for name in LETTERS]]
     values[:, 3] = np.abs(values[:, 3])
     assert (np.abs(values - truth)[:4] < 4 * errors[:4]).all()
     assert values[4, 3] == pytest.approx(0.6, abs=0.2)
@@ -49,5 +49,5 @@ def test_an_object_that_does_not_tell_a_constant_leaves_others_as_they_are_and_t
 
 def test_alone_such_an_object_says_so(switches):
     law = cl.fit(SWITCH, switches, partial_pooling=False)
-    (outcome,) = (each for each in law.outcomes if each.kind == "not identifiable")
+    (outcome,) = (each for each in law.diagnostics if each.kind == "not identifiable")
     assert outcome.where == "E"

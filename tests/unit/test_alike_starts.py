@@ -116,4 +116,4 @@ def test_rows_with_starts_as_columns_are_those_with_starts_eliminated():
 @pytest.mark.parametrize("seed", [25, 31])
 def test_a_law_that_asks_for_odd_starts_is_not_taken_where_trials_start_alike(seed):
     first = first_trials("heights of balls", seed)
-    assert first.discover(first.measured(0.1, seed)).structure() == ("x'' = a + b v",)
+    assert first.discover(first.measured(0.1, seed)).structure == ("x'' = a + b v",)

@@ -94,7 +94,7 @@ def test_bands_of_a_forecast_of_ones_own_are_as_wide_as_drawn_coefficients_and_n
     law = cl.fit("x'' = -g - c v", drops)
     course = simulated(found(law, drops), Sample(0, drops.objects[0], (50.0, 0.0), 2.0))
     line, low, high = (np.array(course["states"][0][each]) for each in ("line", "low", "high"))
-    drawn = law.draws(4000, seed=1).xs(drops.objects[0], level="object")
+    drawn = law.sample(4000, seed=1).xs(drops.objects[0], level="object")
     g, c, t = drawn["g"].to_numpy(), drawn["c"].to_numpy(), course["t"][-1]
     ends = 50.0 - g / c * (t - (1 - np.exp(-c * t)) / c)
     std = np.hypot(ends.std(), law.noise[0])
@@ -123,7 +123,7 @@ def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
     assert (other["terms"], other["own"], other["chosen"]) == ([["1"]], True, False)
     assert [each["score"] for each in other["views"]] != [each["score"] for each in first["views"]]
     taken = after.of_candidate(1)
-    assert taken.law.structure() == ("x'' = a",)
+    assert taken.law.structure == ("x'' = a",)
     curves = taken.findings.fit, taken.findings.forecast
     assert [r_squared(each.score()) for each in curves] == [each["score"] for each in other["views"]]
     assert after.of_candidate(0) is after
@@ -245,8 +245,8 @@ def check_program(question, table):
     exec(made.law.to_script(question.source(table)), scope)
     assert scope["law"].terms.names == made.law.terms.names
     np.testing.assert_array_equal(scope["law"].coefficients, made.law.coefficients)
-    assert (scope["law"].explanation is None) == (made.law.explanation is None)
-    assert [*scope["law"].verdict(scope.get("measured", scope["trials"]), scope["trials"]).sentences] == [
+    assert (scope["law"].uncertainty.explanation is None) == (made.law.uncertainty.explanation is None)
+    assert [*scope["law"].assess(scope.get("measured", scope["trials"]), scope["trials"]).sentences] == [
         *made.findings.sentences
     ]
 
@@ -262,7 +262,7 @@ def test_experiments_are_suggested_for_a_budget(law, drops):
 
 def test_numbers_stand_beside_the_formula_with_the_ends_of_their_intervals(law, drops):
     table = next(results(law, drops, drops, lambda _: None)).candidates[0].shown["table"]
-    low, high = law.letter_interval_ends()
+    low, high = law.parameter_intervals()
     for row, *ends in zip(table["rows"], low, high, strict=True):
         shown = [[float(each) for each in cell.split("\n")[1].split(" to ")] for cell in row[1:]]
         np.testing.assert_allclose(np.transpose(shown), ends, rtol=0.02)

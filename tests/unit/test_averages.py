@@ -12,6 +12,7 @@ from scipy.stats import norm, t
 import commonlaw as cl
 from commonlaw.law import Law, PlausibleLaw, Uncertainty
 from commonlaw.law.quantiles import mixture_interval, two_sided
+from commonlaw.law.tables import interval_frame
 from tests.refusals import refused
 
 TIMES = np.linspace(0.0, 2.0, 9)
@@ -69,33 +70,34 @@ def test_an_interval_includes_zero_where_the_term_may_well_not_be_there(absent, 
 def test_few_degrees_of_freedom_make_intervals_wider_by_students_quantile():
     plain = law_of(-1.0, 0.0)
     few = replace(plain, uncertainty=replace(plain.uncertainty, degrees_of_freedom=np.array([5.0])))
-    row = few.intervals(0.95).iloc[0]
-    assert row["high"] - row["coefficient"] == pytest.approx(t.ppf(0.975, 5) * row["standard error"])
-    assert plain.intervals()["high"][0] == pytest.approx(-1.0 + norm.ppf(0.975) * 0.01)
+    row = few.conf_int(0.95).iloc[0]
+    assert row["high"] - row["estimate"] == pytest.approx(t.ppf(0.975, 5) * row["standard error"])
+    assert plain.conf_int()["high"][0] == pytest.approx(-1.0 + norm.ppf(0.975) * 0.01)
     assert two_sided(0.95, np.array([5.0, np.inf])).tolist() == pytest.approx([t.ppf(0.975, 5), norm.ppf(0.975)])
 
 
 def test_the_table_has_averaged_intervals_and_beside_them_those_given_the_terms(law):
-    row = law.intervals().iloc[0]
-    given = law.intervals(averaged=False).iloc[0]
-    assert (row["low given these terms"], row["high given these terms"]) == (given["low"], given["high"])
+    row, saved = law.params.iloc[0], interval_frame(law).iloc[0]
+    given = law.conf_int(averaged=False).iloc[0]
+    assert (saved["low"], saved["high"]) == (row["low"], row["high"])
+    assert (saved["low given these terms"], saved["high given these terms"]) == (given["low"], given["high"])
     assert given["high"] == pytest.approx(-1.0 + norm.ppf(0.975) * 0.01)
     weights = np.array([0.7, 0.3])
     assert weights @ norm.cdf((row["low"] - np.array([-1.0, -1.4])) / 0.01) == pytest.approx(0.025)
     assert weights @ norm.cdf((row["high"] - np.array([-1.0, -1.4])) / 0.01) == pytest.approx(0.975)
-    assert "low given these terms" not in law_of(-1.0, 0.0).intervals()
+    assert "low given these terms" not in interval_frame(law_of(-1.0, 0.0))
 
 
 def test_draws_come_from_every_law_by_its_probability(law):
-    draws = law.draws(4000)["a"].xs("cup", level="object")
+    draws = law.sample(4000)["a"].xs("cup", level="object")
     assert np.mean(draws < -1.2) == pytest.approx(0.3, abs=0.03)
     assert draws[draws < -1.2].mean() == pytest.approx(-1.4, abs=0.002)
-    assert law.draws(500, averaged=False)["a"].max() < -0.9
-    assert law.draws(500, averaged=False)["a"].min() > -1.1
+    assert law.sample(500, averaged=False)["a"].max() < -0.9
+    assert law.sample(500, averaged=False)["a"].min() > -1.1
 
 
 def test_forecasts_are_the_median_of_the_laws_and_the_quantiles_of_the_mixture(law, trials):
-    own, other = (each.law.predict(trials, return_std=True, averaged=False) for each in law.plausible)
+    own, other = (each.law.predict(trials, return_std=True, averaged=False) for each in law.models)
     found = law.predict(trials, return_std=True)
     first, second = (each.trajectories[1].states for each in (own, other))
     np.testing.assert_array_equal(found.trajectories[1].states, first)
@@ -162,16 +164,16 @@ def test_where_the_law_diverges_what_else_it_could_be_forecasts_and_a_note_says_
 
 
 def test_what_else_it_could_be_goes_with_a_law_through_every_change(law):
-    for changed in (law.select(["mug"]), law.average(), law.partial_pooling(), Law.from_json(law.to_json())):
-        (other,) = changed.other_laws
+    for changed in (law.select(["mug"]), law.average(), law.pool(), Law.from_json(law.to_json())):
+        (other,) = changed.uncertainty.other_laws
         assert other.probability == 0.3
         assert other.law.objects == changed.objects
-        np.testing.assert_allclose(other.law.coefficients[0], law.other_laws[0].law.coefficients[0])
+        np.testing.assert_allclose(other.law.coefficients[0], law.uncertainty.other_laws[0].law.coefficients[0])
     assert Law.from_json(law.to_json()).to_json() == law.to_json()
 
 
 def test_laws_of_other_objects_or_without_a_probability_are_refused(law):
-    other = law.other_laws[0].law
+    other = law.uncertainty.other_laws[0].law
     with refused("averaged-law-differs"):
         law.with_others((PlausibleLaw(0.3, other.select(["mug"])),))
     with refused("averaged-law-probability", probability=0.0):
@@ -186,14 +188,14 @@ def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
     states = np.exp(-0.8 * times) + 0.05 * generator.standard_normal(len(times))
     trials = cl.Trials.from_arrays([times], [states[:, np.newaxis]], names=["x"])
     law = cl.discover(trials, order=1, library="poly:2")
-    assert len(law.plausible) > 1
-    assert sum(each.probability for each in law.plausible) == pytest.approx(1)
-    assert all(one.probability >= other.probability for one, other in pairwise(law.plausible))
-    table = law.candidates().set_index("terms")["2 log B"]
+    assert len(law.models) > 1
+    assert sum(each.probability for each in law.models) == pytest.approx(1)
+    assert all(one.probability >= other.probability for one, other in pairwise(law.models))
+    table = law.comparison.set_index("terms")["score"]
     own = table[", ".join(np.array(law.terms.names)[law.support[0]])]
-    for probability, other in law.other_laws:
+    for probability, other in law.uncertainty.other_laws:
         behind = table[", ".join(np.array(law.terms.names)[other.support[0]])] - own
-        assert probability / law.plausible[0].probability == pytest.approx(np.exp(-behind / 2), rel=0.5)
+        assert probability / law.models[0].probability == pytest.approx(np.exp(-behind / 2), rel=0.5)
         refitted = cl.refine(
             replace(other, uncertainty=Uncertainty()), trials, errors="white", noise={"x": law.noise[0]}
         )

@@ -72,9 +72,9 @@ def test_equations_of_several_states_grow_one_after_the_other():
     law = replace(law, provenance=Provenance(alternatives=candidates))
     found = candidate_laws(law, trials)
     forms = [("x' = a x", "y' = 0"), ("x' = 0", "y' = a y"), ("x' = a x", "y' = b y")]
-    assert [each.law.structure() for each in found] == forms
+    assert [each.law.structure for each in found] == forms
     assert [(each.evidence, each.chosen) for each in found] == [(90, False), (80, False), (0, True)]
-    assert [each.law.structure() for each in candidate_laws(law, trials, most=2)] == forms[1:]
+    assert [each.law.structure for each in candidate_laws(law, trials, most=2)] == forms[1:]
 
 
 def test_a_law_in_discrete_time_stands_alone(drops):

@@ -66,8 +66,10 @@ def fitted(enzymes):
 
 
 def by_letter(law):
-    values, errors = law.letter_values()
-    return dict(zip(law.letters, values.T, strict=True)), dict(zip(law.letters, errors.T, strict=True))
+    values, errors = law.parameters.values, law.parameters.errors
+    return dict(zip(law.parameters.names, values.T, strict=True)), dict(
+        zip(law.parameters.names, errors.T, strict=True)
+    )
 
 
 @pytest.mark.parametrize(
@@ -83,7 +85,7 @@ def test_constants_are_those_of_least_squares_on_the_solution_in_closed_form(tex
     times, measured, trials = one_trial(solution, values, noise)
     law = cl.fit(text, trials, huber_threshold=np.inf)
     expected, covariance = curve_fit(solution, times, measured, values, xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    found, errors = law.letter_values()
+    found, errors = law.parameters.values, law.parameters.errors
     np.testing.assert_allclose(found[0], expected[1:], rtol=1e-6)
     # The noise has as many degrees of freedom but for a few samples
     np.testing.assert_allclose(errors[0], np.sqrt(np.diag(covariance))[1:], rtol=0.01)
@@ -94,7 +96,7 @@ def test_intervals_hold_the_true_constants_as_often_as_they_say():
     inside = 0
     for seed in range(30):
         *_, trials = one_trial(michaelis_menten, (3.0, 1.0, 0.5), 0.05, seed, points=40)
-        low, high = cl.fit(SATURATING, trials, errors="white").letter_interval_ends()
+        low, high = cl.fit(SATURATING, trials, errors="white").parameter_intervals()
         inside += np.sum((low[0] < [1.0, 0.5]) & (high[0] > [1.0, 0.5]))
     assert inside >= 50  # Of 60, where 57 are expected: fewer have a probability below 1 % (binomial, pairs as one)
 
@@ -147,9 +149,9 @@ LAWS: dict[str, tuple[Any, ...]] = {
 def test_constants_are_found_from_nothing_but_the_text(law):
     text, function, objects, starts, times, states = LAWS[law]
     found = cl.fit(text, simulated(function, objects, starts, times, states))
-    values, errors = found.letter_values()
+    values, errors = found.parameters.values, found.parameters.errors
     assert found.objects == tuple(objects)
-    assert np.all(np.abs(values - list(objects.values())) < 4 * errors), (found.letters, values, errors)
+    assert np.all(np.abs(values - list(objects.values())) < 4 * errors), (found.parameters.names, values, errors)
     assert np.all(errors < 0.2 * np.abs(values))
 
 
@@ -158,15 +160,17 @@ def test_both_ways_of_computing_agree(enzymes, monkeypatch):
     for chosen in ("numpy", "compiled"):
         monkeypatch.setenv(kernels.VARIABLE, chosen)
         laws.append(cl.fit(SATURATING, enzymes))
-    for one, other in zip(*(law.letter_values() for law in laws), strict=True):
+    for one, other in zip(*((law.parameters.values, law.parameters.errors) for law in laws), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6)
 
 
 def test_a_law_is_saved_and_read_with_its_constants(fitted):
     again = cl.Law.from_json(fitted.to_json())
     assert again.to_json() == fitted.to_json()
-    assert (str(again), again.letters) == (str(fitted), ("V", "K"))
-    np.testing.assert_array_equal(again.letter_values(), fitted.letter_values())
+    assert (str(again), again.parameters.names) == (str(fitted), ("V", "K"))
+    np.testing.assert_array_equal(
+        (again.parameters.values, again.parameters.errors), (fitted.parameters.values, fitted.parameters.errors)
+    )
 
 
 def test_constants_are_written_where_they_stand(fitted):
@@ -174,13 +178,13 @@ def test_constants_are_written_where_they_stand(fitted):
     (equation,) = fitted.equations("b", errors=False)
     stated = cl.Law.from_text(equation)
     points = np.array([[0.5, 0.0], [2.0, 0.0]])
-    np.testing.assert_allclose(stated.evaluate("object", points), fitted.evaluate("b", points), rtol=1e-3)
+    np.testing.assert_allclose(stated.rhs("object", points), fitted.rhs("b", points), rtol=1e-3)
     assert fitted.equations("b")[0].endswith(f"s/({with_error(values['K'][1], errors['K'][1], bracket=True)} + s)")
     block = fitted.to_latex("b", errors=False)
     assert r"\frac{V s}{K + s}" in block
     assert f"K &= {values['K'][1]:.4g}" in block
     ((_, right),) = fitted.to_sympy("b").items()
-    expected = float(fitted.evaluate("b", [[2.0, 0.0]])[0, 0])
+    expected = float(fitted.rhs("b", [[2.0, 0.0]])[0, 0])
     assert float(right.subs(dict.fromkeys(right.free_symbols, 2.0))) == pytest.approx(expected)
 
 
@@ -198,7 +202,7 @@ def test_a_law_simulates_and_forecasts_by_its_constants(fitted, enzymes):
 def test_standard_deviations_of_forecasts_are_those_of_drawn_constants_and_starts(fitted, enzymes, method):
     first = enzymes.select(object="a", trial="0")
     forecast = fitted.predict(first, start=1, return_std=True, method=method)
-    draws = fitted.draws(2000).xs("a", level="object")
+    draws = fitted.sample(2000).xs("a", level="object")
     starts = first[0].states[0, 0] + fitted.noise[0] * np.random.default_rng(0).standard_normal(2000)
     times = first[0].times[:, np.newaxis] - first[0].times[0]
     paths = michaelis_menten(times, starts, draws["V"].to_numpy(), draws["K"].to_numpy())
@@ -231,7 +235,7 @@ def test_a_property_is_a_constant_that_is_known(enzymes):
 
 def test_refining_begins_with_the_constants_of_the_law(fitted, enzymes):
     refined = cl.refine(fitted, enzymes, errors="white")
-    np.testing.assert_allclose(refined.letter_values()[0], fitted.letter_values()[0], rtol=1e-6)
+    np.testing.assert_allclose(refined.parameters.values, fitted.parameters.values, rtol=1e-6)
 
 
 def test_laws_with_constants_are_compared_with_others(enzymes):
@@ -266,7 +270,7 @@ def test_a_constant_that_fits_best_outside_of_its_bound_is_at_the_bound(enzymes)
     np.testing.assert_array_equal(values["K"], 0.1)
     assert (errors["K"] == 0).all()
     np.testing.assert_allclose(values["V"], by_letter(at_bound)[0]["V"], rtol=0.02)
-    named = [each for each in law.outcomes if each.kind == "bound"]
+    named = [each for each in law.diagnostics if each.kind == "bound"]
     assert [each.where for each in named] == list(enzymes.objects)
     assert "K is at its bound, 0.1" in named[0].text
 
@@ -274,7 +278,7 @@ def test_a_constant_that_fits_best_outside_of_its_bound_is_at_the_bound(enzymes)
 def test_what_a_term_does_not_show_of_its_constants_is_said():
     times = np.linspace(0, 3, 40)
     decay = simulated(lambda _, s, rate: -rate * s, {"a": (1.0,), "b": (0.7,)}, [[3.0], [1.0]], times, ("s",))
-    outcomes = cl.fit(SATURATING, decay, errors="white").outcomes
+    outcomes = cl.fit(SATURATING, decay, errors="white").diagnostics
     (outcome,) = (each for each in outcomes if each.kind == "not identifiable")
     assert outcome.where == "a, b"
     assert outcome.code == "parameters-not-separable"
@@ -290,13 +294,13 @@ def test_bounds_choose_among_values_that_fit_alike():
     for name, sign in (("n", -1), ("V", -1), ("K", 1)):
         assert (np.abs(values[name] - sign * others[name]) < errors[name] / 2).all()
     assert "; 0 < n < 10" in positive.to_script()
-    assert positive.structure() == (text,)
+    assert positive.structure == (text,)
 
 
 def test_values_of_a_stated_law_keep_to_its_bounds():
     with refused("parameter-out-of-bounds", name="K", bound="K > 0"):
         cl.Law.from_text(f"{SATURATING}; K > 0", {"V": 1.0, "K": -2.0})
-    assert cl.Law.from_text([SATURATING, "5 >= K"], {"V": 1.0, "K": 2.0}).structure() == (SATURATING,)
+    assert cl.Law.from_text([SATURATING, "5 >= K"], {"V": 1.0, "K": 2.0}).structure == (SATURATING,)
 
 
 def test_no_discrepancy_is_sought_beside_constants(fitted, enzymes):
@@ -344,9 +348,9 @@ def test_names_that_are_no_factors_are_constants_of_their_terms(text, constants,
 )
 def test_a_law_of_constants_is_the_function_that_is_written(text, function, values):
     law, points = cl.Law.from_text(text, values), np.linspace(0.5, 5.0, 7)
-    found = law.evaluate("object", np.column_stack([points, 0 * points]))[:, 0]
+    found = law.rhs("object", np.column_stack([points, 0 * points]))[:, 0]
     np.testing.assert_allclose(found, function(points, **values))
-    np.testing.assert_allclose(law.letter_values()[0][0], [values[name] for name in law.letters])
+    np.testing.assert_allclose(law.parameters.values[0], [values[name] for name in law.parameters.names])
 
 
 @pytest.mark.parametrize(
@@ -369,7 +373,7 @@ def test_constants_have_the_units_that_make_sums_and_functions_possible(text, un
         | ({"V": 1.0} if "V" in text else {}),
         units=given,
     )
-    found = dict(zip(law.letters, law.letter_units(), strict=True))
+    found = dict(zip(law.parameters.names, law.parameters.units, strict=True))
     for name, unit in units.items():
         assert (found[name] is None) == (unit is None), (name, found)
         assert unit is None or parse_unit(found[name] or "dimensionless") == parse_unit(unit or "dimensionless")
@@ -388,7 +392,7 @@ def test_several_unknown_frequencies_or_periods_are_found_whatever_their_form(eq
     motion = 3 + np.cos(0.3 * times) + 0.5 * np.sin(1.1 * times)
     motion = motion + 0.05 * np.random.default_rng(0).standard_normal(120)
     law = cl.fit(equation, cl.Trials.from_arrays(times, motion, names=["x"]), errors="white")
-    values = dict(zip(law.letters, np.abs(law.letter_values()[0][0]), strict=True))
+    values = dict(zip(law.parameters.names, np.abs(law.parameters.values[0]), strict=True))
     names = list(truth)
     found = sorted(values[name] for name in names)  # Two sines may exchange what they stand for
     np.testing.assert_allclose(found, sorted(truth.values()), rtol=0.01)
@@ -401,7 +405,7 @@ def test_values_between_two_bounds_are_tried_where_no_others_are():
     motion = motion + 0.02 * np.random.default_rng(0).standard_normal(120)
     trials = cl.Trials.from_arrays(times, motion, names=["x"])
     law = cl.fit("x' = a sin(w t) + b sin(u t); 0.295 < w < 0.305; u > 0.5", trials, errors="white")
-    values = dict(zip(law.letters, law.letter_values()[0][0], strict=True))
+    values = dict(zip(law.parameters.names, law.parameters.values[0], strict=True))
     assert values["w"] == pytest.approx(0.3, abs=0.005)
     assert values["u"] == pytest.approx(1.1, abs=0.01)
 
@@ -412,7 +416,7 @@ def test_a_fit_begins_at_guesses():
     trials, found = cl.Trials.from_arrays(times, motion, names=["x"]), {}
     for guess in (None, 0.9, 0.6):
         law = cl.fit("x' = a sin(w t + p)", trials, guesses=guess and {"w": guess}, errors="white")
-        found[guess] = dict(zip(law.letters, law.letter_values()[0][0], strict=True))["w"]
+        found[guess] = dict(zip(law.parameters.names, law.parameters.values[0], strict=True))["w"]
     assert found[None] == pytest.approx(0.9, abs=0.002)
     assert found[0.9] == pytest.approx(found[None], rel=1e-6)
     assert found[0.6] == pytest.approx(0.6, abs=0.05)  # Another local optimum, as was asked for

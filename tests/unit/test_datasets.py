@@ -53,7 +53,7 @@ def test_drops_with_a_squared_velocity_solve_their_equation_and_come_from_their_
         expected = integrated(lambda _, y, d=drag, q=square: [y[1], -9.8 + d * y[1] + q * y[1] ** 2], [47.33, 0.0],
                               trial.times)  # fmt: skip
         np.testing.assert_allclose(trial.states, expected[:, :1], atol=1e-8)
-        np.testing.assert_array_equal(law.coefficients_of(trial.object), [[-9.8, drag, square]])
+        np.testing.assert_array_equal(law.coefficients[law.index(trial.object)], [[-9.8, drag, square]])
 
 
 def test_without_a_squared_velocity_drops_are_the_same_bits_and_their_law_has_no_such_term():
@@ -68,7 +68,7 @@ def test_without_a_squared_velocity_drops_are_the_same_bits_and_their_law_has_no
 def test_drag_grows_with_the_density_of_the_fluid_in_drops_and_law(density):
     radius, mass, v = 0.03, 0.05, np.array([-20.0, -3.0])
     law = datasets.reynolds_drag.truth(radius, mass, gravity=0.0, density=density)
-    found = law.evaluate("Ball 1", np.column_stack([0 * v, v, 0 * v]))[:, 0]
+    found = law.rhs("Ball 1", np.column_stack([0 * v, v, 0 * v]))[:, 0]
     np.testing.assert_allclose(found, sphere_drag.drag_force(abs(v), 2 * radius, density) / mass, rtol=1e-12)
     law = datasets.reynolds_drag.truth(radius, mass, density=density)
     trial = datasets.reynolds_drag(radius, mass, trials=1, noise=0.0, density=density)[0]
@@ -101,7 +101,7 @@ def test_the_law_of_reynolds_drag_is_the_force_of_the_correlation_up_and_down(vi
     assert len(law.terms) == 3 + len(set(radius))
     v = np.array([-40.0, -3.0, -0.01, 0.01, 2.0, 30.0])
     for name, size, weight in zip(law.objects, radius, mass, strict=True):
-        found = law.evaluate(name, np.column_stack([0 * v, v, 0 * v]))[:, 0]
+        found = law.rhs(name, np.column_stack([0 * v, v, 0 * v]))[:, 0]
         expected = -np.sign(v) * sphere_drag.drag_force(abs(v), 2 * size, viscosity=viscosity) / weight
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 
@@ -159,7 +159,7 @@ def test_prey_and_predators_keep_the_invariant_of_each_pair():
     law = datasets.lotka_volterra.truth()
     assert len(trials) == 10
     for trial in trials:
-        (a, _, b), (_, c, d) = np.abs(law.coefficients_of(trial.object))
+        (a, _, b), (_, c, d) = np.abs(law.coefficients[law.index(trial.object)])
         x, y = trial.states.T
         invariant = d * x - c * np.log(x) + b * y - a * np.log(y)
         np.testing.assert_allclose(invariant, invariant[0], rtol=1e-8)

@@ -51,13 +51,13 @@ def test_every_choice_can_be_an_object_or_its_text(drops):
 def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
     law = cl.discover(drops, method=regression(solver="group-stlsq:1.5"), **SETTINGS)
     assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["1", "v"]
-    form = cl.StrongForm(law.differentiation, 2, trim=8)
+    form = cl.StrongForm(law.provenance.differentiation, 2, trim=8)
     for name in drops.objects:
         values, targets = (
             np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
         )
         expected = np.linalg.lstsq(np.column_stack([np.ones(len(values)), values[:, 1]]), targets[:, 0], rcond=None)[0]
-        np.testing.assert_allclose(law.coefficients_of(name)[0][law.support[0]], expected, rtol=1e-10)
+        np.testing.assert_allclose(law.coefficients[law.index(name)][0][law.support[0]], expected, rtol=1e-10)
 
 
 def test_known_terms_are_moved_to_the_left_hand_side(drops):
@@ -68,7 +68,7 @@ def test_known_terms_are_moved_to_the_left_hand_side(drops):
         **SETTINGS | {"library": "terms:1,v"},
     )
     assert (law.to_frame()["1"] == -9.8).all()
-    form = cl.StrongForm(law.differentiation, 2, trim=8)
+    form = cl.StrongForm(law.provenance.differentiation, 2, trim=8)
     for name in drops.objects:
         values, targets = (
             np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
@@ -171,7 +171,7 @@ def test_the_threshold_is_chosen_by_held_out_trials(drops):
 
 
 def outcome(law, kind):
-    found = [each for each in law.outcomes if each.kind == kind]
+    found = [each for each in law.diagnostics if each.kind == kind]
     assert len(found) >= 1
     return str(found[0])
 
@@ -300,14 +300,15 @@ def test_without_a_solver_the_law_is_chosen_and_the_candidates_are_shown(drops, 
     law = cl.discover(
         drops, order=2, method=cl.DerivativeRegression(differentiation="savgol:25:3", trim=8), library="poly:3"
     )
-    assert law.structure() == ("x'' = a + b v",)
+    assert law.structure == ("x'' = a + b v",)
     assert "its held-out error is" in outcome(law, "chosen")
-    candidates = law.candidates()
+    candidates = law.comparison
     assert candidates["chosen"].sum() == 1
     assert candidates.loc[candidates["chosen"], ["terms", "size"]].to_numpy().tolist() == [["1, v", 2]]
-    assert {"AIC", "AICc", "BIC", "EBIC", "held-out error", "standard error", "stability"} <= set(candidates.columns)
+    assert {"AIC", "AICc", "BIC", "EBIC", "standard error", "stability"} <= set(candidates.columns)
+    assert {*candidates["measure"]} == {"held-out error"}
     law.save(tmp_path / "law.json")
-    assert cl.Law.load(tmp_path / "law.json").alternatives == law.alternatives
+    assert cl.Law.load(tmp_path / "law.json").provenance.alternatives == law.provenance.alternatives
 
 
 @pytest.mark.parametrize("rule", ["held-out", "aic", "aicc", "bic", "ebic"])
@@ -319,7 +320,7 @@ def test_a_solver_without_its_setting_offers_its_path_to_any_rule(rule):
         method=cl.DerivativeRegression(differentiation="finite:6", solver=cl.STLSQ(), rule=rule),
         order=1,
     )
-    assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
+    assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
 
 
 def test_known_terms_are_not_chosen_again(drops):
@@ -330,7 +331,7 @@ def test_known_terms_are_not_chosen_again(drops):
         known={"1": -9.8},
         library="poly:3",
     )
-    assert law.structure() == ("x'' = a + b v",)
+    assert law.structure == ("x'' = a + b v",)
     assert (law.to_frame()["1"] == -9.8).all()
 
 
@@ -348,7 +349,7 @@ def test_a_universal_term_has_one_coefficient_for_all_objects(drops):
     named = cl.discover(drops, library="poly:2", method=regression(solver="group-stlsq:1.5"), **settings)
     chosen = cl.discover(drops, method=regression(), **settings)
     for law in (named, chosen):
-        assert law.structure() == ("x'' = a + b v",)
+        assert law.structure == ("x'' = a + b v",)
         assert np.ptp(law.to_frame()["1"]) < 1e-12
         assert law.to_frame()["1"].iloc[0] == pytest.approx(-9.8, rel=0.01)
     own = cl.discover(
@@ -379,7 +380,7 @@ def test_candidates_can_be_judged_by_forecasts_of_held_out_trials():
         differentiation="savgol:9:3", solver=cl.STLSQ(), n_resamples=0, scoring="forecasts"
     )
     law = cl.discover(pairs, library="poly:2", method=method, order=1)
-    assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
+    assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
     with refused("one-trial-to-forecast"):
         cl.discover(pairs.select(trial=1), library="poly:2", method=method, order=1)
 

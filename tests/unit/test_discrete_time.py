@@ -25,7 +25,7 @@ def test_a_law_in_discrete_time(populations, tmp_path):
     law = cl.discover(
         populations, order=0, library="poly:3", method=cl.DiscreteTimeRegression(solver="group-stlsq:0.5")
     )
-    assert law.structure() == ("x[k+1] = a x + b x^2",)
+    assert law.structure == ("x[k+1] = a x + b x^2",)
     assert law.equations("fast") == ("x[k+1] = 3.9 x - 3.9 x^2",)
     assert law.to_latex("slow") == "\\begin{aligned}\nx_{k+1} &= 2.6\\, x - 2.6\\, x^{2}\n\\end{aligned}"
     law.save(tmp_path / "law.json")
@@ -42,7 +42,7 @@ def test_a_law_in_discrete_time_refuses_uneven_steps(populations):
 
 
 def test_a_law_in_discrete_time_is_chosen(populations):
-    assert cl.discover(populations, order=0, library="poly:3").structure() == ("x[k+1] = a x + b x^2",)
+    assert cl.discover(populations, order=0, library="poly:3").structure == ("x[k+1] = a x + b x^2",)
 
 
 def test_the_next_sample_of_a_chaotic_map_is_forecast_though_the_tenth_is_not():
@@ -51,7 +51,7 @@ def test_the_next_sample_of_a_chaotic_map_is_forecast_though_the_tenth_is_not():
         states.append(3.9 * states[-1] * (1 - states[-1]))
     noisy = np.array(states) + 0.005 * np.random.default_rng(0).standard_normal(300)
     trials = cl.Trials.from_arrays([np.arange(300.0)], [noisy], names=["x"])
-    verdict = cl.fit("x[k+1] = a x (1 - x)", trials).verdict(trials)
+    verdict = cl.fit("x[k+1] = a x (1 - x)", trials).assess(trials)
     assert 1 <= verdict.horizon < 30
     assert "even the nearest" not in str(verdict)
 
@@ -72,7 +72,7 @@ def generations(growth, noise, times=GENERATIONS):
 
 def hints(trials, **settings):
     law = cl.discover(trials, cache=False, **settings)
-    return [each for each in law.outcomes if each.code == "discrete-time-plausible"]
+    return [each for each in law.diagnostics if each.code == "discrete-time-plausible"]
 
 
 def test_a_law_in_continuous_time_that_leaves_what_the_generation_before_explains_hints_at_discrete_time():

@@ -71,7 +71,8 @@ def cleared():
 
 def test_a_rate_is_found_from_few_samples_with_several_doses(cleared):
     """Rates that were smoothed say nothing of the jumps, and the fit begins with coefficients by these rates."""
-    values, errors = cl.fit("c' = -k c + dose", cleared, doses="dose").letter_values()
+    parameters = cl.fit("c' = -k c + dose", cleared, doses="dose").parameters
+    values, errors = parameters.values, parameters.errors
     assert (np.abs(values - 0.5) < 3 * errors).all()
     assert (errors < 0.1).all()
 
@@ -80,7 +81,7 @@ def test_verdicts_and_residuals_know_doses_where_nothing_was_measured(cleared):
     alone = [replace(each, states=np.where(each.times[:, np.newaxis] == 12, np.nan, each.states)) for each in cleared]
     for trials in (cleared, cleared.with_trials(alone)):
         law = cl.fit("c' = -k c + dose", trials, doses="dose", noise={"c": 0.02})
-        assert law.verdict(trials).usable
+        assert law.assess(trials).usable
         assert np.nanmax(np.abs(np.concatenate(law.residuals(trials).standardized))) < 4
 
 
@@ -89,8 +90,8 @@ def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_d
     _, letters, first, options = CASES[equations]
     truth, noise, measured, trials = drawn(equations)
     law = cl.fit(equations, trials, doses="dose", noise={"conc": noise}, **options, **WHITE)
-    columns = [law.letters.index(each) for each in letters]
-    values, errors = (each[:, columns] for each in law.letter_values())
+    columns = [law.parameters.names.index(each) for each in letters]
+    values, errors = (each[:, columns] for each in (law.parameters.values, law.parameters.errors))
     for own, error, data, begin in zip(values, errors, measured, truth, strict=True):
         begin = np.append(begin, first)
         found = least_squares(
@@ -125,7 +126,7 @@ def test_a_law_is_simulated_with_doses():
     law = cl.fit(INJECTED, trials, doses="dose")
     times = np.linspace(0, 6, 13)
     found = law.simulate(times, [4.0], doses={"dose": {1.5: 30.0}})["a"].states[:, 0]
-    volume, k = (law.letter_values()[0][0, law.letters.index(each)] for each in ("V", "k"))
+    volume, k = (law.parameters.values[0, law.parameters.names.index(each)] for each in ("V", "k"))
     expected = 4 * np.exp(-k * times) + np.where(times > 1.5, 30 / volume * np.exp(-k * (times - 1.5)), 0.0)
     np.testing.assert_allclose(found, expected, rtol=1e-4)
     np.testing.assert_allclose(law.simulate(times, [4.0])["a"].states[:, 0], 4 * np.exp(-k * times), rtol=1e-6)
@@ -201,7 +202,7 @@ def test_a_trial_begins_at_a_dose_before_its_first_measurement():
     k, volume, _ = least_squares(left, [0.3, 10.0, 0.0], xtol=1e-12, ftol=1e-12).x
     for trials in (of_table, of_arrays):
         law = cl.fit(INJECTED, trials, doses="dose", **WHITE)
-        values = dict(zip(law.letters, law.letter_values()[0][0], strict=True))
+        values = dict(zip(law.parameters.names, law.parameters.values[0], strict=True))
         assert values["V"] == pytest.approx(volume, rel=5e-3)
         assert values["k"] == pytest.approx(k, rel=5e-3)
         forecast = law.predict(trials, start="all")
@@ -266,6 +267,6 @@ def test_trials_that_are_zero_until_their_dose_are_forecast_from_there():
         k, volume = random.uniform(0.2, 0.4), random.uniform(9, 12)
         states.append(np.array([0.0, *(100 / volume * np.exp(-k * times[1:]) + 0.05 * random.standard_normal(2))]))
     subjects = cl.Trials.from_arrays([times] * 8, states, inputs=inputs, object=list("abcdefgh"), names=["conc", "amt"])
-    verdict = cl.fit("conc' = -k conc + amt/V", subjects, doses="amt", noise={"conc": 0.05}).verdict(subjects)
+    verdict = cl.fit("conc' = -k conc + amt/V", subjects, doses="amt", noise={"conc": 0.05}).assess(subjects)
     assert (verdict.segments, verdict.diverged) == (8, 0)
     assert verdict.r_squared > 0.95

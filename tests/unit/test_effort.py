@@ -54,7 +54,7 @@ def test_judging_many_trials_is_announced(monkeypatch):
     monkeypatch.setattr(progress, "monotonic", lambda: next(seconds))
     trials = cl.datasets.linear_drag(trials=20)
     with pytest.warns(cl.LongWorkWarning, match="judging the law by 100 forecasts .*: .*take fewer"):
-        cl.datasets.truth_of("linear-drag").verdict(trials)
+        cl.datasets.truth_of("linear-drag").assess(trials)
 
 
 @pytest.mark.parametrize("text", ["fourier:500 * fourier:500", " * ".join(["poly:20"] * 8), "fourier:1000 * poly:30"])

@@ -109,10 +109,10 @@ def test_a_sum_stands_in_parentheses_behind_its_coefficient():
 def test_a_coefficient_may_divide():
     law = cl.Law.from_text("U' = -U/tau", {"tau": {"one": 5.0, "two": 8.0}}, units={"U": "V", "t": "s"})
     assert law.equations("one") == ("U' = -U/5",)
-    values, errors = law.letter_values()
+    values, errors = law.parameters.values, law.parameters.errors
     np.testing.assert_allclose(values, [[5.0], [8.0]])
     assert np.isnan(errors).all()
-    assert law.letter_units() == ("s",)
+    assert law.parameters.units == ("s",)
     with refused("law-array-not-finite"):
         cl.Law.from_text("U' = -U/tau", {"tau": 0.0})
 
@@ -120,7 +120,7 @@ def test_a_coefficient_may_divide():
 @pytest.mark.parametrize(("unit", "root"), [("m", "m⁰⋅⁵/s²"), ("m^(1/3)", "m⁰⋅¹⁶⁶⁶⁶⁷/s²"), ("dB/s", "dB⁰⋅⁵/s²⋅⁵")])
 def test_units_of_coefficients_may_have_broken_powers(unit, root):
     law = cl.Law.from_text("x'' = -a sqrt(x) - b v", {"a": 1.0, "b": 1.0}, units={"x": unit, "t": "s"})
-    assert law.letter_units() == (root, "1/s")
+    assert law.parameters.units == (root, "1/s")
 
 
 @pytest.mark.parametrize(
@@ -136,4 +136,4 @@ def test_units_of_coefficients_may_have_broken_powers(unit, root):
 )
 def test_units_that_are_not_known_cancel_or_hide_that_of_a_coefficient(text, units, expected):
     law = cl.Law.from_text(text, dict.fromkeys(expected, 1.0), units=units)
-    assert dict(zip(law.letters, law.letter_units(), strict=True)) == expected
+    assert dict(zip(law.parameters.names, law.parameters.units, strict=True)) == expected

@@ -65,10 +65,10 @@ def discover(measurement, **settings):
 @pytest.mark.parametrize("errors", [white, proportional, correlated])
 def test_the_errors_of_measurements_are_found_with_the_law(errors):
     law = discover(errors)
-    assert law.structure() == ("x'' = a x + b v",)
+    assert law.structure == ("x'' = a x + b v",)
     missed = (law.coefficients[law.support[np.newaxis]] - [-2, -0.1]) / law.standard_errors[law.support[np.newaxis]]
     assert np.all(np.abs(missed) < 3.5)
-    assert {each.kind for each in law.outcomes} <= {"not identifiable"}
+    assert {each.kind for each in law.diagnostics} <= {"not identifiable"}
     found = law.uncertainty.error_model
     if errors is white:
         assert not found
@@ -136,7 +136,7 @@ def test_the_error_of_a_law_carries_forecasts_as_far_as_simulations_say(kind):
     matrix = np.array([[0.0, 1.0], coefficients[0, 0][[law.terms.names.index(each) for each in ("x", "v")]]])
     walk, force, time = np.array([0.05, 0.08]), np.array([0.3]), 0.7
     errors = ErrorModel(walk=walk) if kind == "walk" else ErrorModel(force=force, force_time=time)
-    certain = Uncertainty(np.zeros_like(law.covariance), noise=np.array([1e-6]), error_model=errors)
+    certain = Uncertainty(np.zeros_like(law.uncertainty.covariance), noise=np.array([1e-6]), error_model=errors)
     trials = oscillator(white, 1).with_trials([oscillator(white, 1)[0].cut(121)])
     forecast = replace(law, uncertainty=certain).predict(trials, return_std=True, start=1, averaged=False)
     # Exact covariance of the linear law with its latent processes, by the matrix exponential of small steps
@@ -229,12 +229,12 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     ]  # fmt: skip
     steps = {law: next(step for step in law.history if step.stage == "model error") for law in (within, without)}
     assert steps[within].choice == "none"
-    assert within.outcomes == ()
-    (progress,) = (each for each in without.outcomes if each.kind != "not identifiable")
+    assert within.diagnostics == ()
+    (progress,) = (each for each in without.diagnostics if each.kind != "not identifiable")
     assert progress.kind == "model error"
     assert steps[without].choice in progress.text
-    table = without.candidates()
-    assert table["chosen"].tolist().index(True) == table["2 log B"].argmin()
+    table = without.comparison
+    assert table["chosen"].tolist().index(True) == table["score"].argmin()
     assert "a smooth force on x" in steps[without].choice
     # Sine waves of amplitude 3, of which some is in the coefficients
     error_model = without.uncertainty.error_model
@@ -242,7 +242,9 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     assert 0.1 < error_model.force_time < 2 * np.pi / 5
     assert without.standard_errors[0, 0, 0] > 5 * within.standard_errors[0, 0, 0]
     assert np.isfinite(without.standard_errors[without.coefficients != 0]).all()
-    assert np.all((without.inclusion_probabilities >= 0) & (without.inclusion_probabilities <= 1))
+    assert np.all(
+        (without.uncertainty.inclusion_probabilities >= 0) & (without.uncertainty.inclusion_probabilities <= 1)
+    )
 
 
 def test_a_smooth_error_of_the_measurement_is_told_from_the_law():
@@ -250,7 +252,7 @@ def test_a_smooth_error_of_the_measurement_is_told_from_the_law():
     path = solve_ivp(lambda _, z: [z[1], -z[0] - 0.05 * z[1]], (0, 30), [2, 0], t_eval=times, rtol=1e-9).y[:1].T
     error = 0.05 * np.sin(7.3 * times)[:, np.newaxis] + 0.005 * generator.standard_normal(path.shape)
     law = cl.discover(cl.Trials.from_arrays([times], [path + error], names=["x"]), order=2, library="poly:2")
-    assert law.structure() == ("x'' = a x + b v",)
+    assert law.structure == ("x'' = a x + b v",)
     missed = law.coefficients[law.support[np.newaxis]] - [-1, -0.05]
     assert np.all(np.abs(missed) < 3 * law.standard_errors[law.support[np.newaxis]])
     assert law.uncertainty.error_model.correlated == pytest.approx([error.std()], rel=0.2)
@@ -258,7 +260,7 @@ def test_a_smooth_error_of_the_measurement_is_told_from_the_law():
     steps = {step.stage: step for step in law.history}
     assert steps["model error"].choice == "none"
     assert "errors with a memory" in steps
-    assert law.outcomes == ()
+    assert law.diagnostics == ()
 
 
 @pytest.mark.parametrize(("library", "seed"), [("poly:2", 1), ("poly:1", 3), ("poly:2", 3)])
@@ -270,5 +272,5 @@ def test_noise_in_proportion_is_found_where_few_samples_of_a_fast_decay_hide_it(
         states.append(exact * (1 + 0.1 * random.standard_normal(len(times))))
     trials = cl.Trials.from_arrays([times] * 6, states, object=list("abcdef"), names=["c"])
     law = cl.discover(trials, order=2, library=library)
-    assert law.structure() == ("c'' = a c + b v",)
+    assert law.structure == ("c'' = a c + b v",)
     assert law.uncertainty.error_model.proportional == pytest.approx([0.1], rel=0.3)

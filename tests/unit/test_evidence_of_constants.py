@@ -63,4 +63,4 @@ def test_a_law_that_objects_would_share_only_where_it_is_linear_is_not_taken():
     noisy = [each + 0.05 * np.std(courses) * generator.standard_normal(len(times)) for each in courses]
     trials = cl.Trials.from_arrays([times] * 6, noisy, object=[*"aabbcc"], names=["n"])
     law = cl.discover(trials, library="ratio(poly:2, poly:2)", cache=False, order=1)
-    assert law.structure() == ("n' = a n + b n^2",)
+    assert law.structure == ("n' = a n + b n^2",)

@@ -22,5 +22,5 @@ def test_the_discretization_error_of_a_coarse_mesh_is_no_reason_for_richer_terms
         measured.append(found.y.T)
     trials = cl.Trials.from_arrays([times] * 3, measured, object=["a", "b", "c"], names=["x", "y", "z"])
     law = cl.discover(trials, order=1, cache=False, progress=told.append)
-    assert law.structure() == ("x' = a x + b y", "y' = c x + d y + f x z", "z' = g z + h x y")
+    assert law.structure == ("x' = a x + b y", "y' = c x + d y + f x z", "z' = g z + h x y")
     assert not any("proposing" in each for each in told)

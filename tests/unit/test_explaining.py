@@ -38,7 +38,7 @@ def falling(scatter=0.0, pooled=True, units=UNITS):
         terms, cl.Schema(("x",), units=units), 2, OBJECTS, measured, cl.Uncertainty(covariance, noise=[0.01]),
         properties=properties,
     )  # fmt: skip
-    return law.partial_pooling() if pooled else law
+    return law.pool() if pooled else law
 
 
 def test_a_law_says_what_is_universal_and_what_follows_properties():
@@ -89,12 +89,14 @@ def test_coefficients_become_what_relations_say_and_more_precise():
     law = before.explain()
     (place,) = np.flatnonzero(law.support[0])[1:]
     values = [each["diameter"] ** 2 / each["mass"] for each in law.properties.values()]
-    factor = law.explanation.relations[1].factors[0]
+    factor = law.uncertainty.explanation.relations[1].factors[0]
     np.testing.assert_allclose(law.coefficients[:, 0, place], factor * np.array(values))
     assert np.all(law.standard_errors[:, law.support] < before.standard_errors[:, before.support])
-    np.testing.assert_allclose(law.average().covariance[0, 0, 0], law.explanation.covariance[0, 0])
-    assert law.select(OBJECTS[:2]).explanation.relations == law.explanation.relations
-    assert law.average().explanation is None
+    np.testing.assert_allclose(
+        law.average().uncertainty.covariance[0, 0, 0], law.uncertainty.explanation.covariance[0, 0]
+    )
+    assert law.select(OBJECTS[:2]).uncertainty.explanation.relations == law.uncertainty.explanation.relations
+    assert law.average().uncertainty.explanation is None
 
 
 def test_pooling_and_earlier_explanations_do_not_matter():
@@ -105,7 +107,7 @@ def test_pooling_and_earlier_explanations_do_not_matter():
 
 def test_without_properties_coefficients_are_universal_or_each_objects_own():
     law = falling().explain([])
-    assert [str(each.kind) for each in law.explanation.relations] == ["universal", "own"]
+    assert [str(each.kind) for each in law.uncertainty.explanation.relations] == ["universal", "own"]
     lines = str(law).splitlines()
     assert lines[0] == "x'' = -9.934 ± 0.069 + a v^2"
     assert lines[2].startswith("a is each object's own: typically 0.0")
@@ -117,8 +119,8 @@ def test_an_explained_law_comes_back_from_its_file(scatter):
     law = falling(scatter).explain()
     again = cl.Law.from_json(law.to_json())
     assert str(again) == str(law)
-    assert again.explanation.relations == law.explanation.relations
-    np.testing.assert_array_equal(again.explanation.covariance, law.explanation.covariance)
+    assert again.uncertainty.explanation.relations == law.uncertainty.explanation.relations
+    np.testing.assert_array_equal(again.uncertainty.explanation.covariance, law.uncertainty.explanation.covariance)
     np.testing.assert_array_equal(again.uncertainty.unpooled.covariance, law.uncertainty.unpooled.covariance)
     np.testing.assert_array_equal(again.uncertainty.shared_factor, law.uncertainty.shared_factor)
     assert again.properties == law.properties
@@ -210,6 +212,6 @@ def test_a_fitted_law_knows_the_properties_of_its_objects():
     law = cl.fit("x'' = -g - c v", drops)
     assert law.properties == drops.properties
     explained = law.explain()
-    assert [str(each.kind) for each in explained.explanation.relations] == ["universal", "affine"]
-    assert explained.explanation.relations[1].factors == pytest.approx((0.0, 1.0), abs=0.02)
-    assert cl.refine(explained, drops).explanation is None
+    assert [str(each.kind) for each in explained.uncertainty.explanation.relations] == ["universal", "affine"]
+    assert explained.uncertainty.explanation.relations[1].factors == pytest.approx((0.0, 1.0), abs=0.02)
+    assert cl.refine(explained, drops).uncertainty.explanation is None

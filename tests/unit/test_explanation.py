@@ -36,9 +36,9 @@ def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_pro
     assert {"T", "u"} <= set(np.array(law.terms.names)[law.support[0]])
     assert not law.uncertainty.error_model.of_law
     assert law.score(delayed, start="all") > 0.98
-    (lack,) = (each for each in law.outcomes if each.kind is OutcomeKind.APPROXIMATION)
+    (lack,) = (each for each in law.diagnostics if each.kind is OutcomeKind.APPROXIMATION)
     assert lack.code == "lack-of-fit"
-    verdict = law.verdict(delayed)
+    verdict = law.assess(delayed)
     assert (verdict.exact, verdict.none_exact) == (False, True)
 
 
@@ -49,29 +49,29 @@ def test_the_order_is_one_of_which_a_law_explains_whole_trials(delayed):
     law = cl.discover(one, library="poly:3")
     assert law.order == 1
     assert law.score(one, start="all") > 0.99
-    assert "not identifiable" not in {each.kind for each in law.outcomes}
+    assert "not identifiable" not in {each.kind for each in law.diagnostics}
 
 
 def test_of_laws_that_explain_whole_trials_none_is_taken_whose_forecasts_diverge(delayed, monkeypatch):
     monkeypatch.setattr(approximation, "score_of_forecasts", lambda found, _: -np.inf if found.size > 2 else 1.0)
     law = cl.discover(delayed, order=1, library="poly:1")
     assert law.support.sum() == 2
-    assert OutcomeKind.APPROXIMATION in {each.kind for each in law.outcomes}
-    assert {*law.candidates().columns} & {"log score difference", "2 log B"} == {"log score difference"}
+    assert OutcomeKind.APPROXIMATION in {each.kind for each in law.diagnostics}
+    assert {*law.comparison["measure"]} == {"log score difference"}
 
 
 def test_a_fit_without_process_noise_is_the_answer_where_it_explains_whole_trials_better(delayed):
     law = cl.fit("T' = (K u - T)/tau", delayed)
     white = cl.fit("T' = (K u - T)/tau", delayed, errors="white")
     np.testing.assert_allclose(law.coefficients, white.coefficients, rtol=1e-3)
-    values = dict(zip(law.letters, law.letter_values()[0][0], strict=True))
+    values = dict(zip(law.parameters.names, law.parameters.values[0], strict=True))
     assert TIME < values["tau"] < TIME + 2 * DELAY  # A lag makes up for the dead time
     assert values["K"] == pytest.approx(GAIN, rel=0.05)
 
 
 def test_steps_without_a_dead_time_leave_no_lack_of_fit():
     law = cl.fit("T' = (K u - T)/tau", delayed_steps(0.0))
-    assert OutcomeKind.APPROXIMATION not in {each.kind for each in law.outcomes}
+    assert OutcomeKind.APPROXIMATION not in {each.kind for each in law.diagnostics}
 
 
 def test_process_noise_stays_where_solutions_explain_as_much_with_it():
@@ -83,7 +83,7 @@ def test_process_noise_stays_where_solutions_explain_as_much_with_it():
             path.append(path[-1] + step * (path[-1] - path[-1] ** 3) + 0.1 * shock)
         states.append((np.array(path[::20]) + 0.002 * generator.standard_normal(61))[:, np.newaxis])
     law = cl.discover(cl.Trials.from_arrays([times] * 4, states, names=["x"]), order=1, library="poly:3")
-    assert OutcomeKind.APPROXIMATION not in {each.kind for each in law.outcomes}
+    assert OutcomeKind.APPROXIMATION not in {each.kind for each in law.diagnostics}
 
 
 def test_the_gain_counts_independent_residuals_as_a_likelihood_does():

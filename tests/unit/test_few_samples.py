@@ -37,11 +37,11 @@ def test_all_samples_tell_terms_and_coefficients_that_few_cannot(few):
     law = cl.discover(trials, **question)
     assert len(few) == 1
     assert few[0] <= 200
-    assert law.structure() == ("x'' = a x + b v",)
+    assert law.structure == ("x'' = a x + b v",)
     errors = law.standard_errors[0][law.support]
     assert np.all(np.abs(law.coefficients[0][law.support] - [-1, -3e-4]) < 4 * errors)
     alone = cl.discover(trials, **question, method=cl.TrajectoryLikelihood(max_samples=200))
-    assert alone.structure() == ("x'' = a x",)
+    assert alone.structure == ("x'' = a x",)
 
 
 def test_where_few_samples_depart_from_every_law_all_are_searched(few):
@@ -57,8 +57,8 @@ def test_all_objects_tell_a_term_that_groups_of_them_cannot():
     springs, question = swinging(1.2e-3, 0.03, 60, 60, 0.2), {"order": 2, "library": "terms:1,x,v", "cache": False}
     for first in (0, 1):
         group = springs.with_trials(list(springs)[first::6])
-        assert cl.discover(group, **question).structure() == ("x'' = a x",)
+        assert cl.discover(group, **question).structure == ("x'' = a x",)
     law = cl.discover(springs, **question)
-    assert law.structure() == ("x'' = a x + b v",)
+    assert law.structure == ("x'' = a x + b v",)
     average, v = law.average(), law.terms.index("v")
     assert abs(average.coefficients[0, 0, v] + 1.2e-3) < 3 * average.standard_errors[0, 0, v]

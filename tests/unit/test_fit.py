@@ -28,7 +28,7 @@ def test_coefficients_and_errors_are_those_of_refining_the_same_terms(drops):
     refined = cl.refine(found, drops)
     assert law.terms.names == ("1", "v")
     np.testing.assert_allclose(law.coefficients, refined.coefficients[:, :, refined.support[0]], rtol=1e-6)
-    np.testing.assert_allclose(law.covariance, refined.covariance, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(law.uncertainty.covariance, refined.uncertainty.covariance, rtol=1e-6, atol=1e-15)
     np.testing.assert_allclose(law.noise, refined.noise, rtol=1e-12)
 
 
@@ -42,9 +42,9 @@ def test_numbers_in_the_text_stay(fitted):
 
 
 def test_letters_of_the_text_name_what_was_found(fitted):
-    assert fitted.structure() == ("x'' = -9.8 - k v",)
-    assert fitted.letters == ("k",)
-    values, errors = fitted.letter_values()
+    assert fitted.structure == ("x'' = -9.8 - k v",)
+    assert fitted.parameters.names == ("k",)
+    values, errors = fitted.parameters.values, fitted.parameters.errors
     np.testing.assert_array_equal(values, -fitted.coefficients[:, 0, 1:])
     assert (errors > 0).all()
     one = fitted.select(fitted.objects[:1])
@@ -53,15 +53,16 @@ def test_letters_of_the_text_name_what_was_found(fitted):
 
 
 def test_a_coefficient_that_divides_has_the_error_of_its_inverse(drops, fitted):
-    values, errors = cl.fit("x'' = -9.8 - v/tau", drops).letter_values()
-    others, their_errors = fitted.letter_values()
+    parameters = cl.fit("x'' = -9.8 - v/tau", drops).parameters
+    values, errors = parameters.values, parameters.errors
+    others, their_errors = fitted.parameters.values, fitted.parameters.errors
     np.testing.assert_allclose(values, 1 / others, rtol=1e-6)
     np.testing.assert_allclose(errors, their_errors / others**2, rtol=1e-6)
 
 
 def test_names_and_history_are_saved(fitted):
     again = cl.Law.from_json(fitted.to_json())
-    assert again.structure() == fitted.structure()
+    assert again.structure == fitted.structure
     assert (again.history[0].stage, again.history[0].choice) == ("equations", "x'' = -9.8 - k v")
     assert str(again) == str(fitted)
 
@@ -79,9 +80,9 @@ def test_several_states_and_gaps():
     states[5, 0] = states[20:23, 1] = np.nan
     gaps = trials.with_trials([replace(first, states=states)])
     law = cl.fit(["x' = a x - b x y", "y' = -c y + d x y"], gaps)
-    values, errors = (each[0] for each in law.letter_values())
+    values, errors = (each[0] for each in (law.parameters.values, law.parameters.errors))
     truth = datasets.truth_of("lotka-volterra")
-    pairs = zip(law.named_coefficients, values, errors, strict=True)
+    pairs = zip(law.parameters.definitions, values, errors, strict=True)
     for each, value, error in pairs:
         true = (
             truth.coefficients[0, each.equation, truth.terms.index(law.terms.names[each.term])] / each.parts[0].factor
@@ -95,8 +96,8 @@ def test_a_law_in_discrete_time_is_fitted_to_the_next_samples():
         states.append(3.7 * states[-1] * (1 - states[-1]))
     trials = cl.Trials.from_arrays(np.arange(61.0), states)
     law = cl.fit("x[k+1] = r x (1 - x)", trials)
-    assert law.letter_values()[0] == pytest.approx(3.7)
-    assert cl.fit("x[k+1] = r x - 3.7 x^2", trials).letter_values()[0] == pytest.approx(3.7)
+    assert law.parameters.values == pytest.approx(3.7)
+    assert cl.fit("x[k+1] = r x - 3.7 x^2", trials).parameters.values == pytest.approx(3.7)
     with refused("discrete-without-option", refused="noise"):
         cl.fit("x[k+1] = r x", trials, noise={"x": 0.1})
 
@@ -143,12 +144,12 @@ def test_a_coefficient_that_all_objects_have_in_common_is_that_of_a_fit_of_all_t
 
     fit = least_squares(left, [0.25, *rates, *[1.0, 0.0] * 3])
     error = noise * np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])
-    values, errors = law.letter_values()
-    shared = values[:, law.letters.index("k2")]
+    values, errors = law.parameters.values, law.parameters.errors
+    shared = values[:, law.parameters.names.index("k2")]
     assert np.ptp(shared) < 1e-12
     assert shared[0] == pytest.approx(fit.x[0], abs=0.1 * error)
-    assert errors[0, law.letters.index("k2")] == pytest.approx(error, rel=0.05)
-    assert np.ptp(values[:, law.letters.index("k1")]) > 0.5
+    assert errors[0, law.parameters.names.index("k2")] == pytest.approx(error, rel=0.05)
+    assert np.ptp(values[:, law.parameters.names.index("k1")]) > 0.5
     with refused("unknown-name", name="k3"):
         cl.fit("A' = -k1 A; B' = k1 A - k2 B", trials, universal="k3")
 
@@ -170,12 +171,12 @@ def test_what_equations_cannot_say_is_refused_in_one_sentence(equations, message
 
 def test_a_law_is_evaluated_without_the_time_where_no_term_depends_on_it():
     ratio = cl.Law.from_text("s' = -V s/(K + s)", {"V": 2.0, "K": 1.0})
-    np.testing.assert_allclose(ratio.evaluate("object", [[1.0]]), [[-1.0]])
-    np.testing.assert_allclose(ratio.evaluate("object", [[1.0, 5.0]]), [[-1.0]])
+    np.testing.assert_allclose(ratio.rhs("object", [[1.0]]), [[-1.0]])
+    np.testing.assert_allclose(ratio.rhs("object", [[1.0, 5.0]]), [[-1.0]])
     driven = cl.Law.from_text("x' = A sin(w t) - x", {"A": 1.0, "w": 2.0})
     for law, values in ((driven, [[1.0]]), (ratio, [[1.0, 0.0, 0.0]]), (ratio, [1.0, 2.0])):
         with refused("variables-shape"):
-            law.evaluate("object", values)
+            law.rhs("object", values)
 
 
 def test_coefficients_keep_to_bounds_as_in_bounded_least_squares():
@@ -192,14 +193,14 @@ def test_coefficients_keep_to_bounds_as_in_bounded_least_squares():
         return (start - a / k) * np.exp(-k * times) + a / k - measured[0]
 
     fit = least_squares(left, [2.0, 0.0, 0.35], bounds=([-10, -10, 0], [10, 10, 0.4]), xtol=1e-12)
-    values, errors = law.letter_values()
-    a, k = law.letters.index("a"), law.letters.index("k")
+    values, errors = law.parameters.values, law.parameters.errors
+    a, k = law.parameters.names.index("a"), law.parameters.names.index("k")
     assert values[0, k] == 0.4
     assert errors[0, k] == 0
     assert values[0, a] == pytest.approx(fit.x[1], abs=0.1 * errors[0, a])
     own, alone = (each.coefficients[1] for each in (law, free))
     np.testing.assert_allclose(own, alone, rtol=1e-6)
-    (outcome,) = (each for each in law.outcomes if each.kind == "bound")
+    (outcome,) = (each for each in law.diagnostics if each.kind == "bound")
     assert (outcome.where, "95 %: down to 0.39" in outcome.text) == ("p", True)
     with refused("estimate-out-of-bounds", parameter="T", bound="5 < T < 6"):
         cl.fit("x' = -k (x - T); 5 < T < 6", trials, **white)

@@ -7,8 +7,8 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law.coefficients_csv import coefficient_rows
 from commonlaw.law.parse import read_equations
+from commonlaw.law.tables import coefficient_rows
 from commonlaw.law.text import with_error
 from tests.refusals import refused
 
@@ -31,8 +31,8 @@ def law(cups):
 
 def test_coefficients_in_parentheses_are_multiplied_out_and_found(law):
     assert law.terms.names == ("T", "1")
-    assert law.letters == ("k", "a")
-    values, errors = law.letter_values()
+    assert law.parameters.names == ("k", "a")
+    values, errors = law.parameters.values, law.parameters.errors
     truth = np.array([[0.1, 20.0], [0.2, 15.0]])
     assert (errors > 0).all()
     assert (abs(values - truth) < 4 * errors).all()
@@ -40,16 +40,18 @@ def test_coefficients_in_parentheses_are_multiplied_out_and_found(law):
 
 
 def test_standard_errors_of_coefficients_in_parentheses_are_those_of_draws(law):
-    _, errors = law.letter_values()
-    scatter = law.draws(4000, seed=1).groupby("object").std().loc[list(law.objects)]
+    errors = law.parameters.errors
+    scatter = law.sample(4000, seed=1).groupby("object").std().loc[list(law.objects)]
     np.testing.assert_allclose(errors, scatter.to_numpy(), rtol=0.06)
 
 
 def test_a_law_prints_saves_and_states_the_coefficients_of_its_text(law):
     assert str(law).startswith("T' = -k (T - a)")
-    assert law.letter_units() == ("1/min", "°C")
+    assert law.parameters.units == ("1/min", "°C")
     again = cl.Law.from_json(law.to_json())
-    np.testing.assert_array_equal(again.letter_values(), law.letter_values())
+    np.testing.assert_array_equal(
+        (again.parameters.values, again.parameters.errors), (law.parameters.values, law.parameters.errors)
+    )
     stated = cl.Law.from_text("T' = -k (T - a)", {"k": 0.1, "a": 20.0})
     assert stated.equations() == ("T' = -0.1 (T - 20)",)
     assert "with k = 0.1, a = 20" in str(stated)
@@ -75,9 +77,9 @@ def test_a_law_prints_saves_and_states_the_coefficients_of_its_text(law):
 )
 def test_what_is_multiplied_out_is_the_same_function_and_gives_its_coefficients_back(text, function, values):
     law, points = cl.Law.from_text(text, values), np.linspace(0.5, 5.0, 7)
-    found = law.evaluate("object", np.column_stack([points, 0 * points]))[:, 0]
+    found = law.rhs("object", np.column_stack([points, 0 * points]))[:, 0]
     np.testing.assert_allclose(found, function(points, **values))
-    np.testing.assert_allclose(law.letter_values()[0][0], [values[name] for name in law.letters])
+    np.testing.assert_allclose(law.parameters.values[0], [values[name] for name in law.parameters.names])
 
 
 @pytest.mark.parametrize(
@@ -119,7 +121,7 @@ def test_v_that_was_measured_is_not_taken_for_the_rate_nor_the_rate_for_it():
 def test_a_property_in_an_equation_has_the_value_of_its_object():
     drops = cl.datasets.linear_drag(drag=(-0.1, -0.3), trials=1, samples=40, noise=0.02)
     law = cl.fit("x'' = -g + drag v", drops, errors="white", noise={"x": 0.02})
-    values, errors = law.letter_values()
+    values, errors = law.parameters.values, law.parameters.errors
     assert values[:, 1].tolist() == [drops.properties[name]["drag"] for name in law.objects] == [-0.1, -0.3]
     assert (errors[:, 1] == 0).all()
     assert (errors[:, 0] > 0).all()
@@ -130,8 +132,8 @@ def test_a_property_in_an_equation_has_the_value_of_its_object():
 
 def test_counts_that_make_no_sense_are_refused(law, cups):
     for count in (-1, 0, 10**18):
-        with refused("whole-number", name="count"):
-            law.draws(count)
+        with refused("whole-number", name="n"):
+            law.sample(count)
         with refused("curve-points"):
             law.predict(cups).smooth(count)
 
@@ -153,7 +155,7 @@ def test_a_known_coefficient_that_is_no_number_is_refused_in_words(cups):
 
 
 def test_intervals_have_units(law):
-    assert law.intervals()["unit"].tolist() == ["1/min", "°C"] * 2
+    assert law.params["unit"].tolist() == ["1/min", "°C"] * 2
 
 
 def test_letters_of_equations_are_in_every_form_of_the_law(law):
@@ -161,15 +163,15 @@ def test_letters_of_equations_are_in_every_form_of_the_law(law):
     from commonlaw.plots.equations import equation_lines
 
     for each in (law, cl.Law.from_json(law.to_json())):
-        table = each.intervals()
+        table = each.params
         assert table["parameter"].tolist() == ["k", "a"] * 2
-        values, errors = each.letter_values()
-        np.testing.assert_array_equal(table["coefficient"], values.ravel())
+        values, errors = each.parameters.values, each.parameters.errors
+        np.testing.assert_array_equal(table["estimate"], values.ravel())
         half = errors * each.uncertainty.reach(1)  # Of Student's t distribution
         np.testing.assert_allclose(table["low"], (values - half).ravel())
         np.testing.assert_allclose(table["high"], (values + half).ravel())
         assert each.to_frame().columns.tolist() == ["k", "a"]
-        np.testing.assert_array_equal(coefficient_rows(each)["value"], table["coefficient"])
+        np.testing.assert_array_equal(coefficient_rows(each)["value"], table["estimate"])
         np.testing.assert_array_equal(each.to_frame(errors=True)["a ±"], errors[:, 1])
         assert each.to_latex("cup").splitlines()[1:4] == [
             r"\dot{T} &= -k \left(T - a\right) \\",
@@ -186,4 +188,4 @@ def test_numbers_that_are_negative_turn_the_sign_before_them():
     law = cl.Law.from_text("x' = a - b x + c x^p - d^2 x^3", {"a": -1.5, "b": -2.0, "c": 3.0, "d": -4.0, "p": -0.5})
     assert law.equations() == ("x' = -1.5 + 2 x + 3 x^(-0.5) - (-4)^2 x^3",)
     again = cl.Law.from_text(law.equations()[0])
-    np.testing.assert_allclose(again.evaluate("object", [[2.0, 0.0]]), law.evaluate("object", [[2.0, 0.0]]))
+    np.testing.assert_allclose(again.rhs("object", [[2.0, 0.0]]), law.rhs("object", [[2.0, 0.0]]))

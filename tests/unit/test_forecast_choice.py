@@ -32,10 +32,11 @@ def law(seasonal) -> cl.Law:
 
 
 def test_candidates_of_a_law_that_forecasts_chose_are_ranked_by_their_scores_and_not_by_evidence(law):
-    table = law.candidates()
-    assert not {"2 log B", "probability"} & {*table.columns}
+    table = law.comparison
+    assert {*table["measure"]} == {"log score difference"}
+    assert table["weight"].isna().all()
     assert table["chosen"].tolist() == [True] + [False] * (len(table) - 1)
-    scores = table["log score difference"]
+    scores = table["score"]
     assert scores[0] == 0
     assert (scores.dropna() >= 0).all()
     assert np.isfinite(scores.dropna()).all()  # Forecasts that diverge have none
@@ -43,7 +44,7 @@ def test_candidates_of_a_law_that_forecasts_chose_are_ranked_by_their_scores_and
 
 
 def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(seasonal, law):
-    assert law.structure() == ("w' = a w",)
+    assert law.structure == ("w' = a w",)
     reasons = {step.stage: step.reason for step in law.history}
     assert reasons["terms of w'"].startswith("best forecasts of what was left out")
     forecast = law.predict(seasonal, start=LEARNED, return_std=True)
@@ -62,7 +63,7 @@ def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(se
 def test_a_law_whose_solutions_explain_the_measurements_and_forecast_as_they_say_stays(monkeypatch):
     monkeypatch.setattr(predictive_choice, "_others", lambda *_: pytest.fail("other laws were asked"))
     law = cl.discover(cl.datasets.linear_drag(noise=0.05, seed=1), order=2, library="poly:3")
-    assert law.structure() == ("x'' = a + b v",)
+    assert law.structure == ("x'' = a + b v",)
 
 
 def errors(sizes: np.ndarray, reach: float) -> StandardizedErrors:

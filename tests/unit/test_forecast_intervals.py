@@ -45,7 +45,7 @@ def test_standard_deviations_of_falling_balls_are_those_of_drawn_coefficients_an
     for i, trial in enumerate(drops):
         noisy = trial.states + 0.05 * rng.standard_normal((len(trial), DRAWS))
         starts = np.array([noisy[0], rule.differentiate(trial.times, noisy, 1).derivatives[0][0]])
-        own = rng.multivariate_normal(law.coefficients[i, law.support], law.covariance[i], DRAWS).T
+        own = rng.multivariate_normal(law.coefficients[i, law.support], law.uncertainty.covariance[i], DRAWS).T
         times = trial.times[:, np.newaxis] - trial.times[0]
         growth, limit = np.exp(own[1] * times), -own[0] / own[1]
         rates = limit + (starts[1] - limit) * growth
@@ -62,7 +62,7 @@ def test_standard_deviations_of_populations_are_those_of_drawn_coefficients_and_
     forecast = law.predict(trials, return_std=True, method=method)
     rng = np.random.default_rng(1)
     for i, trial in enumerate(trials):
-        own = rng.multivariate_normal(law.coefficients[i, law.support], law.covariance[i], DRAWS).T
+        own = rng.multivariate_normal(law.coefficients[i, law.support], law.uncertainty.covariance[i], DRAWS).T
         a, b, c, d = own
         starts = trial.states[0][:, np.newaxis] + 0.05 * rng.standard_normal((2, DRAWS))
 
@@ -242,13 +242,13 @@ def test_a_diverged_forecast_has_no_standard_deviation_after_its_end():
 
 def test_what_is_missing_for_intervals_is_named():
     law, trials = unsure(datasets.lotka_volterra.truth(), 0.01, 0.05), datasets.lotka_volterra()
-    assert law.has_std
+    assert law.uncertainty.has_std
     for missing, message in (
         ({"covariance": None}, "uncertainty-unknown"),
         ({"noise": None}, "noise-unknown-at-start"),
     ):
         poorer = replace(law, uncertainty=replace(law.uncertainty, **missing))
-        assert not poorer.has_std
+        assert not poorer.uncertainty.has_std
         with refused(message):
             poorer.predict(trials, return_std=True)
     with refused("forecast-without-deviations"):

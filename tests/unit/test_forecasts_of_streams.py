@@ -159,13 +159,13 @@ def test_the_page_tells_of_all_objects(law, found):
     tables = {each.name: each.frame for each in blocks if isinstance(each, Table)}
     assert tables["worst"]["object"].tolist() == found.relative.index[:-11:-1].tolist()
     letters = tables["spread"].set_index("of 60 objects")
-    assert letters.loc["median", "c [1/s]"] == pytest.approx(np.median(law.letter_values()[0][:, 1]))
+    assert letters.loc["median", "c [1/s]"] == pytest.approx(np.median(law.parameters.values[:, 1]))
     assert [each.name for each in blocks if isinstance(each, Picture)] == ["coefficients-of-all"]
 
 
 def test_the_program_on_the_page_reads_the_stream(law, tmp_path, drops):
     drops.to_frame()[["object", "trial", "t", "x"]].to_parquet(tmp_path / "drops.parquet")
-    program = script((), law.structure(), drops.schema, Source(str(tmp_path), stream=True))
+    program = script((), law.structure, drops.schema, Source(str(tmp_path), stream=True))
     names: dict[str, cl.TrialStream] = {}
     exec(program.partition("law = ")[0], names)
     assert names["trials"].read().objects == drops.objects

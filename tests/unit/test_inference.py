@@ -30,9 +30,9 @@ def found(trials, truth, **settings):
         *(f"terms of {side}" for side in law.left_hand_sides),
         *(["pooling"] if law.uncertainty.pooled is not None else []),
     }
-    assert np.all((law.inclusion_probabilities >= 0) & (law.inclusion_probabilities <= 1))
-    assert np.all(law.inclusion_probabilities[law.support] > 0.9)
-    assert np.all(law.inclusion_probabilities[~law.support] < 0.5)
+    assert np.all((law.uncertainty.inclusion_probabilities >= 0) & (law.uncertainty.inclusion_probabilities <= 1))
+    assert np.all(law.uncertainty.inclusion_probabilities[law.support] > 0.9)
+    assert np.all(law.uncertainty.inclusion_probabilities[~law.support] < 0.5)
     return law
 
 
@@ -72,10 +72,10 @@ def oscillator(**options):
 def test_falling_balls_are_found_from_noisy_heights(drag):
     assert drag.noise == pytest.approx([0.05], rel=0.2)
     assert drag.standard_errors[:, drag.support].shape == (2, 2)
-    chosen = [each for each in drag.alternatives if each.chosen]
+    chosen = [each for each in drag.provenance.alternatives if each.chosen]
     assert [each.terms for each in chosen] == [("1", "v")]
-    assert drag.alternatives[0].measures["2 log B"] == 0
-    assert sum(each.measures["probability"] for each in drag.alternatives) == pytest.approx(1, abs=0.05)
+    assert drag.provenance.alternatives[0].measures["2 log B"] == 0
+    assert sum(each.measures["probability"] for each in drag.provenance.alternatives) == pytest.approx(1, abs=0.05)
     assert "largest evidence" in str(drag.history)
 
 
@@ -137,7 +137,7 @@ def test_a_trial_at_rest_is_taken_among_others_that_move():
     law = cl.discover(
         cl.Trials.from_arrays([times] * 3, states, object=["cup"] * 3, names=["x"]), library="poly:2", order=1
     )
-    assert law.structure() == ("x' = a x",)
+    assert law.structure == ("x' = a x",)
     assert law.noise == pytest.approx([0.01], rel=0.2)
     assert law.coefficients[0, 0, law.terms.index("x")] == pytest.approx(-0.7, abs=0.02)
 
@@ -177,9 +177,9 @@ def test_known_terms_stay_and_are_certain(drops, drag):
     gravity, slope = law.terms.index("1"), law.terms.index("v")
     np.testing.assert_array_equal(law.coefficients[:, 0, gravity], -9.8)
     np.testing.assert_array_equal(law.standard_errors[:, 0, gravity], 0)
-    assert law.inclusion_probabilities[0, gravity] == 1
+    assert law.uncertainty.inclusion_probabilities[0, gravity] == 1
     assert np.all(law.standard_errors[:, 0, slope] < drag.standard_errors[:, 0, slope])
-    assert [each.terms for each in law.alternatives if each.chosen] == [("1", "v")]
+    assert [each.terms for each in law.provenance.alternatives if each.chosen] == [("1", "v")]
 
 
 def test_a_universal_coefficient_is_the_same_for_all_objects(drops, drag):
@@ -194,11 +194,11 @@ def test_forecasts_draw_objects_to_each_other_unless_that_is_not_wanted(drops, d
     own = cl.discover(drops, order=2, library="poly:2", method=cl.TrajectoryLikelihood(partial_pooling=False))
     assert own.uncertainty.pooled is None
     np.testing.assert_array_equal(drag.coefficients, own.coefficients)
-    np.testing.assert_array_equal(drag.covariance, own.covariance)
-    drawn, used = drag.partial_pooling(), drag.uncertainty.pooled
+    np.testing.assert_array_equal(drag.uncertainty.covariance, own.uncertainty.covariance)
+    drawn, used = drag.pool(), drag.uncertainty.pooled
     assert drag.history == drawn.history[:-1]
     np.testing.assert_array_equal(used.coefficients, drawn.coefficients[:, drag.support])
-    np.testing.assert_array_equal(used.covariance, drawn.covariance)
+    np.testing.assert_array_equal(used.covariance, drawn.uncertainty.covariance)
     gravity = drag.terms.index("1")
     assert np.ptp(drawn.coefficients[:, 0, gravity]) < np.ptp(drag.coefficients[:, 0, gravity])
     assert np.all(drawn.standard_errors[:, 0, gravity] < drag.standard_errors[:, 0, gravity])
@@ -211,7 +211,7 @@ def test_forecasts_draw_objects_to_each_other_unless_that_is_not_wanted(drops, d
 def test_a_law_may_be_known_altogether(drops):
     fixed = {"1": -9.8, "v": dict(zip(drops.objects, DRAGS["drag"], strict=True))}
     law = found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="terms:1,v", known=fixed)
-    assert not law.covariance.any()
+    assert not law.uncertainty.covariance.any()
 
 
 def test_what_does_not_move_by_itself_has_no_terms():
@@ -220,7 +220,7 @@ def test_what_does_not_move_by_itself_has_no_terms():
     assert not law.support.any()
     assert law.noise == pytest.approx([1], rel=0.2)
     assert law.history[3].choice == "none"
-    assert [each.kind for each in law.outcomes] == ["empty support"]
+    assert [each.kind for each in law.diagnostics] == ["empty support"]
 
 
 def test_given_noise_is_used(drops, drag):
@@ -245,7 +245,7 @@ def test_rates_and_the_weak_form_agree_with_trajectories_roughly():
         other = cl.discover(trials, method=method, order=1, library="poly:3")
         np.testing.assert_array_equal(other.support, law.support)
         np.testing.assert_allclose(other.coefficients, law.coefficients, atol=0.06)
-        assert other.covariance is None
+        assert other.uncertainty.covariance is None
 
 
 def test_a_solver_without_its_setting_lists_the_candidates(drops, drag):
@@ -334,7 +334,9 @@ def test_units_do_not_matter(drops, drag, length, duration):
     expected = drag.standard_errors[:, drag.support] * factors
     np.testing.assert_allclose(law.standard_errors[:, law.support], expected, rtol=1e-3)
     np.testing.assert_allclose(law.noise, length * drag.noise, rtol=1e-6)
-    np.testing.assert_allclose(law.inclusion_probabilities, drag.inclusion_probabilities, atol=1e-2)
+    np.testing.assert_allclose(
+        law.uncertainty.inclusion_probabilities, drag.uncertainty.inclusion_probabilities, atol=1e-2
+    )
 
 
 def test_units_of_one_state_do_not_matter():
@@ -353,8 +355,10 @@ def test_units_of_one_state_do_not_matter():
 def test_the_order_of_objects_and_trials_does_not_matter(drops, drag):
     law = cl.discover(replace(drops, trials=drops.trials[::-1]), order=2, library="poly:2").select(drag.objects)
     np.testing.assert_allclose(law.coefficients, drag.coefficients, rtol=1e-6)
-    np.testing.assert_allclose(law.covariance, drag.covariance, rtol=1e-5)
-    np.testing.assert_allclose(law.inclusion_probabilities, drag.inclusion_probabilities, rtol=1e-4)
+    np.testing.assert_allclose(law.uncertainty.covariance, drag.uncertainty.covariance, rtol=1e-5)
+    np.testing.assert_allclose(
+        law.uncertainty.inclusion_probabilities, drag.uncertainty.inclusion_probabilities, rtol=1e-4
+    )
 
 
 def test_a_state_that_changes_between_trials_only_is_refused():

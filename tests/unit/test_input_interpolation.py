@@ -55,7 +55,7 @@ def test_a_solution_with_its_inputs_has_no_defects(course, points):
 def test_inputs_that_are_held_are_found_out_and_the_law_with_them():
     trials = driven("held")
     law = cl.discover(trials, library="poly:2", method=cl.TrajectoryLikelihood(**KNOWN), order=1)
-    assert law.structure() == ("x' = a + b x + c u",)
+    assert law.structure == ("x' = a + b x + c u",)
     inside = law.support[0]
     missed = (law.coefficients[0, 0, inside] - [0.2, -0.8, 1.0]) / law.standard_errors[0, 0, inside]
     assert np.all(np.abs(missed) < 3.5)
@@ -93,7 +93,7 @@ def test_a_latent_state_is_sought_once_under_the_interpolation_that_is_chosen(mo
     monkeypatch.setattr(candidate_search, "with_latent_state", counted)
     method = cl.TrajectoryLikelihood(unmeasured=1)
     law = cl.discover(driven("held"), order=1, library="poly:1", method=method, cache=False)
-    assert law.structure() == ("x' = a + b x + c u",)
+    assert law.structure == ("x' = a + b x + c u",)
     assert sought == ["held"]
 
 
@@ -165,7 +165,7 @@ def test_the_interval_of_a_gain_holds_it_where_noise_hides_that_the_input_is_cur
     for seed in range(5):
         x = exact + 0.2 * np.random.default_rng(seed).standard_normal(60)
         law = cl.fit("x' = -k*x + g*u", cl.Trials.from_arrays(times, x, inputs=u, names=["x", "u"]))
-        (row,) = law.intervals().query("parameter == 'g'").itertuples()
+        (row,) = law.conf_int().query("parameter == 'g'").itertuples()
         assert law.schema.input_between == "cubic"
         held.append(row.low < 25 < row.high)
     assert sum(held) >= 4

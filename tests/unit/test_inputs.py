@@ -100,7 +100,9 @@ def test_driven_forecasts_and_their_bands_are_those_of_another_integrator(method
     (found,) = forecast.trajectories
     states, sensitivities = reference(law, found.states[0], how)
     np.testing.assert_allclose(found.states, states, rtol=1e-7, atol=1e-8)
-    by_coefficients = np.einsum("nip,pq,niq->ni", sensitivities[..., :4], law.covariance[0], sensitivities[..., :4])
+    by_coefficients = np.einsum(
+        "nip,pq,niq->ni", sensitivities[..., :4], law.uncertainty.covariance[0], sensitivities[..., :4]
+    )
     if order == 1:
         expected = np.sqrt(by_coefficients + sensitivities[..., 4] ** 2 * 0.05**2)
         np.testing.assert_allclose(forecast.std[0], expected, rtol=1e-5)

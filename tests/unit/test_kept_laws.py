@@ -44,7 +44,7 @@ def searches(found, monkeypatch):
 
 def numbers(law):
     """Return what is the same for laws that are alike in all that a file of a law keeps."""
-    others = [(each.probability, replace(each.law, provenance=Provenance(None))) for each in law.other_laws]
+    others = [(each.probability, replace(each.law, provenance=Provenance(None))) for each in law.uncertainty.other_laws]
     alone = replace(law, uncertainty=replace(law.uncertainty, other_laws=()))
     return digest((alone, others))
 

@@ -29,7 +29,7 @@ def sphere_drag(v, radius, mass):
 @pytest.mark.parametrize("known", ["-9.8", "x'' = -9.8", Law.from_text("x'' = -g", {"g": 9.8}), lambda: -9.8])
 def test_gravity_is_a_base_in_every_form_and_drag_is_what_is_left(drops, known):
     law = cl.discover(drops, known=known, **SETTINGS)
-    assert law.structure() == ("x'' = -9.8 + a v",)
+    assert law.structure == ("x'' = -9.8 + a v",)
     np.testing.assert_array_equal(law.coefficients[:, 0, law.terms.index("1")], [-9.8, -9.8])
     np.testing.assert_array_equal(law.standard_errors[:, 0, law.terms.index("1")], [0.0, 0.0])
     np.testing.assert_allclose(law.coefficients[:, 0, law.terms.index("v")], [-0.3, -0.5], rtol=0.01)

@@ -58,8 +58,8 @@ def starts_of(equations):
 
 def by_letters(law, equations):
     """Values and standard errors, with columns in the order of the letters."""
-    columns = [law.letters.index(name) for name in LETTERS[equations]]
-    return [each[:, columns] for each in law.letter_values()]
+    columns = [law.parameters.names.index(name) for name in LETTERS[equations]]
+    return [each[:, columns] for each in (law.parameters.values, law.parameters.errors)]
 
 
 def least_squares_of(equations, dose, measured, begin):
@@ -121,7 +121,7 @@ def law(trials):
 def test_it_says_what_was_given_and_what_fits_as_well(law):
     assert ("start", "depot = dose") in [(each.stage, each.choice) for each in law.history]
     assert law.schema.units["depot"] == "mg"
-    (outcome,) = [each for each in law.outcomes if each.kind == "ambiguous"]
+    (outcome,) = [each for each in law.diagnostics if each.kind == "ambiguous"]
     ka, _, k = by_letters(law, ONE)[0][0]
     assert ka > k
     swapped = [float(word.split(" = ")[1]) for word in outcome.text.split(": ")[1].split("; ")[0].split(", ")]
@@ -137,7 +137,7 @@ def test_a_saved_law_forecasts_tables_without_the_state(law, trials):
     )
     assert set(forecast.errors()["state"]) == {"conc"}
     assert forecast.score() > 0.99
-    verdict = again.verdict(trials)
+    verdict = again.assess(trials)
     assert verdict.usable
     assert [each.state for each in verdict.state_errors] == ["conc"]
     assert "states=['conc']" in law.to_script()
@@ -180,8 +180,8 @@ def test_the_susceptible_are_told_by_the_infected():
     measured = [own + 2.0 * generator.standard_normal(len(times)) for own in measured]
     trials = cl.Trials.from_arrays([times] * 4, measured, object=list("abcd"), names=["I"])
     law = cl.fit("S' = -b S I; I' = c S I - g I", trials, starts={"S": 990.0}, **WHITE)
-    columns = [law.letters.index(name) for name in "bcg"]
-    values, errors = (each[-1, columns] for each in law.letter_values())
+    columns = [law.parameters.names.index(name) for name in "bcg"]
+    values, errors = (each[-1, columns] for each in (law.parameters.values, law.parameters.errors))
     assert (abs(values - truth) < 4 * errors).all()
     assert (errors < 0.1 * truth).all()
 
@@ -196,7 +196,10 @@ def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
     angles += 0.01 * np.random.default_rng(0).standard_normal(len(times))
     swings = cl.Trials.from_arrays(times, angles, names=["theta"])
     law = cl.fit("theta' = omega; omega' = -g sin(theta) - c omega", swings, starts={"omega": 0.0})
-    values, errors = (each[0, [law.letters.index(name) for name in "gc"]] for each in law.letter_values())
+    values, errors = (
+        each[0, [law.parameters.names.index(name) for name in "gc"]]
+        for each in (law.parameters.values, law.parameters.errors)
+    )
     assert (abs(values - truth) < 4 * errors).all()
     assert (errors < (0.01, 0.004)).all()
 

@@ -53,7 +53,7 @@ def test_a_law_without_any_term_in_its_support_comes_back():
     found = Uncertainty(covariance=none, shared_factor=none, noise=np.ones(1))
     law = Law(LAW.terms, LAW.schema, 2, LAW.objects, np.zeros_like(LAW.coefficients), found)
     again = Law.from_json(law.to_json())
-    assert again.covariance.shape == again.uncertainty.shared_factor.shape == none.shape
+    assert again.uncertainty.covariance.shape == again.uncertainty.shared_factor.shape == none.shape
     assert str(again) == str(law)
 
 
@@ -62,7 +62,7 @@ def test_a_law_of_enormous_errors_comes_back_and_is_shown():
     enormous = np.tile(1e154 * np.eye(size), (len(LAW.objects), 1, 1))
     found = Uncertainty(covariance=enormous, noise=np.ones(1))
     law = Law.from_json(Law(LAW.terms, LAW.schema, 2, LAW.objects, LAW.coefficients, found).to_json())
-    np.testing.assert_array_equal(law.covariance, enormous)
+    np.testing.assert_array_equal(law.uncertainty.covariance, enormous)
     assert "10^{77}" in law.to_latex("Ball 1")
 
 

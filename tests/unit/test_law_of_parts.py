@@ -42,11 +42,14 @@ def law(folder):
 
 
 def test_the_law_of_all_files_is_that_of_all_trials(law, whole):
-    assert law.structure() == ("x'' = a + b v",)
+    assert law.structure == ("x'' = a + b v",)
     assert law.objects == whole.objects
     together = cl.refine(law, whole, errors="white", partial_pooling=True)
     # Each file has a noise level of its own, so that weights differ a little
-    for ours, theirs in ((law.uncertainty.pooled, together), (law.uncertainty, together.uncertainty.unpooled)):
+    for ours, theirs in (
+        (law.uncertainty.pooled, together.uncertainty),
+        (law.uncertainty, together.uncertainty.unpooled),
+    ):
         errors, expected = (np.sqrt(np.diagonal(each.covariance, axis1=1, axis2=2)) for each in (ours, theirs))
         np.testing.assert_allclose(errors, expected, rtol=0.2)
     off = np.abs(law.uncertainty.pooled.coefficients - together.coefficients[:, law.support])
@@ -61,7 +64,7 @@ def test_the_law_of_all_files_is_that_of_all_trials(law, whole):
 
 
 def test_what_decides_the_coefficients_is_found_by_the_properties_of_files(law):
-    gravity, drag = law.explain().explanation.relations
+    gravity, drag = law.explain().uncertainty.explanation.relations
     assert gravity.kind.value == "universal"
     assert (drag.properties, [float(each) for each in drag.exponents]) == (("mass",), [-1.0])
     assert drag.factors[0] == pytest.approx(-0.3, rel=0.05)
@@ -78,7 +81,7 @@ def test_groups_propose_and_all_objects_judge(folder):
         return np.array([[name == "1" for name in law.terms.names]])
 
     law = law_of_parts(stream, find, Fitting(None, "white", 4.0, "likelihood", 0), gravity, True, lambda _: None)
-    assert law.structure() == ("x'' = a + b v",)
+    assert law.structure == ("x'' = a + b v",)
     universal, own = law.coefficients[:, law.support].T
     assert np.ptp(universal) < 1e-9 < np.ptp(own)
     (judged,) = [step for step in law.history if step.stage == "support"][-1:]
@@ -98,7 +101,7 @@ def test_errors_by_the_bootstrap_are_those_of_all_trials_together(folder, whole)
     law = cl.discover(stream, order=2, library="poly:1", method=method)
     together = cl.refine(law, whole, **settings)
     np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-8)
-    np.testing.assert_allclose(law.covariance, together.covariance, rtol=1e-6)
+    np.testing.assert_allclose(law.uncertainty.covariance, together.uncertainty.covariance, rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -148,8 +151,8 @@ def test_a_law_in_mind_is_fitted_file_by_file_as_in_memory(folder, whole, poolin
     np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-7)
     np.testing.assert_allclose(law.standard_errors, together.standard_errors, rtol=1e-5)
     assert law.provenance.calls == together.provenance.calls
-    assert law.explain().explanation.relations[1].factors[0] == pytest.approx(-0.3, rel=0.05)
-    assert cl.Law.from_json(law.to_json()).structure() == together.structure()
+    assert law.explain().uncertainty.explanation.relations[1].factors[0] == pytest.approx(-0.3, rel=0.05)
+    assert cl.Law.from_json(law.to_json()).structure == together.structure
     known = [cl.fit("x'' = -9.8 - mass v", each, **SETTINGS).coefficients for each in (stream, whole)]
     np.testing.assert_allclose(*known)
 

@@ -48,7 +48,7 @@ def table_of(report, name):
 
 def test_the_report_has_its_parts_in_order_and_says_what_the_verdict_says(report, law, drops):
     assert [section.name for section in report.sections] == SECTIONS
-    verdict = law.verdict(drops, drops.select(trial=1))
+    verdict = law.assess(drops, drops.select(trial=1))
     assert verdict.usable
     words = re.sub(r"\\(.)", r"\1", report.summary + report.blocks[-1].text)
     assert all(sentence in words for sentence in verdict.sentences)
@@ -63,7 +63,7 @@ def test_the_report_has_its_parts_in_order_and_says_what_the_verdict_says(report
 
 def test_tables_hold_the_numbers_of_the_law(report, law, drops):
     learned, held_out = drops.select(trial=1), drops.select(trial=2)
-    shown, constants = table_of(report, "values"), law.intervals().query("term == '1'")
+    shown, constants = table_of(report, "values"), law.params.query("term == '1'")
     np.testing.assert_allclose(shown["a (m/s²)"], law.coefficients[:, 0, law.terms.index("1")])
     np.testing.assert_allclose(shown["a from"], constants["low"])
     np.testing.assert_allclose(shown["a to"], constants["high"])
@@ -134,7 +134,7 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
         coefficients=law.coefficients[some],
         uncertainty=replace(
             law.uncertainty,
-            covariance=law.covariance[some],
+            covariance=law.uncertainty.covariance[some],
             shared_factor=None,
             unpooled=None,
             pooled=None,
@@ -222,8 +222,10 @@ def test_a_law_that_was_given_is_not_said_to_be_learned(drops):
 def test_known_coefficients_are_said_to_be_so_and_have_no_interval(drops):
     law = cl.refine(cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}), drops)
     report = law_report(find(law, drops))
-    assert law.letter_values()[1].all()
-    sure = replace(law.uncertainty, covariance=0 * law.covariance, shared_factor=None, unpooled=None, pooled=None)
+    assert law.parameters.errors.all()
+    sure = replace(
+        law.uncertainty, covariance=0 * law.uncertainty.covariance, shared_factor=None, unpooled=None, pooled=None
+    )
     known = law_report(find(replace(law, uncertainty=sure), drops))
     assert blocks_of(known, "coefficients")[1].text == "Known, and not fitted: c."
     assert "c from" not in table_of(known, "values")

@@ -46,7 +46,7 @@ def test_the_program_finds_the_law_again(find, drops, tmp_path, capsys):
     again = rerun(law, drops, tmp_path)
     assert again.terms.names == law.terms.names
     np.testing.assert_array_equal(again.coefficients, law.coefficients)
-    assert (again.explanation is None) == (law.explanation is None)
+    assert (again.uncertainty.explanation is None) == (law.uncertainty.explanation is None)
     assert str(law) in capsys.readouterr().out
 
 
@@ -134,7 +134,7 @@ def test_names_of_strangers_are_texts_in_a_program():
     law = cl.Law(terms, schema, 2, ("a'b",), base.coefficients)
     tree = ast.parse(law.to_script("d'; open('PWNED')\n.csv"))
     called = {ast.unparse(each.func) for each in ast.walk(tree) if isinstance(each, ast.Call)}
-    assert called == {"cl.Trials.read", "cl.fit", "print", "law.verdict"}
+    assert called == {"cl.Trials.read", "cl.fit", "print", "law.assess"}
 
 
 @pytest.mark.parametrize("value", [float("inf"), float("nan"), np.float64(0.5), np.array([1.0, 2.0]), (1,), {"a": -2}])

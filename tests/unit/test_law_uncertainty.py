@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ from scipy.stats import norm
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import History, Law, Provenance, Step, Uncertainty
+from commonlaw.law.deprecated import DEPRECATED
 from commonlaw.law.tables import readable
 from commonlaw.law.text import latex_with_error, with_error
 from commonlaw.library import PolynomialLibrary, Variables
@@ -142,18 +144,21 @@ def test_standard_errors_are_zero_where_known_and_nan_where_there_is_nothing(dra
 
 
 def test_intervals_are_those_of_the_normal_distribution(drag):
-    frame = drag.intervals(0.9)
-    columns = ["object", "equation", "term", "coefficient", "standard error", "low", "high", "term probability", "unit"]
-    assert list(frame.columns) == columns
+    frame = drag.conf_int(0.9)
+    columns = ["object", "equation", "term", "parameter", "estimate", "standard error", "low", "high", "unit"]
+    assert list(frame.columns) == [*columns, "inclusion probability"]
+    assert frame["parameter"].tolist() == ["a", "b"] * 2
     assert frame["unit"].tolist() == ["m/s²", "1/s"] * 2
-    assert frame["term probability"].tolist() == [*drag.inclusion_probabilities[0, drag.support[0]]] * 2
-    assert list(without(drag, "inclusion_probabilities").intervals().columns) == [*columns[:-2], "unit"]
+    assert (
+        frame["inclusion probability"].tolist() == [*drag.uncertainty.inclusion_probabilities[0, drag.support[0]]] * 2
+    )
+    assert list(without(drag, "inclusion_probabilities").conf_int().columns) == columns
     assert frame["object"].tolist() == ["heavy", "heavy", "light", "light"]
     for end, share in (("low", 0.05), ("high", 0.95)):
-        np.testing.assert_allclose(frame[end], frame["coefficient"] + norm.ppf(share) * frame["standard error"])
+        np.testing.assert_allclose(frame[end], frame["estimate"] + norm.ppf(share) * frame["standard error"])
     assert frame.loc[2, ["low", "high"]].tolist() == [-9.8, -9.8]
     with refused("level-range", level=95):
-        drag.intervals(95)
+        drag.conf_int(95)
 
 
 def test_the_frame_has_a_column_of_errors_after_each_term(drag, predators):
@@ -167,7 +172,7 @@ def test_the_frame_has_a_column_of_errors_after_each_term(drag, predators):
 def test_what_is_not_known_is_not_made_up(drag):
     bare = without(drag, "covariance")
     for ask in (
-        bare.intervals,
+        bare.conf_int,
         lambda: bare.equations("heavy", errors=True),
         lambda: bare.to_latex("heavy", errors=True),
         lambda: bare.to_frame(errors=True),
@@ -180,20 +185,20 @@ def test_the_covariance_of_an_average_is_that_of_a_mean_of_independent_objects(d
     draws = np.stack(
         [
             np.random.default_rng(i).multivariate_normal(
-                drag.coefficients[i, drag.support], drag.covariance[i], 200_000
+                drag.coefficients[i, drag.support], drag.uncertainty.covariance[i], 200_000
             )
             for i in range(2)
         ]
     ).mean(axis=0)
     average = drag.average()
-    np.testing.assert_allclose(average.covariance[0], np.cov(draws.T), rtol=0.02)
+    np.testing.assert_allclose(average.uncertainty.covariance[0], np.cov(draws.T), rtol=0.02)
     assert average.noise.tolist() == [0.05]
 
 
 def test_selected_objects_keep_their_covariance_for_the_terms_that_are_left(drag, predators):
-    np.testing.assert_array_equal(drag.select(["light"]).covariance, drag.covariance[1:])
+    np.testing.assert_array_equal(drag.select(["light"]).uncertainty.covariance, drag.uncertainty.covariance[1:])
     hare = predators.select(["hare"])
-    np.testing.assert_allclose(hare.covariance, [np.diag([0.1, 0.3]) ** 2])
+    np.testing.assert_allclose(hare.uncertainty.covariance, [np.diag([0.1, 0.3]) ** 2])
     assert hare.equations() == ("x' = (1.00 ± 0.10) x", "y' = -(3.00 ± 0.30) y")
 
 
@@ -227,8 +232,8 @@ def test_what_is_no_covariance_noise_or_probability_is_refused(drag, field, valu
 def test_the_covariance_cannot_be_changed_and_is_symmetric_to_the_last_digit(drag):
     matrix = np.array([[[1.0, 0.5], [0.5 + 1e-12, 1.0]]] * 2)
     law = replace(drag, uncertainty=replace(drag.uncertainty, covariance=matrix))
-    np.testing.assert_array_equal(law.covariance, law.covariance.transpose(0, 2, 1))
-    for array in (law.covariance, law.noise, law.inclusion_probabilities, law.standard_errors):
+    np.testing.assert_array_equal(law.uncertainty.covariance, law.uncertainty.covariance.transpose(0, 2, 1))
+    for array in (law.uncertainty.covariance, law.noise, law.uncertainty.inclusion_probabilities, law.standard_errors):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1
 
@@ -257,7 +262,7 @@ def test_a_saved_law_keeps_its_uncertainty_to_the_last_bit(drag, predators):
     ):
         again = Law.from_json(law.to_json())
         for name in ("covariance", "noise", "inclusion_probabilities"):
-            np.testing.assert_array_equal(getattr(again, name), getattr(law, name))
+            np.testing.assert_array_equal(getattr(again.uncertainty, name), getattr(law.uncertainty, name))
         assert again.history == law.history
         assert again.to_json() == law.to_json()
 
@@ -289,18 +294,20 @@ def test_damaged_uncertainty_is_refused(drag, pattern, change, message):
 
 
 def test_draws_scatter_as_the_covariance_says(drag):
-    draws = drag.draws(20000)
+    draws = drag.sample(20000)
     assert draws.columns.tolist() == ["a", "b"]
     assert draws.index.names == ["draw", "object"]
-    for name, mean, covariance in zip(drag.objects, drag.coefficients[:, drag.support], drag.covariance, strict=True):
+    for name, mean, covariance in zip(
+        drag.objects, drag.coefficients[:, drag.support], drag.uncertainty.covariance, strict=True
+    ):
         own = draws.xs(name, level="object")
         # Five standard errors of means and of covariances of so many draws
         spread = np.sqrt(np.diag(covariance))
         assert np.all(np.abs(own.mean() - mean) <= 5 * spread / np.sqrt(20000) + 1e-12)
         np.testing.assert_allclose(own.cov(), covariance, atol=5 * np.sqrt(2 / 20000) * spread.max() ** 2, rtol=0.05)
     assert (draws.xs("light", level="object")["a"] == -9.8).all()
-    assert draws.equals(drag.draws(20000))
-    assert not draws.equals(drag.draws(20000, seed=1))
+    assert draws.equals(drag.sample(20000))
+    assert not draws.equals(drag.sample(20000, seed=1))
 
 
 def test_draws_of_objects_go_together_as_far_as_objects_learned_from_each_other(drag):
@@ -308,7 +315,7 @@ def test_draws_of_objects_go_together_as_far_as_objects_learned_from_each_other(
     own = np.array([np.diag([0.05, 0.02]) ** 2, np.diag([0.0, 0.003]) ** 2])
     covariance = own + factor @ factor.transpose(0, 2, 1)
     law = replace(drag, uncertainty=Uncertainty(covariance, shared_factor=factor))
-    found = np.cov(law.draws(40000).unstack("object").to_numpy(), rowvar=False)  # a heavy, a light, b heavy, b light
+    found = np.cov(law.sample(40000).unstack("object").to_numpy(), rowvar=False)  # a heavy, a light, b heavy, b light
     expected = np.array([0.1 * 0.004, 0.01 * 0.004])
     np.testing.assert_allclose(found[[0, 2], 3], expected, rtol=0.1)
     np.testing.assert_allclose(np.diag(found)[[0, 2, 3]], [0.0125, 0.0005, 2.5e-5], rtol=0.05)
@@ -317,15 +324,15 @@ def test_draws_of_objects_go_together_as_far_as_objects_learned_from_each_other(
 def test_draws_of_a_given_law_are_of_its_own_letters():
     given = Law.from_text("x'' = -g - v/c", {"g": 9.81, "c": 4.0})
     law = replace(given, uncertainty=Uncertainty(np.zeros((1, 2, 2))))
-    assert law.draws(3).to_numpy() == pytest.approx(np.array([[9.81, 4.0]] * 3))
+    assert law.sample(3).to_numpy() == pytest.approx(np.array([[9.81, 4.0]] * 3))
 
 
 def test_draws_need_a_covariance_and_a_number(drag):
     with refused("uncertainty-unknown"):
-        without(drag, "covariance").draws()
+        without(drag, "covariance").sample()
     for count in (0, 2.5):
-        with refused("whole-number", name="count", value=count):
-            drag.draws(count)
+        with refused("whole-number", name="n", value=count):
+            drag.sample(count)
 
 
 def test_tables_that_are_read_have_the_digits_that_mean_something():
@@ -337,3 +344,31 @@ def test_tables_that_are_read_have_the_digits_that_mean_something():
     )
     assert shown.loc[0].tolist() == ["x", "0.4471", "0.0051", "0.4370", "< 1e-9", ""]
     assert shown.loc[1].tolist() == ["1", "12350", "680", "11020", "0.1235", "1"]
+
+
+def test_earlier_names_of_members_warn_and_give_what_the_present_ones_do(drag):
+    for name, (instead, _) in DEPRECATED.items():
+        assert not hasattr(type(drag), name)
+        with pytest.warns(DeprecationWarning, match=re.escape(f"Law.{name} is deprecated; use Law.{instead}")):
+            getattr(drag, name)
+    with pytest.warns(DeprecationWarning, match="Law.structure"):
+        assert drag.structure() == drag.structure
+    with pytest.warns(DeprecationWarning, match="Law.letter_values"):
+        np.testing.assert_array_equal(drag.letter_values()[0], drag.parameters.values)
+    with pytest.warns(DeprecationWarning, match="Law.draws"):
+        assert drag.draws(count=3).equals(drag.sample(3))
+    with pytest.warns(DeprecationWarning, match="Law.intervals"):
+        np.testing.assert_array_equal(drag.intervals(0.9)["coefficient"], drag.conf_int(0.9)["estimate"])
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = drag.nothing
+    listed = re.findall(
+        r"^\| `Law\.(\w+)`", (Path(__file__).parents[2] / "docs" / "stability.md").read_text(), re.MULTILINE
+    )
+    assert listed == [*DEPRECATED]
+
+
+def test_the_covariance_of_parameters_is_that_of_their_standard_errors(drag):
+    for i, name in enumerate(drag.objects):
+        covariance = drag.cov_params(name)
+        assert covariance.index.tolist() == covariance.columns.tolist() == [*drag.parameters.names]
+        np.testing.assert_allclose(np.sqrt(np.diag(covariance)), drag.parameters.errors[i])

@@ -83,7 +83,7 @@ def test_exponential_growth_is_a_straight_line_through_the_logarithms():
 
 
 def test_the_law_is_in_units_of_the_state_and_its_intervals_hold_the_truth(law):
-    assert law.structure() == ("w' = a w + b w^2",)
+    assert law.structure == ("w' = a w + b w^2",)
     assert law.noise == pytest.approx([0.08], rel=0.15)
     assert not law.uncertainty.error_model
     assert "% of it, on a logarithmic scale" in law.history[0].choice
@@ -128,7 +128,7 @@ def test_forecasts_beyond_the_measurements_keep_what_was_measured(law):
     assert len(smooth.trials[0]) > 200
     assert (smooth.bands()[0][0] > 0).all()
     plot_forecast(law.predict(trials, return_std=True), objects=["plant"])
-    assert law.verdict(trials).coverage > 0.85
+    assert law.assess(trials).coverage > 0.85
 
 
 def test_errors_that_are_known_for_each_measurement_are_shares():
@@ -174,7 +174,7 @@ def test_several_states_may_have_scales_of_their_own():
     library = "terms:1,x,y,x*y"
     plain = cl.discover(trials, library=library, order=1)
     mixed = cl.discover(trials, library=library, method=cl.TrajectoryLikelihood(positive=["y"]), order=1)
-    assert mixed.structure() == plain.structure()
+    assert mixed.structure == plain.structure
     inside = plain.coefficients != 0
     np.testing.assert_allclose(mixed.coefficients[inside], plain.coefficients[inside], rtol=0.05)
 

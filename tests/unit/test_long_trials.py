@@ -67,15 +67,15 @@ def test_inputs_are_never_thinned():
 def test_the_law_of_a_part_has_errors_and_says_what_it_was_fitted_to(step, samples, how):
     trials = swinging(step, samples)
     law = cl.discover(trials, order=2, library="poly:1", method=cl.TrajectoryLikelihood(max_samples=500))
-    assert law.structure() == ("x'' = a x",)
+    assert law.structure == ("x'' = a x",)
     error = law.standard_errors[0][law.support][0]
     assert 0 < error < 1e-3
     assert law.coefficients[0][law.support][0] == pytest.approx(-1.0, abs=4 * error)
     assert law.noise[0] == pytest.approx(NOISE, rel=0.05)  # By all samples
-    (said,) = [each for each in law.outcomes if each.kind is OutcomeKind.SAMPLES]
+    (said,) = [each for each in law.diagnostics if each.kind is OutcomeKind.SAMPLES]
     assert how in said.text
     assert law.history[0].stage == "samples"
-    assert law.verdict(trials).usable
+    assert law.assess(trials).usable
 
 
 def test_another_method_is_taken_where_objects_are_too_many_only_and_that_is_said():

@@ -43,7 +43,7 @@ def found(request):
 
 def test_the_law_is_of_the_angle_alone_and_calls_its_rate_by_the_column(found):
     _, law = found
-    assert law.structure() == ("theta'' = a sin(theta) + b omega",)
+    assert law.structure == ("theta'' = a sin(theta) + b omega",)
     errors, truth = law.standard_errors[:, law.support], np.array([(-k, -c) for k, c in TRUTH.values()])
     columns = [law.terms.names.index(name) for name in ("sin(theta)", "omega")]
     assert (abs(law.coefficients[:, 0, columns] - truth) < 4 * errors).all()
@@ -51,7 +51,7 @@ def test_the_law_is_of_the_angle_alone_and_calls_its_rate_by_the_column(found):
 
 
 def test_the_law_says_in_one_line_what_it_left_out(found):
-    (said,) = [each for each in found[1].outcomes if each.kind == "rates"]
+    (said,) = [each for each in found[1].diagnostics if each.kind == "rates"]
     assert said.code == "rate-of-column"
     assert said.text.startswith("omega is the rate of theta")
 
@@ -63,7 +63,7 @@ def test_trials_that_still_have_the_column_are_forecast_scored_and_judged(found)
     forecast = law.predict(trials, start=30)
     np.testing.assert_array_equal(forecast.trajectories[1].states, law.predict(alone, start=30).trajectories[1].states)
     assert law.score(trials) == law.score(alone) > 0.99
-    assert law.verdict(trials).usable
+    assert law.assess(trials).usable
     assert matched(law, trials).notes[-1] == "left out: omega is the rate of theta"
 
 
@@ -149,9 +149,9 @@ def test_of_states_that_are_rates_of_each_other_one_stays():
 
 def test_equations_of_the_angle_are_fitted_to_trials_that_have_its_rate_too():
     law = cl.fit("theta'' = -k sin(theta) - c omega", pendulum((True, False)))
-    values, errors = law.letter_values()
+    values, errors = law.parameters.values, law.parameters.errors
     assert (abs(np.array(values) - list(TRUTH.values())) < 4 * np.array(errors)).all()
-    assert [each.kind for each in law.outcomes] == ["rates"]
+    assert [each.kind for each in law.diagnostics] == ["rates"]
 
 
 def test_a_rate_that_has_an_equation_of_its_own_stays():

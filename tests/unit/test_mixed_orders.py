@@ -94,7 +94,10 @@ def test_a_fit_is_that_of_least_squares_by_scipy():
     errors = np.sqrt(np.diag(np.linalg.inv(expected.jac.T @ expected.jac)))[:5]
     settings = {"noise": noise, "errors": "white", "huber_threshold": np.inf, "input_between": "cubic"}
     found = cl.fit(EQUATIONS, trials, **settings)
-    values, own = (dict(zip(found.letters, each[0], strict=True)) for each in found.letter_values())
+    values, own = (
+        dict(zip(found.parameters.names, each[0], strict=True))
+        for each in (found.parameters.values, found.parameters.errors)
+    )
     for name, value, error in zip(TRUE, expected.x, errors, strict=False):
         assert values[name] == pytest.approx(value, abs=0.02 * error)
         assert own[name] == pytest.approx(error, rel=0.02)
@@ -166,7 +169,7 @@ def test_a_law_whose_variables_have_other_orders_is_refused(law, order, orders):
 
 def test_it_is_judged_and_compared(law):
     trials = motors(0.01)
-    assert law.verdict(trials).usable
+    assert law.assess(trials).usable
     assert not any(each.significant for each in law.residuals(trials).patterns)
     first = cl.fit("theta' = -a theta + k i; i' = -r i - m theta + u", trials)
     table = cl.compare({"mixed": law, "first": first}, trials)
@@ -208,14 +211,14 @@ def test_the_orders_of_the_law_that_made_the_data_are_found(name, noise):
     law = cl.discover(simulate(noise), order="auto", library=library, cache=False)
     assert law.order == order
     if noise < 0.05:
-        assert law.structure() == equations
+        assert law.structure == equations
     said = ", ".join(f"{state} {each}" for state, each in zip(law.states, order, strict=True))
     assert (law.history[0].stage, law.history[0].choice) == ("order", said)
 
 
 def test_orders_are_given_by_state():
     law = cl.discover(heated(0.0), order={"x": 2, "T": 1}, library="poly:2", cache=False)
-    assert law.structure() == SYSTEMS["heated"][3]
+    assert law.structure == SYSTEMS["heated"][3]
     assert "order={'x': 2, 'T': 1}" in law.to_script()
     again = cl.discover(heated(0.0), order=law.order, library="poly:2", cache=False)
     np.testing.assert_array_equal(again.coefficients, law.coefficients)
@@ -303,7 +306,7 @@ def test_a_drive_that_nobody_measured_beside_an_angle_is_fitted_as_by_scipy(know
         huber_threshold=np.inf,
     )
     assert law.order == (2, 1)
-    values, own = (each[0] for each in law.letter_values())
+    values, own = (each[0] for each in (law.parameters.values, law.parameters.errors))
     np.testing.assert_allclose(values, expected.x[:3], atol=0.02 * errors.min())
     np.testing.assert_allclose(own, errors, rtol=0.02)
 

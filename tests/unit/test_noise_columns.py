@@ -40,8 +40,8 @@ def test_a_constant_column_is_the_noise_of_the_state():
         ),
     )
     np.testing.assert_array_equal(by_column.coefficients, given.coefficients)
-    np.testing.assert_array_equal(by_column.covariance, given.covariance)
-    assert by_column.candidates().equals(given.candidates())
+    np.testing.assert_array_equal(by_column.uncertainty.covariance, given.uncertainty.covariance)
+    assert by_column.comparison.equals(given.comparison)
     assert by_column.noise.tolist() == given.noise.tolist() == [0.1]
     starts = [{"start": 1}, {"start": 20}, {"from_time": 4.0}]
     for start in starts:
@@ -74,7 +74,7 @@ def test_the_law_is_found_and_its_intervals_hold_the_truth():
     missed = []
     for seed in range(12):
         law = cl.discover(cups(seed=seed), library="poly:2", order=1)
-        assert law.structure() == ("T' = a + b T",)
+        assert law.structure == ("T' = a + b T",)
         missed.append((law.coefficients[0, 0, :2] - [0.6, -0.3]) / law.standard_errors[0, 0, :2])
     assert np.mean(np.abs(missed) < 1.96) >= 20 / 24
     assert np.sqrt(np.mean(np.square(missed))) == pytest.approx(1, abs=0.35)
@@ -103,7 +103,7 @@ def test_bands_of_measurements_have_the_noise_of_their_samples_or_a_typical_one(
 def test_a_start_is_fitted_to_samples_as_far_as_they_are_exact():
     trials = cups()
     law = cl.fit("T' = a + b T", trials)
-    exact = replace(law, uncertainty=replace(law.uncertainty, covariance=0 * law.covariance))
+    exact = replace(law, uncertainty=replace(law.uncertainty, covariance=0 * law.uncertainty.covariance))
     std = exact.predict(trials, start=30, return_std=True).std[0][0, 0]
     decay = np.exp(law.coefficients[0, 0, 1] * TIMES[:30])
     assert std == pytest.approx(1 / np.sqrt(np.sum((decay / LEVELS[:30]) ** 2)), rel=1e-3)

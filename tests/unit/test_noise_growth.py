@@ -79,5 +79,5 @@ def test_an_epidemic_that_dies_down_under_noise_in_proportion_is_found():
     ).y.T
     measured = clean * (1 + 0.05 * np.random.default_rng(5).standard_normal(clean.shape))
     law = cl.discover(cl.Trials.from_arrays(times, measured, names=["s", "i"]), library="poly:2", order=1)
-    assert law.structure() == ("s' = a s i", "i' = b i + c s i")
+    assert law.structure == ("s' = a s i", "i' = b i + c s i")
     assert law.uncertainty.error_model.proportional == pytest.approx([0.05, 0.05], rel=0.2)

@@ -34,7 +34,7 @@ def test_laws_trials_and_forecasts_show_a_table_and_a_figure(law, drops):
         assert words in shown.replace("&#x27;", "'")
         assert "<table" in shown
         assert shown.count("<svg") == 1
-    assert law.letters[0] == "c"
+    assert law.parameters.names[0] == "c"
 
 
 def test_wide_equations_and_tables_of_a_law_scroll_by_themselves(law):
@@ -44,7 +44,7 @@ def test_wide_equations_and_tables_of_a_law_scroll_by_themselves(law):
 
 
 def test_verdicts_and_residuals_are_pages_with_a_heading_sentences_and_a_table(law, drops):
-    for value, title in ((law.verdict(drops), "Verdict"), (law.residuals(drops), "Residuals")):
+    for value, title in ((law.assess(drops), "Verdict"), (law.residuals(drops), "Residuals")):
         shown = value._repr_html_()
         HTMLParser().feed(shown)
         assert f"<h4>{title}</h4>" in shown
@@ -53,7 +53,7 @@ def test_verdicts_and_residuals_are_pages_with_a_heading_sentences_and_a_table(l
 
 
 def test_names_of_strangers_in_a_verdict_are_text(law, drops):
-    verdict = law.verdict(drops)
+    verdict = law.assess(drops)
     hostile = replace(verdict, state_errors=(verdict.state_errors[0]._replace(state="<script>a</script>"),))
     assert "<script" not in hostile._repr_html_()
 

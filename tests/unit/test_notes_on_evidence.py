@@ -26,7 +26,7 @@ def test_trials_of_few_samples_can_agree_by_chance():
 @pytest.mark.parametrize("method", [cl.DerivativeRegression(solver="group-stlsq:1"), cl.TrajectoryLikelihood()])
 def test_a_law_of_copied_trials_says_so(method):
     found = cl.discover(COPIED, order=2, library="poly:1", method=method)
-    said = [str(each) for each in found.outcomes if each.kind == "copies"]
+    said = [str(each) for each in found.diagnostics if each.kind == "copies"]
     assert said == [
         "copies: trials that are exact copies were counted once, 1 (Ball 1, trial again of Ball 1, trial 1); nothing "
         "needs to be done, but a measurement may be missing",
@@ -34,7 +34,9 @@ def test_a_law_of_copied_trials_says_so(method):
         "of Ball 2, trial 2); leave them out, or give them their own measurements",
     ]
     assert not [
-        each for each in cl.discover(DROPS, order=2, method=method, library="poly:3").outcomes if each.kind == "copies"
+        each
+        for each in cl.discover(DROPS, order=2, method=method, library="poly:3").diagnostics
+        if each.kind == "copies"
     ]
 
 
@@ -51,7 +53,7 @@ def test_a_law_of_copied_trials_says_so(method):
 )
 def test_a_choice_that_other_units_may_change_says_so(solver, is_said):
     method = cl.DerivativeRegression(solver=solver, rule="bic", n_resamples=0)
-    outcomes = [str(each) for each in cl.discover(DROPS, order=2, library="poly:1", method=method).outcomes]
+    outcomes = [str(each) for each in cl.discover(DROPS, order=2, library="poly:1", method=method).diagnostics]
     assert any("other units of measurement list others; take `solver=" in each for each in outcomes) == is_said
 
 

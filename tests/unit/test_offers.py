@@ -64,8 +64,8 @@ def inhibited() -> cl.Trials:
 def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
     library = _InTurn(("s/(K + s)",), "ratio(terms:s, poly:2)")
     law = cl.discover(inhibited, library=library, order=1)
-    assert law.structure() == ("s' = a s/(K + L*s + s^2)",)
-    np.testing.assert_allclose(law.letter_values()[0][:, 2], [2.0, 3.0], rtol=0.15)  # L is the inhibition
+    assert law.structure == ("s' = a s/(K + L*s + s^2)",)
+    np.testing.assert_allclose(law.parameters.values[:, 2], [2.0, 3.0], rtol=0.15)  # L is the inhibition
 
 
 def test_what_is_offered_later_is_not_tried_where_a_law_of_few_numbers_leaves_noise(monkeypatch):
@@ -74,7 +74,7 @@ def test_what_is_offered_later_is_not_tried_where_a_law_of_few_numbers_leaves_no
     noise = 0.01 * np.random.default_rng(2).standard_normal((60, 1))
     decay = cl.Trials.from_arrays([times], [np.exp(-times)[:, np.newaxis] + noise], names=["s"])
     law = cl.discover(decay, library=_InTurn(("s/(K + s)",), "ratio(poly:2, poly:2)"), order=1)
-    assert law.structure() == ("s' = a s",)
+    assert law.structure == ("s' = a s",)
 
 
 def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heteroscedastic():
@@ -86,7 +86,7 @@ def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heterosce
     trials = cl.Trials.from_arrays([times] * 4, states, object=["a", "a", "b", "b"], names=["x", "y"])
     steps = list[str]()
     law = cl.discover(trials, cache=False, progress=steps.append)
-    assert law.structure() == ("x' = a x + b x y", "y' = c y + d x y")
+    assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
     assert any("heteroscedastic: estimating errors" in each for each in steps)
     assert not any("of order 2" in each or "constants inside" in each or "nobody measured" in each for each in steps)
 
@@ -134,7 +134,7 @@ def test_nothing_richer_and_no_finer_mesh_is_tried_where_polynomials_explain(mon
     monkeypatch.setattr(law_search, "on_finer_mesh", lambda *_: pytest.fail("the first order was sought again"))
     starts, times = [(1.5, 0), (-0.4, 1)], np.linspace(0, 9, 90)
     duffing = swung(lambda _, z: (z[1], z[0] - z[0] ** 3 - 0.2 * z[1]), starts, 0.01, times)
-    assert cl.discover(duffing, cache=False).structure() == ("x'' = a x + b v + c x^3",)
+    assert cl.discover(duffing, cache=False).structure == ("x'' = a x + b v + c x^3",)
 
 
 def test_a_law_of_fourth_degree_is_found_before_terms_with_constants_inside_are_offered(monkeypatch):
@@ -148,7 +148,7 @@ def test_a_law_of_fourth_degree_is_found_before_terms_with_constants_inside_are_
     measured = [each + 0.002 * generator.standard_normal(each.shape) for each in cooled]
     trials = cl.Trials.from_arrays([times] * 6, measured, object=["a"] * 3 + ["b"] * 3, names=["T"])
     law = cl.discover(trials, cache=False)
-    assert law.structure() == ("T' = a + b T^4",)
+    assert law.structure == ("T' = a + b T^4",)
     assert np.allclose(law.coefficients[:, 0, list(law.support[0])], [[0.3, -1], [0.8, -1]], atol=0.01)
 
 
@@ -159,9 +159,9 @@ def test_powers_up_to_the_highest_offered_may_be_a_series_and_a_function_is_foun
         [times] * 2, [each + 0.02 * generator.standard_normal(60) for each in sizes], names=["n"]
     )
     plain = cl.discover(trials, order=1, library="poly:3", cache=False)
-    assert plain.structure() == ("n' = a + b n + c n^2 + d n^3",)
-    assert not [each for each in plain.outcomes if each.kind == "residuals"]  # Noise explains what it leaves
-    assert cl.discover(trials, cache=False).structure() == ("n' = a n + b n*log(n)",)  # Gompertz
+    assert plain.structure == ("n' = a + b n + c n^2 + d n^3",)
+    assert not [each for each in plain.diagnostics if each.kind == "residuals"]  # Noise explains what it leaves
+    assert cl.discover(trials, cache=False).structure == ("n' = a n + b n*log(n)",)  # Gompertz
 
 
 def test_a_law_with_constants_inside_is_tried_with_one_plain_term_less(inhibited, monkeypatch):
@@ -213,6 +213,6 @@ def test_constants_inside_are_sought_under_errors_with_a_memory():
     trials = cl.Trials.from_arrays([times] * 2, states, object=["a", "a"], names=["s"])
     method = cl.TrajectoryLikelihood(errors="correlated")
     law = cl.discover(trials, library="poly:1 + terms:s/(K+s)", method=method, order=1)
-    assert law.structure() == ("s' = a s/(K + s)",)
+    assert law.structure == ("s' = a s/(K + s)",)
     assert law.uncertainty.error_model.correlated is not None
-    np.testing.assert_allclose(law.letter_values()[0][0], [-1.0, 0.7], rtol=0.15)
+    np.testing.assert_allclose(law.parameters.values[0], [-1.0, 0.7], rtol=0.15)

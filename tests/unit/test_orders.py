@@ -70,7 +70,7 @@ def test_the_order_of_the_law_that_made_the_data_is_found(name, noise):
     simulate, order, library, equations = CASES[name]
     law = discover(simulate(noise), library=library)
     assert law.order == order
-    assert law.structure() == equations
+    assert law.structure == equations
     step = law.history[0]
     assert (step.stage, step.choice) == ("order", str(order))
     if order == 1:
@@ -84,14 +84,14 @@ def test_the_order_of_the_law_that_made_the_data_is_found(name, noise):
 def test_falling_balls_accelerate(noise):
     law = discover(cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=2, noise=noise), library="poly:2")
     assert law.order == 2
-    assert law.structure() == ("x'' = a + b v",)
+    assert law.structure == ("x'' = a + b v",)
     assert cl.Law.from_json(law.to_json()).history[0] == law.history[0]
 
 
 def test_a_state_and_its_measured_rate_are_of_first_order(monkeypatch):
     monkeypatch.setattr(pipeline, "with_order_said", lambda *_: pytest.fail("orders were compared"))
     law = discover(swings(0.01, columns=2), library="poly:1 + fourier:1")
-    assert law.structure() == ("x' = a y", "y' = b y + c sin(x)")
+    assert law.structure == ("x' = a y", "y' = b y + c sin(x)")
     assert (law.history[0].choice, law.history[0].reason) == ("1", "y is the rate of x")
 
 
@@ -108,7 +108,7 @@ def test_a_rate_that_was_computed_from_its_state_is_left_out():
     states = [np.column_stack([each.states, np.gradient(each.states[:, 0], each.times)]) for each in angles]
     trials = cl.Trials.from_arrays([each.times for each in angles], states, names=["x", "y"])
     law = discover(trials, library="poly:1 + fourier:1")
-    assert law.structure() == ("x'' = a y + b sin(x)",)
+    assert law.structure == ("x'' = a y + b sin(x)",)
     assert (law.history[0].choice, law.history[0].reason) == ("2", "y is the rate of x")
 
 
@@ -124,7 +124,7 @@ def test_of_states_without_measured_rates_the_evidence_says_the_order():
         "x 1, y 1", "y is the rate of x; of z no rate was measured"
     )  # fmt: skip
     law = discover(trials, library="poly:1 + terms:sin(x)")
-    assert law.structure() == ("x' = a y", "y' = b y + c sin(x)", "z' = d z")
+    assert law.structure == ("x' = a y", "y' = b y + c sin(x)", "z' = d z")
 
 
 def test_states_of_a_jerk_law_all_stay():
@@ -139,7 +139,7 @@ def test_states_of_a_jerk_law_all_stay():
         ),
         library="poly:3",
     )
-    assert law.structure() == ("x' = a y", "y' = b z", "z' = c x + d y + f z + g x^3")
+    assert law.structure == ("x' = a y", "y' = b z", "z' = c x + d y + f z + g x^3")
 
 
 def test_richer_terms_of_a_law_of_first_order_come_before_many_terms_of_second_order():
@@ -154,7 +154,7 @@ def test_richer_terms_of_a_law_of_first_order_come_before_many_terms_of_second_o
     assert law.order == 1
     x = np.linspace(0.1, 3, 30)
     truth = 0.1 - 0.55 * x + 1.2 * x**2 / (0.7**2 + x**2)
-    np.testing.assert_allclose(law.evaluate("object 0", x[:, np.newaxis])[:, 0], truth, atol=1e-6)
+    np.testing.assert_allclose(law.rhs("object 0", x[:, np.newaxis])[:, 0], truth, atol=1e-6)
 
 
 def test_a_law_of_second_order_whose_coefficients_are_within_their_errors_gives_way_to_one_of_first():
@@ -166,7 +166,7 @@ def test_a_law_of_second_order_whose_coefficients_are_within_their_errors_gives_
         0.05,
         seed=13,
     )
-    assert discover(enzymes).structure() == ("x' = a x/(K + x)",)
+    assert discover(enzymes).structure == ("x' = a x/(K + x)",)
 
 
 @pytest.mark.parametrize(("settings", "order"), [({"library": "terms:1,v"}, 2), ({"positive": ["x"]}, 1)])
@@ -206,11 +206,11 @@ def test_regressions_take_the_first_order_and_polynomials_and_say_so(method):
     law = cl.discover(relaxations(0.01), method=method, cache=False)
     assert law.order == 1
     assert law.terms.names == ("1", "x", "x^2", "x^3")
-    (said,) = [each for each in law.outcomes if each.kind == "method"]
+    (said,) = [each for each in law.diagnostics if each.kind == "method"]
     assert said.code == "order-without-evidence"
     assert type(method).__name__ in said.text
     assert not [
-        each for each in cl.discover(relaxations(0.01), method=method, order=1).outcomes if each.kind == "method"
+        each for each in cl.discover(relaxations(0.01), method=method, order=1).diagnostics if each.kind == "method"
     ]
 
 
@@ -224,7 +224,7 @@ def test_streams_are_of_the_first_order_and_say_so(tmp_path):
     law = cl.discover(cl.TrialStream.from_parquet(tmp_path / "cups.parquet"))
     assert law.order == 1
     assert law.terms.names == ("1", "x", "x^2", "x^3")
-    assert "order-without-evidence" in {each.code for each in law.outcomes}
+    assert "order-without-evidence" in {each.code for each in law.diagnostics}
 
 
 def test_a_law_that_explains_is_tried_with_no_other_order(monkeypatch):
@@ -236,7 +236,7 @@ def test_a_law_that_explains_is_tried_with_no_other_order(monkeypatch):
 
     plain = CandidateSearch.plain
     monkeypatch.setattr(CandidateSearch, "plain", counted)
-    assert cl.discover(relaxations(0.05), cache=False).structure() == ("x' = a + b x",)
+    assert cl.discover(relaxations(0.05), cache=False).structure == ("x' = a + b x",)
     assert tried == [1]
 
 
@@ -258,10 +258,10 @@ def test_rates_are_a_function_of_states_or_not(rate, starts, is_one):
 
 def test_laws_of_both_orders_that_are_about_as_probable_are_said():
     law = cl.fit("x' = a", relaxations(0.05))
-    (said,) = orders.with_order_said(law, [(2, 4.2)], ()).outcomes[len(law.outcomes) :]
+    (said,) = orders.with_order_said(law, [(2, 4.2)], ()).diagnostics[len(law.diagnostics) :]
     assert said.code == "order-not-identifiable"
     assert "2 (2 log B is 4.2)" in said.text
-    assert orders.with_order_said(law, [(2, 6.5)], ()).outcomes == law.outcomes
+    assert orders.with_order_said(law, [(2, 6.5)], ()).diagnostics == law.diagnostics
 
 
 @pytest.mark.parametrize("points", [1, 2])

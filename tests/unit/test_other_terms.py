@@ -29,17 +29,17 @@ def law(trials) -> Law:
 
 
 def test_laws_with_other_terms_are_plausible_by_their_evidence(law, trials):
-    assert law.structure() == ("s' = a s/(K + s)",)
-    assert sum(each.probability for each in law.plausible) == pytest.approx(1)
-    second = law.other_laws[0]
-    assert second.law.structure() == ("s' = a + b/(K2 + s)",)
+    assert law.structure == ("s' = a s/(K + s)",)
+    assert sum(each.probability for each in law.models) == pytest.approx(1)
+    second = law.uncertainty.other_laws[0]
+    assert second.law.structure == ("s' = a + b/(K2 + s)",)
     behind = cl.compare([law, cl.fit("s' = a + b/(K2 + s)", trials)], trials)["2 log B"].max()
-    assert np.log(law.plausible[0].probability / second.probability) == pytest.approx(behind / 2, abs=0.3)
+    assert np.log(law.models[0].probability / second.probability) == pytest.approx(behind / 2, abs=0.3)
 
 
 def test_a_law_in_other_words_is_not_counted_twice(law):
     """``a + b s/(K + s)`` is ``a + b - b K/(K + s)``."""
-    said = [each.law.structure() for each in law.plausible]
+    said = [each.law.structure for each in law.models]
     assert ("s' = a + b s/(K + s)",) not in said
 
 
@@ -56,16 +56,16 @@ def test_laws_are_the_same_by_their_states_whatever_other_processes_they_have():
 
 
 def test_intervals_and_draws_are_of_the_same_terms_and_constants(law):
-    with_it = sum(each.probability for each in law.plausible if "s/(K + s)" in each.law.terms.names)
-    drawn = law.draws(20_000)
+    with_it = sum(each.probability for each in law.models if "s/(K + s)" in each.law.terms.names)
+    drawn = law.sample(20_000)
     assert np.mean(drawn["K"] == 0) == pytest.approx(1 - with_it, abs=0.01)
-    (low,), (high,) = (ends[:, 0, law.terms.index("K")] for ends in law.interval_ends())
+    (low,), (high,) = (ends[:, 0, law.terms.index("K")] for ends in law.coefficient_intervals())
     assert np.quantile(drawn["K"], [0.025, 0.975]) == pytest.approx([low, high], abs=0.03)
 
 
 def test_forecasts_are_averaged_over_laws_of_other_terms(law, trials):
     forecast = law.predict(trials, return_std=True)
-    assert len(forecast.parts) == len(law.plausible)
+    assert len(forecast.parts) == len(law.models)
     alone = law.predict(trials, return_std=True, averaged=False)
     assert forecast.std[0].max() >= alone.std[0].max()
 
@@ -73,9 +73,9 @@ def test_forecasts_are_averaged_over_laws_of_other_terms(law, trials):
 def test_laws_of_other_terms_are_kept(law):
     kept = Law.from_json(law.to_json())
     assert kept.to_json() == law.to_json()
-    for one, other in zip(kept.plausible, law.plausible, strict=True):
+    for one, other in zip(kept.models, law.models, strict=True):
         assert one.law.terms == other.law.terms
-        assert one.law.structure() == other.law.structure()
+        assert one.law.structure == other.law.structure
         np.testing.assert_array_equal(one.law.coefficients, other.law.coefficients)
 
 

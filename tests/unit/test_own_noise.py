@@ -16,4 +16,4 @@ def test_few_samples_of_large_swings_are_not_all_taken_for_outliers():
     noise = generator.uniform(2, 5)
     states = np.abs(states + noise * generator.standard_normal(states.shape)).round(1) + 0.1
     law = cl.discover(cl.Trials.from_arrays([times], [states], names=["x", "y"]), library="poly:3", order=1)
-    assert law.structure() == ("x' = a x + b x y", "y' = c y^2 + d x y^2")
+    assert law.structure == ("x' = a x + b x y", "y' = c y^2 + d x y^2")

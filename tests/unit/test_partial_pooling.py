@@ -24,41 +24,41 @@ def law_of(objects=6, spread=0.05):
 
 def test_the_mean_over_partially_pooled_objects_has_the_covariance_of_a_mean():
     law = law_of()
-    found = law.partial_pooling()
+    found = law.pool()
     draws = np.random.default_rng(1)
-    own = found.covariance - np.matmul(
+    own = found.uncertainty.covariance - np.matmul(
         found.uncertainty.shared_factor, found.uncertainty.shared_factor.transpose(0, 2, 1)
     )
     shared = np.matmul(found.uncertainty.shared_factor, draws.standard_normal((20000, 1, 2, 1)))[..., 0]
     alone = np.matmul(np.linalg.cholesky(own), draws.standard_normal((20000, 6, 2, 1)))[..., 0]
     expected = np.cov((shared + alone).mean(axis=1), rowvar=False)
-    np.testing.assert_allclose(found.average().covariance[0], expected, rtol=0.05, atol=2e-4)
+    np.testing.assert_allclose(found.average().uncertainty.covariance[0], expected, rtol=0.05, atol=2e-4)
     assert found.average().uncertainty.shared_factor is None
     some = found.select(["ball 2", "ball 5"])
     np.testing.assert_array_equal(some.uncertainty.shared_factor, found.uncertainty.shared_factor[[1, 4]])
 
 
 def test_pooling_is_recorded_and_kept():
-    found = law_of().partial_pooling()
+    found = law_of().pool()
     assert found.history[-1].stage == "pooling"
     assert "v in x''" in found.history[-1].choice
     again = cl.Law.from_json(found.to_json())
     np.testing.assert_array_equal(again.uncertainty.shared_factor, found.uncertainty.shared_factor)
     with refused("already-pooled"):
-        again.partial_pooling()
+        again.pool()
 
 
 def test_what_is_known_and_single_objects_stay():
     law = law_of()
-    known = law.covariance.copy()
+    known = law.uncertainty.covariance.copy()
     known[:, 0] = known[:, :, 0] = 0
-    fixed = replace(law, uncertainty=replace(law.uncertainty, covariance=known)).partial_pooling()
+    fixed = replace(law, uncertainty=replace(law.uncertainty, covariance=known)).pool()
     np.testing.assert_array_equal(fixed.coefficients[:, 0, 0], law.coefficients[:, 0, 0])
     np.testing.assert_array_equal(fixed.standard_errors[:, 0, 0], 0)
     single = law.select(["ball 3"])
-    assert single.partial_pooling() is single
+    assert single.pool() is single
     with refused("uncertainty-unknown"):
-        replace(law, uncertainty=replace(law.uncertainty, covariance=None)).partial_pooling()
+        replace(law, uncertainty=replace(law.uncertainty, covariance=None)).pool()
 
 
 def plate(blanks, seed=0):
@@ -76,10 +76,10 @@ def test_blanks_are_named_and_leave_the_pooling_of_the_other_wells_as_it_is():
     alone = cl.fit("OD' = a + b OD + c OD^2", plate(0), errors="white", noise={"OD": 0.002})
     np.testing.assert_allclose(law.coefficients[:4], alone.coefficients, rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(law.standard_errors[:4], alone.standard_errors, rtol=1e-6)
-    named = [each for each in law.outcomes if each.kind == "not identifiable"]
+    named = [each for each in law.diagnostics if each.kind == "not identifiable"]
     assert len(named) == 1
     assert "2 objects (A5, A6)" in named[0].text
-    assert not alone.outcomes
+    assert not alone.diagnostics
 
 
 def test_an_object_that_says_nothing_of_one_coefficient_changes_no_other():
@@ -101,11 +101,13 @@ def test_an_object_that_says_nothing_of_one_coefficient_changes_no_other():
 def test_an_unseen_object_is_one_more_of_the_population_that_objects_with_information_are_of():
     law, times = law_of(), np.linspace(0, 1, 5)
     unseen = cl.Trials.from_arrays([times], [times**2], object=["ball 7"], names=["x"])
-    expected, _ = with_objects_of(law.partial_pooling(), unseen)
+    expected, _ = with_objects_of(law.pool(), unseen)
     found, _ = with_objects_of(law, unseen)
     np.testing.assert_allclose(found.coefficients, expected.coefficients)
-    np.testing.assert_allclose(found.covariance, expected.covariance)
-    coefficients, covariances = (np.concatenate([each, each[:1]]) for each in (law.coefficients, law.covariance))
+    np.testing.assert_allclose(found.uncertainty.covariance, expected.uncertainty.covariance)
+    coefficients, covariances = (
+        np.concatenate([each, each[:1]]) for each in (law.coefficients, law.uncertainty.covariance)
+    )
     coefficients[-1] *= 1e6
     covariances[-1] *= 1e16
     blank = replace(
@@ -113,15 +115,15 @@ def test_an_unseen_object_is_one_more_of_the_population_that_objects_with_inform
     )
     found, _ = with_objects_of(blank, unseen)
     np.testing.assert_allclose(found.coefficients, expected.coefficients, rtol=1e-6)
-    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-6)
+    np.testing.assert_allclose(found.uncertainty.covariance, expected.uncertainty.covariance, rtol=1e-6)
 
 
 def test_rates_and_simulations_follow_the_coefficients_that_forecasts_do():
     own = law_of()
-    law, pooled = with_pooled_forecasts(own, np.zeros_like(own.support), True), own.partial_pooling()
+    law, pooled = with_pooled_forecasts(own, np.zeros_like(own.support), True), own.pool()
     np.testing.assert_array_equal(law.coefficients, own.coefficients)
     points = np.array([[1.0, 0.5], [0.2, -3.0]])
-    np.testing.assert_allclose(law.evaluate("ball 2", points), pooled.evaluate("ball 2", points))
-    assert abs(law.evaluate("ball 2", points) - own.evaluate("ball 2", points)).max() > 1e-3
+    np.testing.assert_allclose(law.rhs("ball 2", points), pooled.rhs("ball 2", points))
+    assert abs(law.rhs("ball 2", points) - own.rhs("ball 2", points)).max() > 1e-3
     end, expected = (each.simulate([0, 1], [0, 1])["ball 2"].states[-1] for each in (law, pooled))
     np.testing.assert_allclose(end, expected)

@@ -279,7 +279,7 @@ def test_coefficients_whose_errors_are_known_have_95_percent_intervals() -> None
     figure = plot_law(law, trials)
     for k, panel in enumerate(figure.axes[:2]):
         (bars,) = [each for each in panel.collections if isinstance(each, LineCollection)]
-        frame = law.intervals()[k::2]
+        frame = law.conf_int()[k::2]
         for ends, low, high in zip(bars.get_segments(), frame["low"], frame["high"], strict=True):
             np.testing.assert_allclose(ends[:, 0], [low, high])
     assert legend_of(figure)[:2] == ["learned", "95 % interval"]

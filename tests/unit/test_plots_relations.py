@@ -32,7 +32,9 @@ def test_coefficients_stand_against_what_they_follow_with_their_intervals(law):
     points = np.array([each.get_xydata()[0] for each in drag.lines if each.get_marker() in MARKERS])
     np.testing.assert_allclose(points, np.column_stack([MASSES, -own.coefficients[:, 1]]))
     (line,) = [each for each in drag.lines if len(each.get_xdata()) > 2]
-    np.testing.assert_allclose(line.get_ydata(), -law.explanation.relations[1].factors[0] / line.get_xdata())
+    np.testing.assert_allclose(
+        line.get_ydata(), -law.uncertainty.explanation.relations[1].factors[0] / line.get_xdata()
+    )
     bars = next(each for each in gravity.collections if isinstance(each, LineCollection))
     reach = t.ppf(0.975, law.uncertainty.degrees_of_freedom[0])
     np.testing.assert_allclose(np.ptp(bars.get_segments()[0][:, 1]), 2 * reach * np.sqrt(own.covariance[0, 0, 0]))
@@ -45,7 +47,7 @@ def test_objects_collapse_onto_one_line_where_several_properties_decide(law):
         for name, mass, charge in zip(law.objects, MASSES, charges, strict=True)
     }
     both = law.explain(changed)
-    assert [str(each) for each in both.explanation.relations[1].exponents] == ["-1", "1"]
+    assert [str(each) for each in both.uncertainty.explanation.relations[1].exponents] == ["-1", "1"]
     figure = plot_relations(both)
     assert [panel.get_xlabel() for panel in figure.axes[1:]] == ["mass", "charge", "charge/mass"]
     lines = [sum(len(each.get_xdata()) > 2 for each in panel.lines) for panel in figure.axes[1:]]
@@ -56,7 +58,7 @@ def test_objects_collapse_onto_one_line_where_several_properties_decide(law):
 def test_each_objects_own_coefficients_have_the_range_of_their_scatter(law):
     own = law.explain([])
     panel = plot_relations(own).axes[1]
-    relation = own.explanation.relations[1]
+    relation = own.uncertainty.explanation.relations[1]
     (band,) = [each for each in panel.collections if isinstance(each, PolyCollection)]
     ends = band.get_paths()[0].vertices[:, 1]
     expected = relation.factors[0] * np.exp(1.96 * relation.scatter * np.array([1, -1]))

@@ -63,8 +63,8 @@ def own(law, values):
 def test_refined_coefficients_are_those_of_shooting(prey, by_rates):
     law = cl.refine(by_rates, prey, noise={"x": NOISE, "y": NOISE}, huber_threshold=np.inf, **OWN)
     name = prey.objects[0]
-    expected, errors = shooting(prey.of_object(name), own(by_rates, by_rates.coefficients_of(name)))
-    np.testing.assert_allclose(own(law, law.coefficients_of(name)), expected, atol=0.02 * errors.min())
+    expected, errors = shooting(prey.of_object(name), own(by_rates, by_rates.coefficients[by_rates.index(name)]))
+    np.testing.assert_allclose(own(law, law.coefficients[law.index(name)]), expected, atol=0.02 * errors.min())
     np.testing.assert_allclose(own(law, law.standard_errors[0]), errors, rtol=0.05)
     np.testing.assert_array_equal(law.support, by_rates.support)
     assert law.history[-1].stage == "coefficients"
@@ -117,7 +117,7 @@ def test_blocks_drawn_anew_may_tell_nothing_of_a_term():
 
 def test_another_seed_draws_other_blocks(prey, by_rates):
     laws = [cl.refine(by_rates, prey, covariance="bootstrap", seed=seed, **OWN) for seed in (0, 0, 1)]
-    first, again, other = (law.covariance for law in laws)
+    first, again, other = (law.uncertainty.covariance for law in laws)
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
 

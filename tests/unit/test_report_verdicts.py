@@ -83,7 +83,7 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
 
 
 def test_a_law_that_was_given_and_is_wrong_is_said_to_be_inexact_too(drops):
-    verdict = cl.fit("x'' = a x", drops).verdict(drops)
+    verdict = cl.fit("x'' = a x", drops).assess(drops)
     assert not verdict.exact
     assert verdict.sentences[1] == "It does not explain the measurements to within their errors."
 
@@ -98,7 +98,7 @@ def test_in_noise_nothing_is_found_and_that_is_said(seed):
     assert top.startswith("**Do not use this law for forecasts: ")
     assert "It says that x' stays zero: none of the terms that were offered proved its worth." in top
     assert "To get further: offer other terms, or measure more" in top
-    verdict = law.verdict(noise)
+    verdict = law.assess(noise)
     assert verdict.measurements == 4 * 59
     assert verdict.r_squared < 0.05
     assert law.score(noise) < 0
@@ -125,7 +125,7 @@ def test_a_state_that_never_changes_has_no_law():
 def test_of_several_states_those_that_are_forecast_no_better_are_named():
     times = np.arange(40.0)
     trials = cl.Trials.from_arrays(times, np.column_stack([times, 2 * times]), names=["x", "y"])
-    verdict = cl.Law.from_text("x' = 1; y' = 1.99").verdict(trials)
+    verdict = cl.Law.from_text("x' = 1; y' = 1.99").assess(trials)
     x, y = verdict.state_errors
     assert verdict.usable
     assert "no better" not in str(verdict)

@@ -28,7 +28,7 @@ def test_wells_are_fitted_as_without_the_blanks_which_are_named():
     law, alone = (cl.fit("x' = a x + b x^2", each) for each in (with_blanks, without))
     assert law.objects == tuple(RATES)
     np.testing.assert_allclose(law.coefficients, alone.coefficients, rtol=1e-9)
-    (found,) = (each for each in law.outcomes if each.kind is OutcomeKind.NOT_IDENTIFIABLE)
+    (found,) = (each for each in law.diagnostics if each.kind is OutcomeKind.NOT_IDENTIFIABLE)
     assert found.code == "objects-at-rest"
     assert "B1, B2" in found.text
     assert law.coefficients[:, 0, 0] == pytest.approx([*RATES.values()], abs=0.01)
@@ -37,9 +37,9 @@ def test_wells_are_fitted_as_without_the_blanks_which_are_named():
 def test_a_law_is_found_as_without_the_blanks_and_used_with_them():
     trials = plate(BLANKS)
     law = cl.discover(trials)
-    assert law.structure() == cl.discover(plate({})).structure()
+    assert law.structure == cl.discover(plate({})).structure
     assert law.objects == tuple(RATES)
-    assert str(law.verdict(trials)) == str(law.verdict(plate({})))
+    assert str(law.assess(trials)) == str(law.assess(plate({})))
     again = cl.Law.from_json(law.to_json())
     assert again.provenance.domain.at_rest == ("B1", "B2")
     assert cl.refine(again, trials).objects == tuple(RATES)

@@ -71,7 +71,7 @@ def test_a_law_is_reached_that_is_no_neighbour_of_those_that_the_search_comes_by
     """Under much noise it ends at ``a x``, from which ``a + b v`` is two terms away, and one from ``a + b x``."""
     first = first_trials("heights of balls", 20)
     law = first.discover(first.measured(0.1, 20))
-    assert law.structure() == ("x'' = a + b v",)
+    assert law.structure == ("x'' = a + b v",)
 
 
 def test_laws_are_as_plausible_as_fits_of_their_own_have_evidence():
@@ -91,8 +91,8 @@ def test_laws_are_as_plausible_as_fits_of_their_own_have_evidence():
 def test_one_short_trial_of_each_object_is_enough_for_a_law_of_two_terms(noise, seed):
     """From so little, evidence about fits of many terms has few digits, and must not be larger for it."""
     law = cl.discover(cl.datasets.linear_drag(noise=noise, seed=seed).select(trial=1), order=2, library="poly:3")
-    assert law.structure() == ("x'' = a + b v",)
-    assert {each.kind for each in law.outcomes} <= {"not identifiable"}  # All drops begin alike
+    assert law.structure == ("x'' = a + b v",)
+    assert {each.kind for each in law.diagnostics} <= {"not identifiable"}  # All drops begin alike
 
 
 def test_laws_that_are_the_better_ones_in_turn_are_not_fitted_without_end(monkeypatch):

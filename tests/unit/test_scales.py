@@ -25,13 +25,13 @@ def reacting(scales=(1.0, 1.0, 1.0), seed=0):
 
 def discovered(scales):
     law = cl.discover(reacting(scales), order=1, library="poly:2")
-    return law, law.candidates()["2 log B"].to_numpy()
+    return law, law.comparison["score"].to_numpy()
 
 
 @pytest.mark.parametrize("scales", [(1, TINY, HUGE), (1, HUGE, TINY), (TINY, 1, 1), (HUGE, HUGE, HUGE)])
 def test_discovery_is_the_same_over_sixteen_orders_of_magnitude(scales):
     (law, evidence), (other, other_evidence) = discovered((1, 1, 1)), discovered(scales)
-    assert law.structure() == other.structure() == ("C' = a C", "D' = b C")
+    assert law.structure == other.structure == ("C' = a C", "D' = b C")
     np.testing.assert_allclose(other_evidence, evidence, rtol=1e-6, atol=1e-6)
     time, first, second = scales
     factors = np.array([1, second / first]) / time
@@ -48,7 +48,7 @@ def test_a_fit_with_a_constant_inside_is_the_same_whatever_the_scale(scale):
     measured = np.interp(times, np.linspace(0, 10, 4001), s) + 0.01 * np.random.default_rng(1).standard_normal(40)
     for own in (1.0, scale):
         law = cl.fit("s' = -V s/(K + s)", cl.Trials.from_arrays(times, own * measured, names=["s"]), errors="white")
-        found.append(law.letter_values()[0][0] / own)
+        found.append(law.parameters.values[0] / own)
     np.testing.assert_allclose(found[1], found[0], rtol=1e-6)
 
 
@@ -68,6 +68,6 @@ def test_a_law_of_second_order_with_an_input_is_the_same_whatever_the_scale(scal
     for own in (1.0, scale):
         trials = cl.Trials.from_arrays(times, own * motion, inputs=push / own, names=["x", "u"])
         law = cl.fit("x'' = a u - k x - c v", trials, errors="white")
-        values = dict(zip(law.letters, law.letter_values()[0][0], strict=True))
+        values = dict(zip(law.parameters.names, law.parameters.values[0], strict=True))
         found.append([values["a"] / own**2, values["k"], values["c"]])
     np.testing.assert_allclose(found[1], found[0], rtol=1e-6)

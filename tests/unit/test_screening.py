@@ -34,7 +34,7 @@ def narrow(swinging):
 
 def test_a_law_among_many_terms_is_that_among_few(swinging, narrow):
     law = cl.discover(swinging, order=2, library=WIDE)
-    assert law.structure() == narrow.structure() == ("x'' = a x + b v",)
+    assert law.structure == narrow.structure == ("x'' = a x + b v",)
     for term in ("x", "v"):
         wide, few = (each.coefficients[:, 0, each.terms.index(term)] for each in (law, narrow))
         np.testing.assert_allclose(wide, few, rtol=1e-3)
@@ -48,7 +48,7 @@ def test_a_term_that_screening_left_out_comes_back_if_it_improves_the_law(swingi
 
     monkeypatch.setattr(screened, "promising_terms", wrong)
     law = cl.discover(swinging, order=2, library="poly:3", method=cl.TrajectoryLikelihood(errors="white"))
-    assert law.structure() == narrow.structure()
+    assert law.structure == narrow.structure
 
 
 def test_screening_keeps_terms_that_are_needed_and_terms_that_only_all_objects_together_tell(swinging):

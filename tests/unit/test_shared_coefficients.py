@@ -77,8 +77,8 @@ def test_estimates_and_errors_are_those_of_independent_least_squares(case):
     equations, solution, _, letters, name = CASES[case]
     truth, noise, measured, trials = drawn(case)
     law = cl.fit(equations, trials, **STARTS[case], noise={name: noise}, **WHITE)
-    columns = [law.letters.index(each) for each in letters]
-    values, errors = (each[:, columns] for each in law.letter_values())
+    columns = [law.parameters.names.index(each) for each in letters]
+    values, errors = (each[:, columns] for each in (law.parameters.values, law.parameters.errors))
     for own, error, data, begin in zip(values, errors, measured, truth, strict=True):
         scale = np.abs(begin) + 0.01
         found = least_squares(lambda each, data=data: (solution(each) - data) / noise, begin, x_scale=scale, xtol=1e-12)
@@ -90,7 +90,7 @@ def test_estimates_and_errors_are_those_of_independent_least_squares(case):
 def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
     *_, trials = drawn("microconstants")
     law = cl.fit(MICROCONSTANTS, trials, **STARTS["microconstants"])
-    assert law.structure() == tuple(MICROCONSTANTS.split("; "))
+    assert law.structure == tuple(MICROCONSTANTS.split("; "))
     again = cl.Law.from_json(law.to_json())
     assert str(again) == str(law)
     assert "starts_at=0.0" in law.to_script()
@@ -98,7 +98,7 @@ def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
     forecast = again.predict(trials)
     assert forecast.score() > 0.99
     assert [each.times[0] for each in forecast.trajectories] == [0.0] * 3
-    assert again.verdict(trials).usable
+    assert again.assess(trials).usable
 
 
 def test_the_command_line_takes_the_time_of_the_starts(tmp_path):

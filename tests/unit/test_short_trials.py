@@ -43,10 +43,10 @@ def test_as_many_terms_as_samples_can_tell_apart_are_said_to_be_so():
     one = datasets.linear_drag(drag=(-0.2,), noise=0.02, samples=12, rate=4, trials=1)
     law = cl.discover(one, order=2, library="poly:2", method=cl.TrajectoryLikelihood(noise={"x": 0.02}))
     assert law.support.sum() == 2
-    assert [each.kind for each in law.outcomes if each.kind != "not identifiable"] == ["few samples"]
+    assert [each.kind for each in law.diagnostics if each.kind != "not identifiable"] == ["few samples"]
     law.predict(one, start=1)
     more = cl.discover(datasets.linear_drag(samples=20, rate=6), order=2, library="poly:2")
-    assert "few samples" not in {each.kind for each in more.outcomes}
+    assert "few samples" not in {each.kind for each in more.diagnostics}
 
 
 @pytest.mark.parametrize("samples", [2, 3, 4, 5, 7])
@@ -73,7 +73,7 @@ def test_a_law_of_short_trials_has_the_noise_of_the_residuals_of_all_objects(see
     states = [a / (1 + 0.5 * a * times) + 0.03 * generator.standard_normal(6) for a in np.linspace(1.5, 4, 8)]
     vials = cl.Trials.from_arrays([times] * 8, states, object=list("abcdefgh"))
     law = cl.discover(vials, order=1, library="poly:3")
-    assert law.structure() == ("x' = a x^2",)
+    assert law.structure == ("x' = a x^2",)
     fits = [curve_fit(lambda t, a, k: a / (1 + a * k * t), times, own, [own[0], 0.5])[0] for own in states]
     left = sum(np.sum((a / (1 + a * k * times) - own) ** 2) for (a, k), own in zip(fits, states, strict=True))
     assert law.noise == pytest.approx([np.sqrt(left / (48 - 16))], rel=0.1)  # Pooled rates have more freedom

@@ -64,7 +64,7 @@ def test_the_numbers_that_remain_follow_as_by_least_squares_under_the_constraint
     law = law_of("x' = a + b x + c x^2", values, errors, correlation=0.7)
     found = law.simplify()
     assert found.letters == ("c",)
-    weights = np.linalg.inv(law.covariance[0])
+    weights = np.linalg.inv(law.uncertainty.covariance[0])
 
     def distance(c):
         left = np.array([2 / 3, -1.0, c[0]]) - [*values.values()]
@@ -148,9 +148,9 @@ def test_the_form_is_fitted_again_to_what_follows_by_covariance():
     found = cl.fit("T' = a + b T", trials).simplify()
     assert found.equations == ("T' = a - T/4",)
     law = found.fit(trials)
-    assert law.structure() == found.equations
-    assert abs(law.letter_values()[0] - found.values).max() < 0.2 * found.errors.max()
-    np.testing.assert_allclose(law.letter_values()[1], found.errors, rtol=0.05)
+    assert law.structure == found.equations
+    assert abs(law.parameters.values - found.values).max() < 0.2 * found.errors.max()
+    np.testing.assert_allclose(law.parameters.errors, found.errors, rtol=0.05)
 
 
 @pytest.mark.parametrize(

@@ -39,10 +39,10 @@ def law():
     "use",
     [
         lambda law, trials: law.predict(trials),
-        lambda law, trials: law.verdict(trials),
+        lambda law, trials: law.assess(trials),
         lambda law, trials: law.residuals(trials),
         lambda law, trials: law.discrepancy(trials),
-        lambda law, trials: law.adapt(trials),
+        lambda law, trials: law.update(trials),
         lambda law, trials: law.bounds(trials),
         lambda law, trials: law.score(trials),
         lambda _, trials: cl.plots.plot_trials(trials),

@@ -55,14 +55,14 @@ def test_forecasts_are_those_in_the_units_of_the_law(law, drops):
 def test_scores_verdicts_and_residuals_are_the_same(law, drops):
     other = in_other_units(drops)
     same(law.score(other), law.score(drops))
-    assert str(law.verdict(other)) == str(law.verdict(drops))
+    assert str(law.assess(other)) == str(law.assess(drops))
     assert str(law.residuals(other)) == str(law.residuals(drops))
 
 
 def test_refined_and_adapted_coefficients_are_in_the_units_that_the_law_says(law, drops):
     other = in_other_units(drops)
     same(cl.refine(law, other, errors="white", noise={"x": 20.0}).coefficients, law.coefficients)
-    one, wanted = (law.explain([]).adapt(each.until(t)) for each, t in ((other, 1000.0), (drops, 1.0)))
+    one, wanted = (law.explain([]).update(each.until(t)) for each, t in ((other, 1000.0), (drops, 1.0)))
     np.testing.assert_allclose(one.coefficients, wanted.coefficients, rtol=1e-5)
 
 
@@ -94,9 +94,9 @@ def test_a_known_law_has_its_own_units_kept(law, drops):
     [
         lambda law, trials: law.predict(trials),
         lambda law, trials: law.score(trials),
-        lambda law, trials: law.verdict(trials),
+        lambda law, trials: law.assess(trials),
         lambda law, trials: law.residuals(trials),
-        lambda law, trials: law.adapt(trials),
+        lambda law, trials: law.update(trials),
         lambda law, trials: law.discrepancy(trials),
         lambda law, trials: law.report(trials),
         lambda law, trials: cl.refine(law, trials),

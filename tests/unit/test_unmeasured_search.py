@@ -48,10 +48,10 @@ def law(swallowed):
 
 
 def test_a_depot_is_found_with_its_coefficients(law, swallowed):
-    assert law.structure() == ("conc' = a conc + b u", "u' = c u")
+    assert law.structure == ("conc' = a conc + b u", "u' = c u")
     ka, volume, k = swallowed[0].T
     truth = np.column_stack([-k, 100 * ka / volume, -ka])  # The depot is counted in what it is at first
-    found, errors = law.letter_values()
+    found, errors = law.parameters.values, law.parameters.errors
     assert (abs(found - truth) < 4 * errors).mean() > 0.9
     assert (errors < 0.05 * abs(truth)).all()
 
@@ -60,7 +60,7 @@ def test_it_says_what_the_state_does_and_what_fits_alike(law):
     (step,) = [each for each in law.history if each.stage == "unmeasured state"]
     assert step.choice == "u' = c u"
     assert step.reason.startswith("decays from 1, as a depot or a drive does; without it")
-    (outcome,) = [each for each in law.outcomes if each.kind == "not identifiable"]
+    (outcome,) = [each for each in law.diagnostics if each.kind == "not identifiable"]
     assert "conc' = a + b conc + c u; u' = 1 conc, where it adds up conc from 0" in outcome.text
 
 
@@ -68,7 +68,7 @@ def test_such_a_law_is_saved_and_forecasts_tables_without_the_state(law, swallow
     again = cl.Law.from_json(law.to_json())
     assert str(again) == str(law)
     assert again.predict(swallowed[1]).score() > 0.999
-    assert again.verdict(swallowed[1]).usable
+    assert again.assess(swallowed[1]).usable
     assert "unmeasured=1" in law.to_script()
 
 
@@ -76,8 +76,8 @@ def test_such_a_law_is_saved_and_forecasts_tables_without_the_state(law, swallow
 def test_the_susceptible_are_found_by_the_infected():
     truth, trials = trials_of(epidemic, (5e-4, 0.15), [990.0, 10.0], 40, "I", samples=30, count=3)
     law = cl.discover(trials, library="poly:2", unmeasured=1, order=1)
-    assert law.structure() == ("I' = a I + b I u", "u' = c I u")
-    values, errors = law.letter_values()
+    assert law.structure == ("I' = a I + b I u", "u' = c I u")
+    values, errors = law.parameters.values, law.parameters.errors
     b, g = truth.T
     assert (abs(values - np.column_stack([-g, 990 * b, -b])) < 4 * errors).mean() > 0.9
 
@@ -85,7 +85,7 @@ def test_the_susceptible_are_found_by_the_infected():
 def test_a_law_that_needs_no_such_state_is_found_without():
     _, trials = trials_of(decay, (0.3,), [0.0, 2.0], 12, "x", count=4)
     law = cl.discover(trials, library="poly:2", unmeasured=1, order=1)
-    assert law.structure() == ("x' = a x",)
+    assert law.structure == ("x' = a x",)
     (step,) = [each for each in law.history if each.stage == "unmeasured state"]
     assert step.choice == "none"
 
@@ -100,8 +100,8 @@ def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
     typical, start = (4.0, 0.2, 1.5, 0.25), [1.0, 1.2, 0.0]
     truth, trials = trials_of(pendulum, typical, start, 12, "theta", samples=80, count=4)
     law = cl.discover(trials, order=2, library="terms:1,theta,v,v*abs(v),sin(theta)", unmeasured=1)
-    assert law.structure() == ("theta'' = a v + b sin(theta) + c exp(-r*t)",)
-    values, errors = law.letter_values()
+    assert law.structure == ("theta'' = a v + b sin(theta) + c exp(-r*t)",)
+    values, errors = law.parameters.values, law.parameters.errors
     g, c, force, r = truth.T
     assert (abs(values - np.column_stack([-c, -g, force, r])) < 4 * errors).mean() > 0.9
     (step,) = [each for each in law.history if each.stage == "unmeasured state"]

@@ -29,7 +29,7 @@ def law():
 
 
 def test_the_law_of_all_objects_is_found_with_true_errors(law):
-    assert law.structure() == ("theta' = a omega", "omega' = b theta + c omega")
+    assert law.structure == ("theta' = a omega", "omega' = b theta + c omega")
     found, errors = law.coefficients[:, law.support], law.standard_errors[:, law.support]
     truth = np.array([(1.0, -stiffness, -drag) for stiffness, drag in TRUTH])
     assert (abs(found - truth) < 4 * errors).all()
@@ -49,7 +49,7 @@ def test_forecasts_begin_with_the_unmeasured_state_that_the_law_says(law):
     assert np.isnan(errors["c", "omega"])
     truth = swings((True, True, True))[2].states[:, 1]
     assert np.sqrt(np.mean((forecast.trajectories[2].states[:, 1] - truth) ** 2)) < 3 * NOISE
-    assert law.verdict(trials).usable
+    assert law.assess(trials).usable
 
 
 def test_a_state_that_no_trial_has_is_refused():

@@ -30,12 +30,14 @@ def test_coefficients_of_an_unseen_object_are_what_its_properties_give(drops, la
     found, (note,) = with_objects_of(law, unseen)
     assert note == "Ball 6 is not in the law: it has the coefficients that follow from its mass"
     assert not is_typical(law, "Ball 6", unseen)
-    gravity, drag = law.explanation.relations
+    gravity, drag = law.uncertainty.explanation.relations
     np.testing.assert_allclose(
         found.coefficients[0, 0][found.support[0]], [gravity.factors[0], drag.factors[0] / 0.075]
     )
     turn = np.diag([1, 1 / 0.075])
-    np.testing.assert_allclose(found.covariance[0], turn @ law.explanation.covariance @ turn, rtol=1e-9)
+    np.testing.assert_allclose(
+        found.uncertainty.covariance[0], turn @ law.uncertainty.explanation.covariance @ turn, rtol=1e-9
+    )
     forecast = law.predict(unseen, return_std=True)
     assert forecast.trials.notes[-1] == note
     assert forecast.score() > 0.999
@@ -77,7 +79,7 @@ def test_an_object_whose_properties_are_not_known_is_the_typical_one(drops, law)
 def test_the_bands_of_an_unseen_object_carry_the_scatter_between_objects(drops):
     generator = np.random.default_rng(2)
     law = cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:5])).explain([])
-    own = law.explanation.relations[1]
+    own = law.uncertainty.explanation.relations[1]
     assert str(own.kind) == "own"
     found, _ = with_objects_of(law, drops.select(object="Ball 6"))
     value, error = (each[0][found.support][1] for each in (found.coefficients, found.standard_errors))
@@ -100,6 +102,6 @@ def test_known_and_unseen_objects_are_forecast_together(drops, law):
     alone = law.predict(drops.select(object=drops.objects[:5]), return_std=True)
     for one, other in zip(alone.std, forecast.std[: len(alone.std)], strict=True):
         np.testing.assert_allclose(one, other)
-    verdict = law.verdict(drops, drops.select(object=drops.objects[:5]))
+    verdict = law.assess(drops, drops.select(object=drops.objects[:5]))
     assert verdict.unknown_objects == ()
     assert verdict.usable

@@ -29,7 +29,7 @@ def test_a_law_is_found_where_an_input_is_never_on_for_an_object(switched, kerne
     if kernel == "numpy":
         monkeypatch.setenv("COMMONLAW_KERNEL", "numpy")
     law = cl.discover(switched, library="poly:1", cache=False, order=1)
-    assert law.structure() == ("s' = a s + b i",)
+    assert law.structure == ("s' = a s + b i",)
     column, rates = law.terms.names.index("s"), np.array([rate for rate, _ in RATES.values()])
     errors = law.standard_errors[:, 0, column]
     assert (np.abs(-law.coefficients[:, 0, column] - rates) < 4 * errors).all()

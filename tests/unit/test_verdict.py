@@ -28,7 +28,7 @@ def rms(values):
 
 def test_a_true_law_forecasts_held_out_trials_and_its_bands_hold(drops):
     learned = drops.select(trial=1)
-    verdict = cl.fit("x'' = -g - c v", learned).verdict(drops, learned)
+    verdict = cl.fit("x'' = -g - c v", learned).assess(drops, learned)
     assert verdict.usable
     assert (verdict.segments, verdict.in_sample) == (5, False)
     assert verdict.horizon == verdict.longest > 1.5
@@ -41,7 +41,7 @@ def test_a_true_law_forecasts_held_out_trials_and_its_bands_hold(drops):
 
 def test_what_was_learned_from_is_judged_where_nothing_was_held_out_and_that_is_said(drops):
     law = cl.fit("x'' = -g - c v", drops)
-    for verdict in (law.verdict(drops), law.verdict(drops, drops)):
+    for verdict in (law.assess(drops), law.assess(drops, drops)):
         assert verdict.usable
         assert verdict.in_sample
         assert verdict.measurements == sum(len(each) - int(np.ceil(0.2 * len(each))) for each in drops)
@@ -50,7 +50,7 @@ def test_what_was_learned_from_is_judged_where_nothing_was_held_out_and_that_is_
 
 
 def test_errors_are_those_of_forecasts_from_early_samples_and_from_the_end_of_what_was_learned(line):
-    verdict = cl.Law.from_text("x' = 1").verdict(line, line.until(25.0))
+    verdict = cl.Law.from_text("x' = 1").assess(line, line.until(25.0))
     times, later = np.arange(26.0, 41.0), line[0].states[26:, 0]
     begins = (0.0, 8.0, 25.0)  # The first sample, the last of the first fifth, and the last that was learned from
     leads = np.concatenate([times - begin for begin in begins])
@@ -71,7 +71,7 @@ def test_errors_are_those_of_forecasts_from_early_samples_and_from_the_end_of_wh
 
 
 def test_forecasts_no_better_than_the_last_value_are_not_to_be_used(line):
-    verdict = cl.Law.from_text("x' = 1e-12").verdict(line, line.until(25.0))
+    verdict = cl.Law.from_text("x' = 1e-12").assess(line, line.until(25.0))
     assert verdict.error == pytest.approx(verdict.persistence)
     assert verdict.usable is False
     assert "no better than a constant forecast" in verdict.sentences[0]
@@ -83,13 +83,13 @@ def test_random_walks_and_noise_cannot_be_forecast(seed):
     for states in (np.cumsum(draws[0], axis=1), draws[1]):
         trials = cl.Trials.from_arrays([np.arange(60.0)] * 6, list(states))
         for learned in (trials.until(40.0), trials):
-            verdict = cl.fit("x' = a + b x", learned).verdict(trials, learned)
+            verdict = cl.fit("x' = a + b x", learned).assess(trials, learned)
             assert verdict.usable is False
             assert verdict.sentences[0].startswith("Do not use this law for forecasts: ")
 
 
 def test_a_law_that_runs_away_is_not_to_be_used(line):
-    verdict = cl.Law.from_text("x' = x^2").verdict(line)
+    verdict = cl.Law.from_text("x' = x^2").assess(line)
     assert (verdict.diverged, verdict.usable) == (1, False)
     assert verdict.sentences[0] == "Do not use this law for forecasts: its forecasts diverge in 1 of 2 forecasts."
 
@@ -98,7 +98,7 @@ def test_forecasts_that_are_worse_than_the_mean_are_not_to_be_used_however_good_
     times = np.linspace(0, 40, 401)
     swinging = cl.Trials.from_arrays(times, np.sin(times))
     law = cl.Law.from_text("x'' = -k x", {"k": 1.2})
-    verdict = law.verdict(swinging, swinging.until(10.0))
+    verdict = law.assess(swinging, swinging.until(10.0))
     assert verdict.horizon > 1
     assert verdict.r_squared < 0
     assert verdict.usable is False
@@ -107,8 +107,8 @@ def test_forecasts_that_are_worse_than_the_mean_are_not_to_be_used_however_good_
 
 def test_bands_that_fail_are_told(drops):
     law = cl.fit("x'' = -g - c v", drops)
-    certain = replace(law.uncertainty, noise=law.noise / 50, covariance=law.covariance / 2500)
-    verdict = replace(law, uncertainty=certain).verdict(drops)
+    certain = replace(law.uncertainty, noise=law.noise / 50, covariance=law.uncertainty.covariance / 2500)
+    verdict = replace(law, uncertainty=certain).assess(drops)
     assert verdict.coverage < 0.5
     assert verdict.usable is False
     assert re.search(r"only .* lie within the 95 % bands", verdict.sentences[0])
@@ -120,7 +120,7 @@ def test_missing_values_are_not_compared(drops):
     states[[5, -3, -7], 0] = np.nan
     one = drops.with_trials([replace(trial, states=states)])
     law = cl.fit("x'' = -g - c v", one)
-    verdict = law.verdict(one, one.until(times[29]))
+    verdict = law.assess(one, one.until(times[29]))
     assert verdict.measurements == len(times) - 30 - 2
     assert verdict.usable
 
@@ -128,7 +128,7 @@ def test_missing_values_are_not_compared(drops):
 def test_several_states_are_named_with_their_units():
     trials = datasets.lotka_volterra(noise=0.1, trials=1, samples=60)
     early = trials.until(3.0)
-    verdict = cl.fit("x' = a x - b x y; y' = -c y + d x y", early).verdict(trials, early)
+    verdict = cl.fit("x' = a x - b x y; y' = -c y + d x y", early).assess(trials, early)
     assert verdict.usable
     x, y = verdict.state_errors
     assert verdict.persistence / verdict.error > 10
@@ -140,7 +140,7 @@ def test_several_states_are_named_with_their_units():
 
 def test_an_unknown_object_is_forecast_with_the_mean_of_the_others(drops):
     learned = drops.select(object=drops.objects[1:])
-    verdict = cl.fit("x'' = -g - c v", learned).verdict(drops, learned)
+    verdict = cl.fit("x'' = -g - c v", learned).assess(drops, learned)
     assert verdict.unknown_objects == drops.objects[:1]
     assert verdict.segments == len(drops.of_object(drops.objects[0]))
     assert verdict.coverage > 0.85  # The scatter of the others' coefficients is in the bands
@@ -149,7 +149,7 @@ def test_an_unknown_object_is_forecast_with_the_mean_of_the_others(drops):
 
 def test_what_is_too_short_is_not_judged():
     trials = cl.Trials.from_arrays([[0.0, 1.0], [0.0]], [[1.0, 2.0], [1.0]])
-    verdict = cl.Law.from_text("x'' = 1").verdict(trials)
+    verdict = cl.Law.from_text("x'' = 1").assess(trials)
     assert verdict.usable is None
     assert verdict.sentences == (
         "Whether this law can be used for forecasts could not be judged: nothing was measured in what it forecasts.",
@@ -159,10 +159,10 @@ def test_what_is_too_short_is_not_judged():
 
 def test_little_and_still_data_are_no_test(line):
     law = cl.Law.from_text("x' = 1")
-    few = law.verdict(line.until(12.0), line.until(8.0))
+    few = law.assess(line.until(12.0), line.until(8.0))
     assert (few.usable, few.lacking) == (None, "too few, 4 measurements, to compare with")
     rest = cl.Trials.from_arrays(np.arange(40.0), np.append([0.0, 1.0, 2.0], np.full(37, 3.0)))
-    verdict = cl.Law.from_text("x'' = 1e-12 x").verdict(rest)
+    verdict = cl.Law.from_text("x'' = 1e-12 x").assess(rest)
     assert (verdict.usable, verdict.persistence) == (None, 0.0)
     assert "the states hardly move" in verdict.sentences[0]
 
@@ -182,7 +182,7 @@ LOGISTIC = "w' = a w + b w^2"
 @pytest.mark.parametrize("trials", [1, 3])
 def test_growth_that_ends_on_a_plateau_is_judged_while_it_grows(trials):
     curves = growth(trials, 0.02)
-    verdict = cl.fit(LOGISTIC, curves).verdict(curves)
+    verdict = cl.fit(LOGISTIC, curves).assess(curves)
     assert verdict.usable
     assert verdict.horizon == verdict.longest == 30.0
     assert verdict.error < 0.1 < 1.0 < verdict.persistence
@@ -190,7 +190,7 @@ def test_growth_that_ends_on_a_plateau_is_judged_while_it_grows(trials):
 
 def test_a_law_that_says_that_nothing_changes_is_not_to_be_used_for_growth_with_a_plateau():
     curves = growth(3, 0.02)
-    verdict = cl.Law.from_text("w' = 1e-9").verdict(curves)
+    verdict = cl.Law.from_text("w' = 1e-9").assess(curves)
     assert verdict.usable is False
     assert "no better than a constant forecast" in verdict.sentences[0]
 
@@ -198,15 +198,15 @@ def test_a_law_that_says_that_nothing_changes_is_not_to_be_used_for_growth_with_
 def test_a_plateau_that_was_held_out_is_forecast_from_the_rise():
     curves = growth(2, 0.02)
     learned = curves.until(16.0)
-    assert cl.fit(LOGISTIC, learned).verdict(curves, learned).usable
-    assert cl.Law.from_text("w' = 1e-9").verdict(curves, learned).usable is False
+    assert cl.fit(LOGISTIC, learned).assess(curves, learned).usable
+    assert cl.Law.from_text("w' = 1e-9").assess(curves, learned).usable is False
 
 
 def test_trials_that_were_left_out_are_forecast_from_their_first_samples_over_all_that_follows():
     curves = growth(3, 0.02)
     learned = curves.select(trial=["1", "2"])
     law = cl.fit(LOGISTIC, learned)
-    verdict, (new,) = law.verdict(curves, learned), curves.select(trial="3")
+    verdict, (new,) = law.assess(curves, learned), curves.select(trial="3")
     assert verdict.measurements == len(new) - 1
     errors, last = [], []
     for first in (1, 7):  # The first sample, and the first fifth
@@ -224,7 +224,7 @@ def test_a_law_that_explains_no_more_than_trials_differ_is_not_to_be_used():
     """Forecasts that are good in half of the trials and bad in the others explain nothing for sure."""
     times = np.arange(41.0)
     trials = cl.Trials.from_arrays([times] * 2, [times, np.where(times < 12, times, 24 - times)])
-    verdict = cl.Law.from_text("x' = 1").verdict(trials)
+    verdict = cl.Law.from_text("x' = 1").assess(trials)
     assert verdict.horizon > 0
     assert verdict.usable is False
     assert f"± {verdict.r_squared_error:.2g}" in verdict.sentences[0]
@@ -235,13 +235,13 @@ def test_a_state_that_was_not_measured_in_a_trial_leaves_its_spread_to_the_other
     both = np.column_stack([times, 2 * times])
     single = np.column_stack([times, np.full(30, np.nan)])
     trials = cl.Trials.from_arrays([times] * 2, [both, single], names=["x", "y"])
-    x, y = cl.Law.from_text("x' = 1; y' = 2").verdict(trials).state_errors
+    x, y = cl.Law.from_text("x' = 1; y' = 2").assess(trials).state_errors
     assert (x.spread, y.spread) == pytest.approx((np.std(times), 2 * np.std(times)))
 
 
 def test_an_exact_forecast_is_told_without_a_ratio():
     trials = cl.Trials.from_arrays(np.arange(20.0), np.arange(20.0))
-    verdict = cl.Law.from_text("x[k+1] = x + 1").verdict(trials)
+    verdict = cl.Law.from_text("x[k+1] = x + 1").assess(trials)
     assert (verdict.error, verdict.usable) == (0, True)
     assert "RMS forecast error: 0 in x (0 % of its range, 0 to 19)" in str(verdict)
 
@@ -251,7 +251,7 @@ def test_coefficients_with_large_errors_are_poorly_known():
     covariance = np.array([np.diag([0.01, 0.01]), np.diag([0.36, 0.01])])
     law = replace(law, uncertainty=replace(law.uncertainty, covariance=covariance, noise=np.array([0.1])))
     trials = cl.Trials.from_arrays([np.arange(20.0)] * 2, [np.arange(20.0) ** 0.5] * 2, object=["one", "two"])
-    verdict = law.verdict(trials)
+    verdict = law.assess(trials)
     assert verdict.poorly_known == ("a (x', before 1, of two)", "b (x', before x)")
 
 
@@ -260,7 +260,7 @@ def test_laws_in_discrete_time_and_without_errors_are_judged():
     for _ in range(40):
         states.append(1.5 * states[-1] * (1 - states[-1]) + 0.05 * np.sin(len(states)))
     trials = cl.Trials.from_arrays(np.arange(41.0), states)
-    verdict = cl.fit("x[k+1] = r x (1 - x)", trials).verdict(trials)
+    verdict = cl.fit("x[k+1] = r x (1 - x)", trials).assess(trials)
     assert verdict.measurements == 40
     assert verdict.coverage is None
     assert "There are no bands" in str(verdict)
@@ -275,6 +275,6 @@ def test_growth_from_below_the_noise_is_judged_from_starts_that_average_it():
     trials = cl.Trials.from_arrays([times] * 2, wells, object=["a", "b"], names=["OD"])
     law = cl.fit("OD' = r OD (1 - OD/K)", trials, errors="white")
     assert law.predict(trials).outcomes
-    verdict = law.verdict(trials)
+    verdict = law.assess(trials)
     assert (verdict.usable, verdict.diverged) == (True, 0)
     assert not np.isinf(verdict.horizon)

@@ -32,12 +32,12 @@ def step(law, stage):
 
 
 def kinds(law):
-    return [each.kind for each in law.outcomes]
+    return [each.kind for each in law.diagnostics]
 
 
 def test_white_noise_that_does_not_explain_what_a_law_leaves_is_said_to_fail(white):
     assert kinds(white) == [OutcomeKind.RESIDUALS]
-    assert "autocorrelated" in white.outcomes[0].text
+    assert "autocorrelated" in white.diagnostics[0].text
     assert "autocorrelated" in step(white, "model error").reason
 
 
@@ -45,7 +45,7 @@ def test_a_fit_that_departs_from_the_measurements_says_so_as_a_discovery_does(sw
     given = cl.fit("x' = -k x", swayed)
     assert OutcomeKind.APPROXIMATION in kinds(given)
     assert "lack of fit: this law leaves a residual RMS" in str(given)
-    verdict = given.verdict(swayed)
+    verdict = given.assess(swayed)
     assert (verdict.exact, verdict.none_exact) == (False, False)
 
 
@@ -68,8 +68,10 @@ def test_errors_that_were_chosen_are_said_with_what_they_change():
     noisy = exact * (1 + 0.15 * np.random.default_rng(0).standard_normal(60))
     trials = cl.Trials.from_arrays(np.linspace(0, 8, 60), noisy, names=["c"])
     law, white = (cl.fit("c' = -k c", trials, errors=errors) for errors in ("auto", "white"))
-    (said,) = (each.text for each in law.outcomes if each.kind is OutcomeKind.ERRORS)
+    (said,) = (each.text for each in law.diagnostics if each.kind is OutcomeKind.ERRORS)
     assert said.startswith("noise in proportion: ")
-    (here, error), (there, other) = (tuple(map(np.ndarray.item, each.letter_values())) for each in (law, white))
+    (here, error), (there, other) = (
+        tuple(map(np.ndarray.item, (each.parameters.values, each.parameters.errors))) for each in (law, white)
+    )
     assert said.endswith(f"k is {with_error(here, error)}, and {with_error(there, other)} under white noise")
     assert OutcomeKind.ERRORS not in kinds(white)

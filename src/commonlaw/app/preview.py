@@ -111,7 +111,7 @@ def _every(samples: int) -> int:
 
 def _of_own_object(law: Law, asked: Sample) -> Law:
     """Return the law of an object that has these properties."""
-    if law.explanation is None:
+    if law.uncertainty.explanation is None:
         raise CommonlawError("candidate-without-relations")
     trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.states))))
     trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})

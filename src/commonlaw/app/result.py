@@ -108,7 +108,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "terms": law.terms.names,
         "known": _terms(law, (law.standard_errors == 0).all(axis=0)),
         "others": law.shared and law.order != 0,
-        "follows": () if law.explanation is None else law.explanation.properties,
+        "follows": () if law.uncertainty.explanation is None else law.uncertainty.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
         "views": [
             {
@@ -120,7 +120,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
             for view in _views(findings)
         ],
         "lacking": [text_in_page(each) for each in findings.lacking],
-        "outcomes": [text_in_page(str(each)) for each in law.outcomes],
+        "outcomes": [text_in_page(str(each)) for each in law.diagnostics],
         "history": [[each.stage, each.choice, text_in_page(each.reason)] for each in law.history],
     }
     made = Found(findings, about)
@@ -154,7 +154,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "size": candidate.size,
         "chosen": candidate.chosen,
         "evidence": candidate.evidence,
-        "text": list(law.structure()) if law.shared else list(law.equations(law.objects[0])),
+        "text": list(law.structure) if law.shared else list(law.equations(law.objects[0])),
         "formula": _mathml(law),
         "simpler": said_within_errors(within_errors(law)),
         "left": law.left_hand_sides,
@@ -175,9 +175,9 @@ def _view(law: Law, of_law: Forecast, start: int | None) -> dict[str, Any]:
     trials = of_law.trials.with_trials(of_law.trials.trials[:_TRIALS])
     try:
         if of_law.is_fit:
-            made = fitted(law, trials, return_std=law.has_std)
+            made = fitted(law, trials, return_std=law.uncertainty.has_std)
         else:
-            made = law.predict(trials, start=start, return_std=law.has_std)
+            made = law.predict(trials, start=start, return_std=law.uncertainty.has_std)
     except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
         return {"score": "", "diverged": 0, "curves": []}
     score = made.score()
@@ -203,10 +203,10 @@ def _terms(law: Law, support: Bools) -> list[list[str]]:
 
 def _table(law: Law) -> dict[str, Any]:
     """Return the coefficients of each object: ``0.447 ± 0.005``, and on a line the ends of a 95 % interval."""
-    if not law.shared or not law.letters:
+    if not law.shared or not law.parameters.names:
         return {"head": [], "rows": []}
-    values, errors = law.letter_values()
-    low, high = (values, values) if law.covariance is None else law.letter_interval_ends()
+    values, errors = law.parameters.values, law.parameters.errors
+    low, high = (values, values) if law.uncertainty.covariance is None else law.parameter_intervals()
     units = [f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law)]
 
     def cell(value: float, error: float, *ends: float) -> str:

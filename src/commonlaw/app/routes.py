@@ -27,8 +27,8 @@ from commonlaw.app.words import in_page, text_in_page
 from commonlaw.app.working import prepare
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast
-from commonlaw.law.coefficients_csv import coefficients_csv
 from commonlaw.law.script import Source
+from commonlaw.law.tables import coefficient_rows
 from commonlaw.plots import plot_law, render
 from commonlaw.report import law_report, to_page
 from commonlaw.runtime.reading import read_json
@@ -276,7 +276,7 @@ _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {
     "law.json": lambda found, _: found.law.to_json(),
     "law.py": _script,
     "law.tex": lambda found, _: found.law.to_latex(found.law.objects[0]),
-    "coefficients.csv": lambda found, _: coefficients_csv(found.law),
+    "coefficients.csv": lambda found, _: coefficient_rows(found.law).to_csv(index=False, lineterminator="\n"),
     "report.html": _report,
     "law.svg": partial(_figure, ".svg"),
     "law.png": partial(_figure, ".png"),

@@ -172,20 +172,20 @@ with_batch = as_one("batch", Batch, _OPTIONS)
 
 def _found(piece: Piece) -> Found:
     """Return what is found in a file."""
-    from commonlaw.law.coefficients_csv import coefficient_rows
+    from commonlaw.law.tables import coefficient_rows
 
     source, question = piece
     trials, later = source.load(), LaterSteps()
     training = source.select(trials)
     law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
-    verdict = later.take("the law was not judged", lambda: law.verdict(trials, training), None)
+    verdict = later.take("the law was not judged", lambda: law.assess(trials, training), None)
     said: dict[str, object] = {
         "verdict": verdict.sentences[0] if verdict else None,
         "error": "; ".join(later.failures) or None,
     }
     rows = coefficient_rows(law).to_dict(orient="records") or [{}]
     return Found(
-        "; ".join(law.structure()),
+        "; ".join(law.structure),
         verdict.usable if verdict else None,
         [{str(name): value for name, value in each.items()} | said for each in rows],
         guesses(trials),

@@ -121,7 +121,7 @@ def design(
         later.write(save, lambda: found.to_frame().to_csv(index=False).encode())
         later.draw(plot, lambda plots: plots.plot_design(found))
     if as_json:
-        laws_ = [{"equations": list(each.law.structure()), "probability": each.probability} for each in found.laws]
+        laws_ = [{"equations": list(each.law.structure), "probability": each.probability} for each in found.laws]
         table = found.to_frame().to_dict(orient="records")
         texts = [each.text for each in found.experiments]
         print_json(

@@ -74,6 +74,6 @@ def _by_stream(
 
 def _coefficients(learned: Learned, path: str) -> bytes:
     """Return a table with a row for each coefficient of each object."""
-    from commonlaw.law.coefficients_csv import coefficient_rows
+    from commonlaw.law.tables import coefficient_rows
 
     return table_bytes(coefficient_rows(learned.law), path)

@@ -92,7 +92,7 @@ def discrepancy(
         print_json(_document(found))
     else:
         _show(found)
-    later.end((*trials.notes, *found.law.outcomes), silent=as_json)
+    later.end((*trials.notes, *found.law.diagnostics), silent=as_json)
 
 
 def _zero(text: str) -> float | Literal["auto"] | None:

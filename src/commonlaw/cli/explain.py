@@ -84,14 +84,14 @@ def explain(
     else:
         say(f"{law}\n")
         print_frame(law.relations().dropna(axis=1, how="all"))
-        if law.provenance.equations and law.letters:
+        if law.provenance.equations and law.parameters.names:
             columns = parameter_columns(law)
             say(f"\nParameters of {'; '.join(law.provenance.equations)}:\n")
             print_table(list(columns), zip(*columns.values(), strict=True))
         if history:
             print_history(law)
     notes = () if has_properties else ("no property of the objects is known: give a table of them, --properties FILE",)
-    later.end((*notes, *law.outcomes), silent=as_json or latex)
+    later.end((*notes, *law.diagnostics), silent=as_json or latex)
 
 
 def _listed(texts: Sequence[str]) -> list[str] | None:

@@ -161,14 +161,14 @@ class Learned:
         else:
             of = f"{counted(len(self.stream.parts), 'file')} with", ""
         say(f"{of[0]} {counted(len(law.objects), 'object')}{of[1]}\n")
-        if law.shared and law.explanation is None:
-            say("\n".join((*map(in_line, law.structure()), "")))
-            if len(law.objects) == 1 and law.letters:
+        if law.shared and law.uncertainty.explanation is None:
+            say("\n".join((*map(in_line, law.structure), "")))
+            if len(law.objects) == 1 and law.parameters.names:
                 say("\n".join((*map(in_line, law.equations()), "")))
             if (
                 law.provenance.equations
-                and 0 < len(law.objects) * len(law.letters) <= MANY
-                and law.covariance is not None
+                and 0 < len(law.objects) * len(law.parameters.names) <= MANY
+                and law.uncertainty.covariance is not None
             ):
                 self._show_parameters()
             else:
@@ -180,9 +180,9 @@ class Learned:
             if len(law.objects) > MANY:
                 say("")
                 self._show_coefficients()
-        if law.alternatives:
+        if law.provenance.alternatives:
             say("\nChosen (*) from these candidates; larger ones are left out:\n")
-            candidates = readable_candidates(law.alternatives)
+            candidates = readable_candidates(law.provenance.alternatives)
             print_frame(candidates)
             for meaning in (text for name, text in MEANINGS.items() if name in candidates):
                 say(f"\n{meaning}.")
@@ -221,12 +221,14 @@ class Learned:
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""
+        from commonlaw.law.tables import interval_frame
+
         law, found = self.law, self.findings
         forecast, verdict = found.forecast, found.verdict
         return {
             "law": json.loads(law.to_json()),
             "equations": {name: list(law.equations(name)) for name in law.objects},
-            "intervals": None if law.covariance is None else law.intervals().to_dict(orient="records"),
+            "intervals": None if law.uncertainty.covariance is None else interval_frame(law).to_dict(orient="records"),
             "history": [asdict(step) for step in law.history],
             "truth": None if self.truth is None else json.loads(self.truth.to_json()),
             "fit": found.fit and {"score": found.fit.score(), "errors": found.fit.errors().to_dict(orient="records")},
@@ -240,21 +242,21 @@ class Learned:
             "compared": None if self.compared is None else self.compared.to_dict(orient="records"),
             "verdict": verdict and asdict(verdict) | {"usable": verdict.usable, "sentences": verdict.sentences},
             "notes": list(found.training.notes),
-            "outcomes": [str(outcome) for outcome in (*law.outcomes, *(forecast.outcomes if forecast else ()))],
+            "outcomes": [str(outcome) for outcome in (*law.diagnostics, *(forecast.outcomes if forecast else ()))],
         }
 
     def notes(self) -> list[object]:
         """Return what else there is to know."""
         found = self.findings
         outcomes = found.forecast.outcomes if found.forecast else ()
-        return [*found.training.notes, *self.law.outcomes, *found.lacking, *outcomes]
+        return [*found.training.notes, *self.law.diagnostics, *found.lacking, *outcomes]
 
     def _show_parameters(self) -> None:
         """Print a line for each letter of given equations, then the RMS residuals of several objects."""
         law = self.law
         columns = parameter_columns(law)
         if self.truth is not None:
-            true = np.array([self._true_values(each) for each in law.named_coefficients])
+            true = np.array([self._true_values(each) for each in law.parameters.definitions])
             columns["true"] = [float(each) for each in true.T.flat]
         print_table(list(columns), zip(*columns.values(), strict=True))
         if self.findings.shown is not None and len(law.objects) > 1:
@@ -267,11 +269,11 @@ class Learned:
 
         if len(self.law.objects) > MANY:
             law = self.law
-            names = [each.name for each in law.named_coefficients]
-            if law.explanation is not None:  # Its equations have letters of their own
-                parts = [(law.terms.names[each.term], law.states[each.equation]) for each in law.named_coefficients]
+            names = [each.name for each in law.parameters.definitions]
+            if law.uncertainty.explanation is not None:  # Its equations have letters of their own
+                parts = [(law.terms.names[each.term], law.states[each.equation]) for each in law.parameters.definitions]
                 names = [f"of {term}{f' in {state}' * (len(law.states) > 1)}" for term, state in parts]
-            print_spread(law, [_with_unit(*each) for each in zip(names, law.letter_units(), strict=True)])
+            print_spread(law, [_with_unit(*each) for each in zip(names, law.parameters.units, strict=True)])
         else:
             print_columns(self._coefficient_columns())
 
@@ -279,8 +281,8 @@ class Learned:
         """Return coefficients, with standard errors where they are known and true ones beside, and RMS residuals."""
         law, truth = self.law, self.truth
         columns = {law.schema.object: list[object](law.objects)}
-        values, errors = law.letter_values()
-        letters = zip(law.named_coefficients, law.letter_units(), values.T, np.nan_to_num(errors.T), strict=True)
+        values, errors = law.parameters.values, law.parameters.errors
+        letters = zip(law.parameters.definitions, law.parameters.units, values.T, np.nan_to_num(errors.T), strict=True)
         for each, unit, own, deviations in letters:
             head = _with_unit(each.name, unit)
             pairs = zip(own.tolist(), deviations.tolist(), strict=True)
@@ -322,4 +324,4 @@ def _true_value(truth: "Law", name: str, equation: int, term: str) -> float:
     """Return a true coefficient; zero where the true law has no such term."""
     if term not in truth.terms.names:
         return 0.0
-    return float(truth.coefficients_of(name)[equation, truth.terms.index(term)])
+    return float(truth.coefficients[truth.index(name)][equation, truth.terms.index(term)])

@@ -21,7 +21,7 @@ def print_spread(law: "Law", heads: list[str]) -> None:
 
     if not heads:
         return
-    values, errors = law.letter_values()
+    values, errors = law.parameters.values, law.parameters.errors
     print_frame(letter_values(dict(zip(heads, values.T, strict=True)), "object"))
     say(f"\nThe {_STRANGEST} objects farthest from the medians, in standard deviations of a normal spread:\n")
     rows: list[list[object]] = []

@@ -70,9 +70,9 @@ def parameter_columns(law: "Law") -> dict[str, list[object]]:
     from commonlaw.law.text import Written, rounded
 
     columns = defaultdict[str, list[object]](list)
-    (values, errors), ends = law.letter_values(), law.letter_interval_ends()
+    (values, errors), ends = (law.parameters.values, law.parameters.errors), law.parameter_intervals()
     for i, name in enumerate(law.objects):
-        for j, (letter, unit) in enumerate(zip(law.letters, law.letter_units(), strict=True)):
+        for j, (letter, unit) in enumerate(zip(law.parameters.names, law.parameters.units, strict=True)):
             error = float(errors[i, j])
             columns[law.schema.object].append(name)
             columns["parameter"].append(letter)

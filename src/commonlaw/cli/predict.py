@@ -131,7 +131,7 @@ def predict(
         raise click.UsageError("--folder and --out are for a folder or a pattern of Parquet files: use --save")
     with working("Forecasting ..."):
         trials = source.select(_with_properties(source, law))
-        return_std = bool(save or plot) and law.has_std
+        return_std = bool(save or plot) and law.uncertainty.has_std
         times = _times(trials, from_time, **grid)
         forecast = law.predict(
             trials,
@@ -200,9 +200,9 @@ def _with_properties(source: Source, law: "Law") -> Trials:
     In a table of one object a column that does not change is a property only where one is looked for.
     """
     trials = source.load(law.schema)
-    taken = law.explanation.properties if law.explanation else ()
-    if law.with_discrepancy:
-        taken = (*taken, *law.with_discrepancy.schema.inputs[len(law.schema.inputs) :])
+    taken = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
+    if law.provenance.with_discrepancy:
+        taken = (*taken, *law.provenance.with_discrepancy.schema.inputs[len(law.schema.inputs) :])
     known = {name for values in trials.properties.values() for name in values}
     if source.path and not source.properties and not {*taken} <= known:
         with suppress(CommonlawError):

@@ -48,4 +48,4 @@ def refine(
     say(str(law))
     if history:
         print_history(law)
-    later.end((*(trials.notes if isinstance(trials, cl.Trials) else ()), *law.outcomes))
+    later.end((*(trials.notes if isinstance(trials, cl.Trials) else ()), *law.diagnostics))

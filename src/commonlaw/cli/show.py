@@ -25,13 +25,13 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     law = law.select([name]) if name else law.average() if average else law
     if not latex:
         say(str(law))
-        if law.covariance is not None:
-            averaged = ", averaged over what the law could be" if law.other_laws else ""
+        if law.uncertainty.covariance is not None:
+            averaged = ", averaged over what the law could be" if law.uncertainty.other_laws else ""
             say(f"\nIntervals that hold the coefficients with a probability of 95 %{averaged}:\n")
-            print_frame(law.intervals())
-        if law.other_laws:
+            print_frame(law.params)
+        if law.uncertainty.other_laws:
             say("\nWhat the law could be, and how probable each is:\n")
-            print_frame(plausible_frame((share, each.structure()) for share, each in law.plausible))
+            print_frame(plausible_frame((share, each.structure) for share, each in law.models))
         if law.provenance.domain.visited:
             say("\nRanges of what it has learned; nothing tells how good it is beyond:\n")
             print_frame(law.domain())
@@ -40,7 +40,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
         if history:
             print_history(law)
         return
-    if law.explanation is not None and len(law.objects) > 1:
+    if law.uncertainty.explanation is not None and len(law.objects) > 1:
         say(law.to_latex())
         return
     for each in law.objects:

@@ -182,7 +182,10 @@ class LawDiscovery:
             law = _law_of_some_order(method, trials, structure, possible, progress)
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
-        domain, outcomes = law.provenance.domain, (*law.outcomes, *rates, *copies, *outcome_of_rest(resting), *instead)
+        domain, outcomes = (
+            law.provenance.domain,
+            (*law.diagnostics, *rates, *copies, *outcome_of_rest(resting), *instead),
+        )
         if isinstance(trials, Trials):
             domain = replace(Domain.of(trials, law.state_rates), at_rest=resting)
             outcomes = with_outcomes_of_zero(outcomes, law, trials)

@@ -183,7 +183,7 @@ def fit(
             raise CommonlawError("discrete-with-parameters", names=names, variables=given.terms.variables.measured)
         law = _next_samples(given, trials, settings | ({"universal": universal} if universal else {}))
         # Of what a search says, only this concerns terms that were given
-        ill_conditioned = (each for each in law.outcomes if each.kind is OutcomeKind.ILL_CONDITIONED)
+        ill_conditioned = (each for each in law.diagnostics if each.kind is OutcomeKind.ILL_CONDITIONED)
         outcomes = with_outcomes_of_zero(ill_conditioned, law, trials)
         outcomes, domain = (*outcomes, *outcome_of_rest(resting)), Domain(at_rest=resting)
         made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls, domain=domain)
@@ -194,7 +194,7 @@ def fit(
     settings = {"input_between": "auto"} | settings
     unfitted = _unfitted(given, trials, provenance)
     for name, value in (guesses or {}).items():
-        check_choice("coefficient", name, unfitted.letters)
+        check_choice("coefficient", name, unfitted.parameters.names)
         within = [each for each in given.bounds if each.name == name]
         if not np.isfinite(value) or value == 0 or not all(each.holds(np.array(value)) for each in within):
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
@@ -207,21 +207,21 @@ def fit(
     law = refine(begun, trials, **apart if universal else settings)
     if _outside(law, given.bounds):
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
-        law = law if universal else law.partial_pooling(None, others)
-    law = law.partial_pooling(shared, others) if universal else law
+        law = law if universal else law.pool(None, others)
+    law = law.pool(shared, others) if universal else law
 
     def under_white_noise() -> Law:
-        return refine(begun, trials, **{**apart, "errors": "white"}).partial_pooling(shared, others)
+        return refine(begun, trials, **{**apart, "errors": "white"}).pool(shared, others)
 
     chosen_errors = _chosen_errors(law, under_white_noise) if settings.get("errors", "auto") == "auto" else ()
-    outcomes = (*law.outcomes, *outcomes_of_constants(law), *chosen_errors)
+    outcomes = (*law.diagnostics, *outcomes_of_constants(law), *chosen_errors)
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
 
 
 def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
     """Return which coefficients letters stand for, shape (equations, terms)."""
-    found, named = np.zeros(law.support.shape, dtype=np.bool_), {each.name: each for each in law.named_coefficients}
+    found, named = np.zeros(law.support.shape, dtype=np.bool_), {each.name: each for each in law.parameters.definitions}
     for letter in letters:
         check_choice("coefficient", letter, [*named])
         if len(named[letter].parts) > 1:
@@ -234,19 +234,22 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
     """Return which errors were chosen in place of white noise, and what they change, if there are any."""
     steps = {each.stage: each.choice for each in law.history if each.choice != "none"}
     chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
-    if not chosen or not law.letters:
+    if not chosen or not law.parameters.names:
         return ()
     try:
         white = under_white_noise()
     except CommonlawError as error:
         return (note("errors-without-comparison", errors=chosen, error=error.sentence(marked)),)
-    (here, errors), (there, others) = law.letter_values(), white.letter_values()
+    (here, errors), (there, others) = (
+        (law.parameters.values, law.parameters.errors),
+        (white.parameters.values, white.parameters.errors),
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         changes = np.nan_to_num(abs(there - here) / errors)
     i, j = np.unravel_index(np.argmax(changes), here.shape)
     of = f" of {law.objects[i]}" if len(law.objects) > 1 else ""
     under = with_error(there[i, j], float(np.nan_to_num(others[i, j])))
-    changed = f"{law.letters[j]}{of} is {with_error(here[i, j], errors[i, j])}, and {under} under white noise"
+    changed = f"{law.parameters.names[j]}{of} is {with_error(here[i, j], errors[i, j])}, and {under} under white noise"
     return (note("errors-chosen", errors=chosen, changed=changed),)
 
 
@@ -271,7 +274,7 @@ def _of_stream(
     values = {"partial_pooling": partial_pooling, **settings}
     made = (call(fit, values, "cl.fit", repr(equations), "trials"),)
     provenance = replace(law.provenance, calls=made)
-    return replace(law, provenance=provenance).partial_pooling(None, partial_pooling)
+    return replace(law, provenance=provenance).pool(None, partial_pooling)
 
 
 def _of_part(equations: str | Sequence[str], settings: dict[str, Any], part: TrialStream) -> LawOfPart:
@@ -287,10 +290,10 @@ def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
     unpooled, own, found = law.uncertainty.unpooled, law.coefficients.copy(), list[tuple[str, Bound, str]]()
     if unpooled is not None:
         own[:, law.support] = unpooled.coefficients
-    letters = {each.name: each for each in law.named_coefficients}
+    letters = {each.name: each for each in law.parameters.definitions}
     for bound in bounds:
-        index = law.letters.index(bound.name)
-        values, errors = (each[:, index] for each in law.letter_values())
+        index = law.parameters.names.index(bound.name)
+        values, errors = (each[:, index] for each in (law.parameters.values, law.parameters.errors))
         for name, value, error, alone in zip(law.objects, values, errors, own, strict=True):
             outside = next((each for each in (value, letters[bound.name].of(alone)) if not bound.holds(each)), None)
             if outside is not None:
@@ -344,8 +347,8 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
 
 def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[tuple[Bound, float]]:
     """Return bounds that coefficients of the only object are outside of, each with the end that is nearest."""
-    letters, found = {each.name: each for each in law.named_coefficients}, list[tuple[Bound, float]]()
-    values = dict(zip(law.letters, law.letter_values()[0][0].tolist(), strict=True))
+    letters, found = {each.name: each for each in law.parameters.definitions}, list[tuple[Bound, float]]()
+    values = dict(zip(law.parameters.names, law.parameters.values[0].tolist(), strict=True))
     for bound in bounds:
         value, name = values[bound.name], bound.name
         if name not in held and len(letters[name].parts) == 1 and not bound.holds(np.array(value)):
@@ -356,7 +359,7 @@ def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[
 def _held(law: Law, held: Mapping[str, float]) -> Law:
     """Return the law of one object with coefficients that are known by their letters, and others that are not."""
     coefficients, is_free = law.coefficients.copy(), np.broadcast_to(law.support, law.coefficients.shape).copy()
-    for each in law.named_coefficients:
+    for each in law.parameters.definitions:
         if each.name in held:
             (part,) = each.parts
             coefficients[:, part.equation, part.term] = part.factor * held[each.name] ** float(part.power)
@@ -374,8 +377,8 @@ def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
     """
     from scipy.stats import norm
 
-    index = law.letters.index(bound.name)
-    value, error = (float(each[0, index]) for each in law.letter_values())
+    index = law.parameters.names.index(bound.name)
+    value, error = (float(each[0, index]) for each in (law.parameters.values, law.parameters.errors))
     side = 1 if end == bound.low else -1
     reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if error > 0 else np.nan
     within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""

@@ -34,9 +34,9 @@ def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     Rivals, which its evidence is not strong against, forecast the trials alike. From other starts within what was
     visited forecasts of the two may be further apart than their bands together: there a trial tells which one holds.
     """
-    own = 1.0 - sum(each.probability for each in law.other_laws)
-    rivals = [each for each in law.other_laws if each.probability > own * np.exp(-STRONG / 2)][:_RIVALS]
-    if not rivals or law.order == 0 or law.schema.inputs or not law.has_std:
+    own = 1.0 - sum(each.probability for each in law.uncertainty.other_laws)
+    rivals = [each for each in law.uncertainty.other_laws if each.probability > own * np.exp(-STRONG / 2)][:_RIVALS]
+    if not rivals or law.order == 0 or law.schema.inputs or not law.uncertainty.has_std:
         return ()
     lasting = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))
     times = trials.trials[0].times[0] + np.linspace(0, lasting, _TIMES)

@@ -81,7 +81,7 @@ def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
     law, names = with_objects_of(law, trials)[0], law.terms.variables.names
     texts = [each.expression(names) for each in law.terms.terms]
     return {
-        (state, text): {name: float(law.coefficients_of(name)[j, k]) for name in trials.objects}
+        (state, text): {name: float(law.coefficients[law.index(name)][j, k]) for name in trials.objects}
         for j, state in enumerate(law.states)
         for k, text in enumerate(texts)
         if law.support[j, k]

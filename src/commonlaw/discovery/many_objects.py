@@ -77,7 +77,7 @@ def law_of_parts(
     some = [parts[i] for i in evenly_spaced(len(parts), _GROUPS)]
     tell = part(progress, 0.0, _PROPOSED)
     laws = done_in_parts(partial(_proposed, find), some, "seeking laws of groups of objects", tell)
-    proposed = {law.structure(): law for law in reversed(laws)}
+    proposed = {tuple(law.structure): law for law in reversed(laws)}
     what = f"{counted(len(proposed), 'law')} of {counted(len(some), 'group')} of at most {_OBJECTS} objects"
     steps = [Step("proposals", what, "a search among few objects shows the terms that all have")]
     best = next(iter(proposed.values()))

@@ -146,7 +146,7 @@ class AbstractRegression(AbstractMethod):
                 progress("comparing forecasts of trials held out")
                 scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
                 found = chosen_law(law, choose(scores=scores))
-        outcomes = (*found.outcomes, *ill_conditions(found, data.problems), *_unit_outcomes(solver))
+        outcomes = (*found.diagnostics, *ill_conditions(found, data.problems), *_unit_outcomes(solver))
         return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
 
     def _compressed(

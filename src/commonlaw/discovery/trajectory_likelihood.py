@@ -51,7 +51,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         neither normal nor alike everywhere.
     partial_pooling
         Whether forecasts draw coefficients to their mean over objects as far as these are alike, see
-        `Law.partial_pooling`. The law itself has those of each object's own trials.
+        `Law.pool`. The law itself has those of each object's own trials.
     solver
         Whose path lists the candidates of each equation, or its text such as ``"best-subset"``; it has no value of its
         hyperparameter, as the evidence chooses. Default: best subset selection.

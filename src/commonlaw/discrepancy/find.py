@@ -96,7 +96,7 @@ def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: CandidateF
     return replace(
         own,
         coefficients=coefficients,
-        uncertainty=replace(uncertainty, inclusion_probabilities=own.inclusion_probabilities),
+        uncertainty=replace(uncertainty, inclusion_probabilities=own.uncertainty.inclusion_probabilities),
         provenance=replace(
             law.provenance,
             history=(*law.history, step),
@@ -127,5 +127,5 @@ def _whole(law: Law, setting: Setting, found: FunctionFit) -> Law:
         noise=posterior.noise_factor * problem.noise,
         error_model=errors_of(problem, posterior.noise_factor * found.model_error if found.has_model_error else 0.0),
     )
-    schema, provenance = setting.law.schema, Provenance(law.differentiation, domain=law.provenance.domain)
+    schema, provenance = setting.law.schema, Provenance(law.provenance.differentiation, domain=law.provenance.domain)
     return Law(terms, schema, law.order, objects, coefficients, uncertainty, provenance, setting.law.properties)

@@ -67,8 +67,8 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
 def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:
     """Return the mean of a coefficient of the first law over objects as another law has it, and its derivatives."""
     law, terms = first.law, each.law.terms.names
-    named = {own.name: own for own in law.named_coefficients}
-    named = {law.terms.names[own.term]: own for own in law.named_coefficients} | named
+    named = {own.name: own for own in law.parameters.definitions}
+    named = {law.terms.names[own.term]: own for own in law.parameters.definitions} | named
     if name not in named:
         raise unknown("coefficient of this law", name, named)
     parts = [part._replace(term=_index(law.terms.names[part.term], terms)) for part in named[name].parts]
@@ -119,9 +119,7 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
         sensitivities=True,
     )
     if any(own.outcome is not None for own in found):
-        raise CommonlawError(
-            "design-forecast-diverges", structure=law.structure(), time_name=law.schema.time, time=time
-        )
+        raise CommonlawError("design-forecast-diverges", structure=law.structure, time_name=law.schema.time, time=time)
     values = np.array([own.states[-1, column] for own in found])
     slopes = np.array([own.sensitivities[-1, column, : -len(states)] for own in found if own.sensitivities is not None])
     if column in logs:

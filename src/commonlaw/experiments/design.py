@@ -48,7 +48,7 @@ def design(
     Parameters
     ----------
     law
-        With its `Law.plausible` rivals; or several laws of the same objects and variables, equally probable.
+        With its `Law.models` rivals; or several laws of the same objects and variables, equally probable.
     vary
         What can be set, by name. A pair or text ``"5..60"`` is a range, a list gives choices, one value is fixed. Names
         are the states and rates where trials start; ``duration``; ``rate``, ``samples`` or ``times`` (lists of sample
@@ -210,7 +210,7 @@ def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
         if not same:
             raise CommonlawError("design-different-laws")
     share = 1 / len(laws)
-    return tuple(PlausibleLaw(share * own.probability, own.law) for each in laws for own in each.plausible)
+    return tuple(PlausibleLaw(share * own.probability, own.law) for each in laws for own in each.models)
 
 
 _POINTS = 64
@@ -232,7 +232,7 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
     they leave what was visited. All experiments for a purpose have at most `most` trials. Laws without noise or
     covariance, and laws in discrete time, have no suggestions.
     """
-    if not law.has_std or law.order == 0 or not law.support.any():
+    if not law.uncertainty.has_std or law.order == 0 or not law.support.any():
         return ()
     visited = law.provenance.domain.visited or Domain.of(trials, law.state_rates).visited
     ranges = {name: Range(*visited[name]) for name in law.states if name in visited and np.ptp(visited[name]) > 0}
@@ -249,14 +249,14 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
 
 
 def _purposes(law: Law) -> list[tuple[str, str]]:
-    purposes = [("To find out which law is right", LAW)] if law.plausible[0].probability < SETTLED else []
+    purposes = [("To find out which law is right", LAW)] if law.models[0].probability < SETTLED else []
     purposes.append(("To know all coefficients better", COEFFICIENTS))
-    values, errors = law.letter_values()
+    values, errors = law.parameters.values, law.parameters.errors
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(errors > 0, errors / np.abs(values), 0.0)
     if len(relative) * relative.shape[1] > 1 and np.nanmax(relative) > 0:
         owner, letter = np.unravel_index(int(np.nanargmax(relative)), relative.shape)
-        name = law.letters[int(letter)]
+        name = law.parameters.names[int(letter)]
         about = name if len(law.objects) == 1 else f"{name} of {law.objects[int(owner)]}"
         purposes.append((f"To know {about} better, the coefficient that is known worst", about))
     return purposes

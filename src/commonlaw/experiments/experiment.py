@@ -212,7 +212,7 @@ def _check_new(options: Mapping[str, Options], law: Law) -> None:
     """Refuse a new object whose coefficients nothing decides."""
     if "object" in options:
         raise CommonlawError("setting-object-twice")
-    properties = law.explanation.properties if law.explanation else ()
+    properties = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
     for name in options:
         head, dot, tail = name.partition(".")
         if head == "object" and dot and tail not in properties:

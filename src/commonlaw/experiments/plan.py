@@ -182,7 +182,7 @@ class Design(ShownInNotebooks):
         lines = []
         if len(self.laws) > 1:
             lines += ["Laws that remain plausible:"]
-            lines += [f"  {each.probability:.2f}  {'; '.join(each.law.structure())}" for each in self.laws]
+            lines += [f"  {each.probability:.2f}  {'; '.join(each.law.structure)}" for each in self.laws]
             lines += [""]
         few = len(self.experiments) == 1
         lines += ["The experiment to make next:" if few else "The experiments to make next, which tell most together:"]

@@ -121,7 +121,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     (mesh,) = meshes([trial], MESH_POINTS, len(trial))
     mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) * mesh.averaging / noise)
     model = TrajectoryModel(law.terms, (mesh,), observation_model, unit_of_errors(law, noise, trial))
-    own = law.coefficients_of(trial.object)
+    own = law.coefficients[law.index(trial.object)]
     found = fit(
         model,
         Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), own),
@@ -308,8 +308,8 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
         return len(trial) if ahead and can_fit_initial_state(law) else 1
     is_known = np.isfinite(trial.states)
     known = is_known[:, ~law.schema.unmeasured].cumsum(axis=0).min(axis=1)
-    if law.rates and law.differentiation is not None:
-        count = max(MIN_SAMPLES, _samples(law.differentiation, len(trial)))
+    if law.rates and law.provenance.differentiation is not None:
+        count = max(MIN_SAMPLES, _samples(law.provenance.differentiation, len(trial)))
         if known[:count][-1] >= MIN_SAMPLES:
             return count
     ready = is_known[0].all() and (not law.rates or _differentiation(law, trial) is not None)
@@ -350,7 +350,7 @@ def _measured_start(law: Law, trial: Trial) -> Floats:
 
 def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator | None:
     """Return what estimates the first rates: the law's own method, or the first that takes the samples, if any."""
-    methods = law.differentiation or RobustSpline(), RobustSpline(), ForwardDifference()
+    methods = law.provenance.differentiation or RobustSpline(), RobustSpline(), ForwardDifference()
     return next((each for each in methods if each.takes(trial.times, trial.states)), None)
 
 

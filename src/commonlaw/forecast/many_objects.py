@@ -131,7 +131,7 @@ def law_of(law: Law, names: Collection[str]) -> Law:
         return law
     known = {*law.objects}
     unseen = [name for name in names if name not in known]
-    if unseen and law.explanation is None:
+    if unseen and law.uncertainty.explanation is None:
         raise CommonlawError("object-unknown", object=unseen[0])
     some = law.objects[:2] if unseen else ()  # A law of a single object would be taken for that of all
     return law.select(list(dict.fromkeys([*(name for name in names if name in known), *some])))
@@ -139,11 +139,11 @@ def law_of(law: Law, names: Collection[str]) -> Law:
 
 def _check_told(law: Law, trials: Trials) -> None:
     """Refuse objects whose coefficients nothing tells: the typical ones are not known from what is sent of a law."""
-    if len(law.objects) == 1 or law.explanation is None:
+    if len(law.objects) == 1 or law.uncertainty.explanation is None:
         return
     for name in trials.objects:
         if is_typical(law, name, trials):
-            wanted = [*law.explanation.properties]
+            wanted = [*law.uncertainty.explanation.properties]
             raise CommonlawError("object-without-properties", object=name, properties=wanted)
 
 
@@ -156,7 +156,7 @@ def _errors(how: dict[str, Any], piece: _Piece) -> "pd.DataFrame":
     if from_time is not None and not any(each.times[0] < from_time <= each.times[-1] for each in trials):
         return pd.DataFrame()
     with unannounced():
-        forecast = predict(piece.law, trials, return_std=piece.law.has_std, **how)
+        forecast = predict(piece.law, trials, return_std=piece.law.uncertainty.has_std, **how)
     if piece.file is not None:
         content = BytesIO()
         forecast.to_frame().to_parquet(content, index=False)

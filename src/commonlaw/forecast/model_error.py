@@ -94,7 +94,7 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
 
     The guess has shape (k, D); None if the likelihood cannot be computed.
     """
-    errors, own = law.uncertainty.error_model, law.coefficients_of(trial.object)
+    errors, own = law.uncertainty.error_model, law.coefficients[law.index(trial.object)]
     (mesh,) = meshes([trial], MESH_POINTS, len(trial))
     (states,) = interpolate([guess], MESH_POINTS, len(trial))
     if errors.walk is None:

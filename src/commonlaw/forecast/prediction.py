@@ -140,12 +140,12 @@ def predict(
         begun, beginnings = begin(law, followed, times, start, from_time, input_between)
         return _Forecaster(law, begun, tuple(beginnings), from_time, return_std, method, tolerance, seed).forecast()
 
-    own, *others = law.plausible if averaged else law.plausible[:1]
+    own, *others = law.models if averaged else law.models[:1]
     parts = [Part(own.probability, forecast(law))]
     for each in others:
         with suppress(CommonlawError):  # Its start may not be fitted where that of the law is
             other = replace(each.law, provenance=law.provenance)
-            parts.append(Part(each.probability, forecast(other), equations="; ".join(other.structure())))
+            parts.append(Part(each.probability, forecast(other), equations="; ".join(other.structure)))
     found = average(parts)
     if said := remarks_on(found):
         found = replace(found, trials=replace(found.trials, notes=(*found.trials.notes, *said)))
@@ -186,9 +186,9 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast
         sensitivity = np.zeros((width, int(each.support.sum())))
         fitted = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity)
         beginning = Beginning(own, inputs, own.rows(slice(0, 1)), fitted)
-        return _Forecaster(each, followed, (beginning,), None, law.has_std, "auto", 1e-8, 0).forecast()
+        return _Forecaster(each, followed, (beginning,), None, law.uncertainty.has_std, "auto", 1e-8, 0).forecast()
 
-    found = average([Part(each.probability, forecast(each.law)) for each in law.plausible])
+    found = average([Part(each.probability, forecast(each.law)) for each in law.models])
     return found.as_measured(measured) if law.schema.logarithmic else found
 
 
@@ -273,7 +273,7 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
 
     Raises `CommonlawError` if it has none, or the law was changed since.
     """
-    wider, own = law.with_discrepancy, law.support.any(axis=0)
+    wider, own = law.provenance.with_discrepancy, law.support.any(axis=0)
     if wider is None:
         raise CommonlawError("discrepancy-missing")
     if {*law.objects} <= {*wider.objects}:
@@ -320,7 +320,7 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
     if len(law.objects) > 1:
         raise CommonlawError("object-unnamed", objects=others)
     note = f"no object is named: {name} has the coefficients of {others}, the only object of the law"
-    other_laws = law.each_other(lambda other: replace(other, objects=(name,)))
+    other_laws = law.uncertainty.map_other_laws(lambda other: replace(other, objects=(name,)))
     uncertainty = replace(law.uncertainty, other_laws=other_laws)
     return replace(law, objects=(name,), uncertainty=uncertainty), trials.with_trials(trials.trials, note)
 

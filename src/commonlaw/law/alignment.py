@@ -79,8 +79,8 @@ def matched_noise(law: Law, trials: Trials, noise: Mapping[str, float] | None) -
 
 def _units(law: Law, given: Schema) -> dict[str, str]:
     """Return the units of what a law takes, properties among them, by the names that trials have for it."""
-    own, wider = law.schema, law.with_discrepancy
-    used = {*own.states, *own.inputs, *(law.explanation.properties if law.explanation else ())}
+    own, wider = law.schema, law.provenance.with_discrepancy
+    used = {*own.states, *own.inputs, *(law.uncertainty.explanation.properties if law.uncertainty.explanation else ())}
     used |= {*wider.schema.inputs} if wider else set()
     used |= {start for start in own.starts.values() if isinstance(start, str)}
     units = {name: unit for name, unit in own.units.items() if name in used}

@@ -2,11 +2,10 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
-from operator import mul
+from functools import cached_property
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 
@@ -14,15 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.hierarchy.dimensions import quotient_unit, units_of_coefficients
 from commonlaw.integration import Event, Trajectory, VectorField
 from commonlaw.law import text
-from commonlaw.law.explanation import LATEX, PLAIN, Explanation, RelatedCoefficients
-from commonlaw.law.parameters import Coefficient, Part, Product
-from commonlaw.law.parse import GivenEquations, Names, latex_summands, read_equations, stated_law
-from commonlaw.law.provenance import Alternative, History, Provenance
+from commonlaw.law.deprecated import Structure, deprecated_member
+from commonlaw.law.explanation import LATEX, PLAIN, RelatedCoefficients
+from commonlaw.law.parameters import Coefficient, Parameters, Part, Product
+from commonlaw.law.parse import Names, latex_summands, read_equations, stated_law
+from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.quantiles import mixture_interval
 from commonlaw.law.simplification import Simplification
 from commonlaw.law.text import latex_with_error, with_error
@@ -62,6 +61,10 @@ if TYPE_CHECKING:
 class Law(ShownInNotebooks):
     """Equations that several objects share, with each object's own coefficients.
 
+    A law is a value; what follows from it is computed by the package of that name when it is asked: `simulate`,
+    `predict` and `score` by ``forecast``, `update` and `bounds` by ``inference``, `residuals` and `discrepancy` by
+    ``discrepancy``, `assess` by ``verdict``, `report` by ``report``.
+
     Parameters
     ----------
     terms
@@ -76,11 +79,11 @@ class Law(ShownInNotebooks):
     coefficients
         Shape (objects, equations, terms).
     uncertainty
-        How accurate coefficients and measurements are, what decides them, and what else the law could be.
+        Covariance of the coefficients, noise, relations to properties, and plausible other laws.
     provenance
         How the law was found.
     properties
-        What is known of the objects, by object and name; the units stand in ``schema.units``.
+        Of the objects, by object and name; the units stand in ``schema.units``.
 
     Raises
     ------
@@ -108,7 +111,14 @@ class Law(ShownInNotebooks):
         others = [name for name in self.properties if name not in self._indices]
         if others:
             raise CommonlawError("properties-of-others", objects=others)
-        self._check_others()
+        for probability, law in self.uncertainty.other_laws:
+            same = (law.objects, law.order, law.states) == (self.objects, self.order, self.states)
+            if not same or law.uncertainty.other_laws:
+                raise CommonlawError("averaged-law-differs")
+            if not 0 < probability < 1:
+                raise CommonlawError("averaged-law-probability", probability=probability)
+        if sum(each.probability for each in self.uncertainty.other_laws) >= 1:
+            raise CommonlawError("averaged-laws-probability")
 
     def _check_names(self) -> None:
         _ = self.terms.constants  # Refused if they have no terms of their own
@@ -138,15 +148,17 @@ class Law(ShownInNotebooks):
             if (given.terms, given.order) != (self.terms, self.order):
                 raise CommonlawError("law-terms-and-equations", terms=self.terms.names, equations=given.texts)
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            return deprecated_member(self, name)
+
+    # Structure
+
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the measured states."""
+        """Names of the states."""
         return self.schema.states
-
-    @cached_property
-    def support(self) -> Bools:
-        """Which terms are in which equation for at least one object, shape (equations, terms)."""
-        return np.asarray(np.any(self.coefficients != 0, axis=0))
 
     @property
     def rates(self) -> tuple[str, ...]:
@@ -163,6 +175,11 @@ class Law(ShownInNotebooks):
     def left_hand_sides(self) -> tuple[str, ...]:
         """What each equation gives, as text: ``x'``, ``x''``, or ``x[k+1]`` in a discrete-time law."""
         return text.left_hand_sides(self.states, self.order)
+
+    @cached_property
+    def support(self) -> Bools:
+        """Which terms are in which equation for at least one object, shape (equations, terms)."""
+        return np.asarray(np.any(self.coefficients != 0, axis=0))
 
     @cached_property
     def shared(self) -> bool:
@@ -184,59 +201,58 @@ class Law(ShownInNotebooks):
 
     @cached_property
     def _indices(self) -> dict[str, int]:
-        """The index of each object."""
         return {name: index for index, name in enumerate(self.objects)}
 
-    def coefficients_of(self, name: object) -> Floats:
-        """Return the coefficients of one object, shape (equations, terms).
+    @cached_property
+    def structure(self) -> Structure:
+        """Each equation with names for its parameters: ``x'' = a + b v``; as it was given if it was.
 
-        Raises
-        ------
-        CommonlawError
-            If the law has no such object.
+        Known coefficients that all objects share are numbers: ``x'' = -9.81 + a v``.
         """
-        return np.asarray(self.coefficients[self.index(name)])
+        if self.provenance.equations:
+            return Structure(self.provenance.equations)
+        rows = text.labelled(self.terms.factors, self._labels({name: name for name in self.parameters.names}))
+        return Structure(text.written_structure(self.left_hand_sides, rows))
 
-    def _followed_coefficients(self, name: object) -> Floats:
-        """Return the coefficients of one object that rates and forecasts follow: pooled ones if the law has them."""
-        pooled, found = self.uncertainty.pooled, self.coefficients_of(name)
-        if pooled is not None:
-            found = found.copy()
-            found[self.support] = pooled.coefficients[self.index(name)]
-        return found
+    def latex_structure(self) -> tuple[tuple[text.Addend, ...], ...]:
+        """Return the right-hand sides of `structure` in LaTeX."""
+        variables = self.terms.variables
+        if self.provenance.equations:
+            rows = latex_summands(self.provenance.equations, self.schema, variables, self.state_rates)
+            return tuple(tuple(text.Addend(negative, "", latex) for negative, latex in row) for row in rows)
+        factors = zip(self.terms.names, self.terms.latex_factors(variables.names), strict=True)
+        names = ["1" if name == "1" else latex for name, latex in factors]
+        labels = self._labels({name: latex_name(name) for name in self.parameters.names})
+        return text.labelled(names, labels, latex_with_error)
 
-    def evaluate(self, name: str, values: ArrayLike) -> Floats:
-        """Return the highest derivatives of one object as forecasts follow them, shape (n, equations).
+    def _labels(self, written: Mapping[str, str]) -> list[list[tuple[int, text.Label]]]:
+        """Return for each equation its terms, by index, each with a number or a written parameter before it."""
+        names = {(each.equation, each.term): written[each.name] for each in self.parameters.definitions}
+        rows: list[list[tuple[int, text.Label]]] = [[] for _ in self.states]
+        for j, k in np.argwhere(self.support & self.terms.is_factor).tolist():
+            rows[j].append((k, names.get((j, k), float(self.coefficients[0, j, k]))))
+        return rows
 
-        By pooled coefficients where the law has them (``law.uncertainty.pooled``), as these err less.
+    @cached_property
+    def parameters(self) -> Parameters:
+        """What the names in `structure` stand for: values, errors, covariance and units as arrays.
 
-        Parameters
-        ----------
-        name
-            The object.
-        values
-            The law's variables (states, rates, inputs, time), shape (n, variables). Time may be left out where no term
-            depends on it.
-
-        Raises
-        ------
-        CommonlawError
-            If there is no such object, or the values are not those of the variables.
+        One for each coefficient that is no known number, or those of the equations that were given.
         """
-        own, variables = self._followed_coefficients(name), self.terms.variables
-        points, names = np.asarray(values, dtype=np.float64), variables.measured
-        time = variables.index(variables.time)
-        if points.ndim == 2 and points.shape[1] == len(names) - 1 and not self._depends_on(time):
-            points = np.insert(points, time, 0.0, axis=1)
-        if points.ndim != 2 or points.shape[1] != len(names):
-            raise CommonlawError("variables-shape", shape=points.shape, names=names)
-        return np.asarray(self.terms.evaluate(self.terms.at(points, own)) @ own.T)
+        if self.provenance.equations:
+            given = read_equations(self.provenance.equations, self.schema, self.terms.variables)
+            definitions, products = given.coefficients, given.products
+        else:
+            alike = np.all((self.standard_errors == 0) & (self.coefficients == self.coefficients[:1]), axis=0)
+            places = np.argwhere(self.support & ~(alike & self.terms.is_factor)).tolist()
+            letters = iter(text.free_letters(len(places), self.terms.variables.names))
+            named = [(self.terms.constant_name(k) or next(letters), j, k) for j, k in places]
+            definitions = tuple(Coefficient(name, (Part(j, k),)) for name, j, k in named)
+            products = tuple(Product(j, k, 1.0, ((name, 1),)) for name, j, k in named)
+        covariance = self.uncertainty.covariance
+        return Parameters(definitions, products, self.coefficients, self.support, covariance, self._units)
 
-    def _depends_on(self, column: int) -> bool:
-        """Return whether a term of the law has a variable in it."""
-        return any(column in self.terms.terms[k].columns() for k in np.flatnonzero(self.support.any(axis=0)))
-
-    # How accurate they are
+    # Parameters and their uncertainty
 
     @cached_property
     def standard_errors(self) -> Floats:
@@ -251,18 +267,367 @@ class Law(ShownInNotebooks):
         errors.flags.writeable = False
         return errors
 
-    # How they are written
+    @property
+    def noise(self) -> Floats | None:
+        """Standard deviation of the measurement noise of each state, shape (states,); None if it is not known."""
+        return self.uncertainty.noise
+
+    @property
+    def params(self) -> "pd.DataFrame":
+        """The parameters of every object, one row each, with standard errors and 95 % intervals.
+
+        Columns are object, equation, term, parameter, estimate, standard error, low, high and unit, and where terms
+        were chosen by evidence the inclusion probability. A row stands for a coefficient before a term, with its name
+        in `structure`; in a law of given equations for a parameter, with the first term that it is in. Intervals are
+        averaged over `models`, see `conf_int`. What is not known is NaN or empty.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05))
+        >>> law.params[["object", "parameter", "estimate", "standard error", "unit"]].head(2).round(3)
+           object parameter  estimate  standard error  unit
+        0  Ball 1         g     9.796           0.030  m/s²
+        1  Ball 1         c     0.100           0.004   1/s
+        """
+        return self._params(None if self.uncertainty.covariance is None else 0.95, True)
+
+    def conf_int(self, level: float = 0.95, averaged: bool = True) -> "pd.DataFrame":
+        """Return `params` with intervals of another level, or given the terms of this law.
+
+        Averaged over `models`, a coefficient is zero where its term is not in the law, so that the interval of a term
+        that may not be there tends to include zero. Errors follow Student's t distribution, with the degrees of freedom
+        of the estimated noise.
+
+        Parameters
+        ----------
+        level
+            The probability that the parameter lies between low and high.
+        averaged
+            Whether low and high are averaged; else they are those given these terms.
+
+        Raises
+        ------
+        CommonlawError
+            If the covariance is not known, or the level is not between 0 and 1.
+        """
+        self.uncertainty.known_covariance()
+        return self._params(level, averaged)
+
+    def _params(self, level: float | None, averaged: bool) -> "pd.DataFrame":
+        """Return the table of parameters, without intervals if there is no level."""
+        import pandas as pd
+
+        if self.provenance.equations:
+            values, errors, names = self.parameters.values, self.parameters.errors, np.array(self.parameters.names)
+            rows, p = np.indices(values.shape).reshape(2, -1)
+            indices: tuple[Any, ...] = (rows, p)
+            places = np.array([(each.equation, each.term) for each in self.parameters.definitions], dtype=np.intp)
+            j, k = places.reshape(-1, 2)[p].T
+            labels, units = names[p].tolist(), [self.parameters.units[each] or "" for each in p.tolist()]
+            ends = None if level is None else self.parameter_intervals(level, averaged)
+        else:
+            values, errors = self.coefficients, self.standard_errors
+            indices = rows, j, k = np.nonzero(values)
+            named = {(each.equation, each.term): each.name for each in self.parameters.definitions}
+            known, keys = self.coefficient_units(), list(zip(j.tolist(), k.tolist(), strict=True))
+            labels = [named.get(key, "") for key in keys]
+            units = [known.get((self.left_hand_sides[a], self.terms.names[b]), "") for a, b in keys]
+            ends = None if level is None else self.coefficient_intervals(level, averaged)
+        columns: dict[str, Any] = {
+            "object": [self.objects[each] for each in rows.tolist()],
+            "equation": [self.left_hand_sides[each] for each in j.tolist()],
+            "term": [self.terms.names[each] for each in k.tolist()],
+            "parameter": labels,
+            "estimate": values[indices],
+            "standard error": errors[indices],
+            "low": np.nan if ends is None else ends[0][indices],
+            "high": np.nan if ends is None else ends[1][indices],
+            "unit": units,
+        }
+        inclusion = self.uncertainty.inclusion_probabilities
+        if inclusion is not None and not self.provenance.equations:
+            columns["inclusion probability"] = inclusion[j, k]
+        return pd.DataFrame(columns)
+
+    def cov_params(self, name: str | None = None) -> "pd.DataFrame":
+        """Return the covariance of one object's parameters, by their names in rows and columns, to first order.
+
+        Raises
+        ------
+        CommonlawError
+            If it is not known, or the object is not named and there are several.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05))
+        >>> float(law.cov_params("Ball 1").loc["g", "c"]) < 0
+        True
+        """
+        import pandas as pd
+
+        self.uncertainty.known_covariance()
+        names = pd.Index(self.parameters.names, name="parameter")
+        return pd.DataFrame(self.parameters.covariance[self.index(self._only(name))], index=names, columns=names)
+
+    def coefficient_intervals(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
+        """Return the ends of the coefficients' intervals, each of shape (objects, equations, terms); see `conf_int`.
+
+        NaN for terms that an object does not have.
+
+        Raises
+        ------
+        CommonlawError
+            If the covariance is not known, or the level is not between 0 and 1.
+        """
+        self.uncertainty.known_covariance()
+        laws = self.models if averaged else (PlausibleLaw(1.0, self),)
+        weights = np.array([each.probability for each in laws]).reshape(-1, 1, 1, 1)
+        values = np.array([self._by_own_terms(each.law, each.law.coefficients) for each in laws])
+        errors = np.nan_to_num([self._by_own_terms(each.law, each.law.standard_errors) for each in laws])
+        degrees = [each.law.uncertainty.degrees_of_freedom for each in laws]
+        whole = np.array([np.full(len(self.states), np.inf) if each is None else each for each in degrees])
+        low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
+        absent = self.coefficients == 0
+        return np.where(absent, np.nan, low), np.where(absent, np.nan, high)
+
+    def parameter_intervals(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
+        """Return the ends of the intervals of `parameters`, each of shape (objects, parameters); NaN where unknown."""
+        places = np.array([(each.equation, each.term) for each in self.parameters.definitions], dtype=np.intp)
+        j, k = places.reshape(-1, 2).T
+        if self.uncertainty.other_laws and averaged:
+            low, high = self.coefficient_intervals(level)
+            return low[:, j, k], high[:, j, k]
+        half = self.parameters.errors * self.uncertainty.reach(len(self.states), level)[j]
+        return self.parameters.values - half, self.parameters.values + half
+
+    def sample(self, n: int = 1000, seed: int = 0, averaged: bool = True) -> "pd.DataFrame":
+        """Return draws of the parameters from their posterior, to propagate their uncertainty.
+
+        Each is drawn from one of `models`, by their probabilities, with the covariance of that law over all objects,
+        and has zeros for terms that are not in it. The distribution is normal, or Student's t where the noise was
+        estimated.
+
+        Parameters
+        ----------
+        n
+            Draws of each object.
+        seed
+            The same seed gives the same draws.
+        averaged
+            Whether to draw from all models; else all draws have the terms of this law.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each draw and object, which are its index; a column for each parameter of `structure`.
+
+        Raises
+        ------
+        CommonlawError
+            If the covariance is not known, or no draw is asked for.
+
+        Examples
+        --------
+        The terminal velocity of each object:
+
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05))
+        >>> draws = law.sample()
+        >>> speeds = (draws["g"] / draws["c"]).groupby("object").quantile([0.025, 0.975]).unstack()
+        >>> print(speeds.round(1).to_string(header=False, index_names=False))
+        Ball 1  90.1  108.3
+        Ball 2  31.7   33.7
+        Ball 3  30.9   32.7
+        Ball 4  19.2   19.9
+        Ball 5  13.8   14.2
+        """
+        import pandas as pd
+
+        from commonlaw.law.tables import MOST_DRAWS
+
+        check_whole_number("n", n, 1, MOST_DRAWS)
+        laws = self.models if averaged else self.models[:1]
+        chosen = np.zeros(n, dtype=np.intp)
+        if len(laws) > 1:
+            shares = np.cumsum([each.probability for each in laws])
+            chosen = np.searchsorted(shares, np.random.default_rng([seed, n]).uniform(0.0, shares[-1], n))
+        draws = np.zeros((n, *self.coefficients.shape))
+        for i in np.unique(chosen).tolist():
+            law, rows = laws[i].law, chosen == i
+            drawn = law.uncertainty.draws(law.coefficients[:, law.support], int(rows.sum()), seed)
+            placed = np.zeros((len(drawn), *law.coefficients.shape))
+            placed[..., law.support] = drawn
+            draws[rows] = self._by_own_terms(law, placed)
+        values = np.stack([each.of(draws) for each in self.parameters.definitions], axis=-1)
+        index = pd.MultiIndex.from_product([range(n), self.objects], names=["draw", "object"])
+        return pd.DataFrame(values.reshape(n * len(self.objects), -1), index=index, columns=list(self.parameters.names))
+
+    def _by_own_terms(self, law: "Law", values: Floats) -> Floats:
+        """Return values of another law's terms, shape (..., equations, terms), for the terms of this one, by name."""
+        if law.terms is self.terms:
+            return values
+        placed = np.zeros((*values.shape[:-1], len(self.terms)))
+        for name, column in zip(law.terms.names, np.moveaxis(values, -1, 0), strict=True):
+            if name in self.terms.names:
+                placed[..., self.terms.names.index(name)] = column
+        return placed
+
+    def coefficient_units(self) -> "dict[tuple[str, str], str]":
+        """Return the unit of each coefficient by equation and term, where the units of the variables determine it."""
+        return {(self.left_hand_sides[j], self.terms.names[k]): f"{unit:~P}" for (j, k), unit in self._units().items()}
+
+    def _units(self) -> "dict[tuple[int, int], pint.Unit]":
+        return units_of_coefficients(self.terms, self.support, self.schema, self.order)
+
+    def to_frame(self, errors: bool = False) -> "pd.DataFrame":
+        """Return the coefficients in a wide table: one row for each object, one column for each term in the law.
+
+        With several equations the columns have two levels, the equation and the term. A law that was given as equations
+        has a column for each parameter.
+
+        Parameters
+        ----------
+        errors
+            Whether each column is followed by one of standard errors, ``"v ±"`` after ``"v"``.
+
+        Raises
+        ------
+        CommonlawError
+            If errors are asked for that are not known.
+        """
+        from commonlaw.law.tables import coefficient_frame, letter_frame
+
+        if errors:
+            self.uncertainty.known_covariance()
+        if self.provenance.equations:
+            known = self.parameters
+            return letter_frame(self.objects, known.names, known.values, known.errors, errors)
+        names = self.objects, self.left_hand_sides, self.terms.names
+        return coefficient_frame(*names, self.support, self.coefficients, self.standard_errors if errors else None)
+
+    # Comparison with other models, and how the law was found
+
+    @property
+    def models(self) -> "tuple[PlausibleLaw[Law], ...]":
+        """All laws with a posterior probability above 1 %, this one first; it alone if no other is known.
+
+        The others have coefficients, covariance and errors of their own, and no record of how they were found. The
+        probabilities add up to one.
+        """
+        others = self.uncertainty.other_laws
+        return PlausibleLaw(1.0 - sum(each.probability for each in others), self), *others
+
+    @property
+    def comparison(self) -> "pd.DataFrame":
+        """The candidates of each equation, from the best to the worst, with the difference of each from the best.
+
+        Columns are equation, rank (from 0), terms, size, measure, score, difference, weight, further measures, proven
+        (no other support of the size fits better) and chosen. The measure is ``2 log B``, twice the logarithm of the
+        Bayes factor of the best over the candidate (Kass and Raftery 1995), the weight then its posterior probability;
+        ``log score difference`` where forecasts of held-out data chose the law; or the criterion of a regression.
+        Lower scores are better. Empty for a law whose terms were given.
+        """
+        from commonlaw.law.tables import comparison_frame
+
+        return comparison_frame(self.provenance.alternatives)
+
+    def path(self) -> "pd.DataFrame":
+        """Return the equations that all values of the solver's hyperparameter give, in segments from the smallest.
+
+        Each row holds from its threshold, penalty or number of terms to the next row's, with its measures; a candidate
+        may come more than once.
+
+        Raises
+        ------
+        CommonlawError
+            If the law was not chosen from the path of one solver.
+        """
+        from commonlaw.law.tables import path_frame
+
+        return path_frame(self.left_hand_sides, self.provenance.alternatives)
+
+    @property
+    def diagnostics(self) -> tuple[Outcome, ...]:
+        """What a user should know of the law and of how it was found."""
+        return self.provenance.outcomes
+
+    @property
+    def history(self) -> History:
+        """Every choice on the way to the law; it prints as a table."""
+        return History(self.provenance.history)
+
+    def domain(self) -> "pd.DataFrame":
+        """Return a table of where the law may be used: the ranges of what it was learned from, with their units.
+
+        Rates are those of smooth curves through the samples. Forecasts that leave a range by more than a tenth of it
+        say so, in ``Forecast.trials.notes``.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.0))
+        >>> print(law.domain().round(1).drop(columns="unit").to_string(index=False))
+        variable   low  high
+               x   2.1  47.3
+               v -26.7  -0.2
+            drag  -0.7  -0.1
+        """
+        import pandas as pd
+
+        units = self.schema.units
+        rows = [(name, *ends, units.get(name, "")) for name, ends in self.provenance.domain.visited.items()]
+        return pd.DataFrame(rows, columns=["variable", "low", "high", "unit"])
+
+    def relations(self) -> "pd.DataFrame":
+        """Return a table of what decides each coefficient: its kind, the properties it follows, its factor, scatter.
+
+        Columns are equation, term, kind, follows, factor, standard error, unit, scatter, its error and the probability
+        of the relation; scatter is relative where all objects have the same sign, and factors of affine functions are
+        their constants.
+
+        Raises
+        ------
+        CommonlawError
+            If the law was not explained, see `explain`.
+        """
+        explanation, indices = self._related.explanation, np.argwhere(self.support)
+        equations = [self.left_hand_sides[j] for j, _ in indices]
+        return explanation.to_frame(equations, [self.terms.names[k] for _, k in indices], self._factor_units())
+
+    @property
+    def _related(self) -> RelatedCoefficients:
+        explanation = self.uncertainty.explanation
+        if explanation is None:
+            raise CommonlawError("relations-missing")
+        return RelatedCoefficients(self.terms, self.support, self.coefficients, explanation)
+
+    def _factor_units(self) -> list[str | None]:
+        """Return the units of the relations' factors, as far as they are known."""
+        found: list[str | None] = []
+        known, units = self.coefficient_units(), self.schema.units
+        for (j, k), relation in zip(np.argwhere(self.support), self._related.explanation.relations, strict=True):
+            unit = known.get((self.left_hand_sides[j], self.terms.names[k]))
+            if unit is None or relation is None or not {*relation.properties} <= units.keys():
+                found.append(None)
+            else:
+                powers = zip(relation.properties, map(float, relation.exponents), strict=False)
+                found.append(quotient_unit(unit, [(units[name], power) for name, power in powers]))
+        return found
+
+    # Text
 
     def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:
         """Return the equations of one object as text: ``x'' = -9.34 + 0.0466 v``.
 
         With errors: ``x'' = -9.34 ± 0.12 + (0.047 ± 0.010) v``, standard errors to two digits. A law that was given as
-        equations is written as these, with numbers in place of its letters: ``N' = 0.8 N (1 - N/1.4)``.
+        equations is written as these, with numbers in place of its parameters: ``N' = 0.8 N (1 - N/1.4)``.
 
         Parameters
         ----------
         name
-            The object; may be left out when there is only one. Of a law that `Law.explain` gave, nothing gives the
+            The object; may be left out when there is only one. Of a law that `explain` gave, nothing gives the
             equations that hold for all objects: ``x'' = -9.8 + 0.25 diameter^2/mass v^2``.
         digits
             Significant digits of the coefficients that have no error.
@@ -280,7 +645,7 @@ class Law(ShownInNotebooks):
             return tuple(f"{left} = {text.summed(addends, PLAIN.times)}" for left, addends in related)
         known = self._shown_errors(name := self._only(name), errors)
         if self.provenance.equations:
-            numbers = {letter: text.numbered(*pair, digits) for letter, pair in self._letters_of(name, known).items()}
+            numbers = {key: text.numbered(*pair, digits) for key, pair in self._given_values(name, known).items()}
             return tuple(each.with_numbers(numbers) for each in split_equations(self.provenance.equations))
         constants = [with_error(*pair, digits, bracket=True) for pair in self._constants(name, known)]
         written = (f"({each})" if each.startswith("-") else each for each in constants)
@@ -289,10 +654,7 @@ class Law(ShownInNotebooks):
         return tuple(text.equation(*row, names, digits, self.terms.have_constants) for row in rows)
 
     def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
-        """Return `equations` as LaTeX, an ``aligned`` block without dollar signs; constants have lines of their own.
-
-        So have the letters of a law that was given as equations, which is written as these: r and K of
-        ``N' = r N (1 - N/K)``.
+        """Return `equations` as LaTeX, an ``aligned`` block without dollar signs; parameters have lines of their own.
 
         Raises
         ------
@@ -306,10 +668,10 @@ class Law(ShownInNotebooks):
             return text.aligned(self._related.rows(LATEX, (*left, *constants), terms, digits, errors is not False))
         known = self._shown_errors(name := self._only(name), errors)
         if self.provenance.equations:
-            letters = {latex_name(letter): pair for letter, pair in self._letters_of(name, known).items()}
-            return text.latex_of_given(left, self.latex_structure(), letters, digits)
-        values = zip(constants, self._constants(name, known), strict=True)
-        return text.latex(left, self._factors(name), known, terms, digits, values, self.terms.have_constants)
+            values = {latex_name(key): pair for key, pair in self._given_values(name, known).items()}
+            return text.latex_of_given(left, self.latex_structure(), values, digits)
+        pairs = zip(constants, self._constants(name, known), strict=True)
+        return text.latex(left, self._factors(name), known, terms, digits, pairs, self.terms.have_constants)
 
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
         """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.
@@ -330,6 +692,85 @@ class Law(ShownInNotebooks):
             for row in self._factors(name)
         ]
         return {sympy.Symbol(left, real=True): each for left, each in zip(self.left_hand_sides, sums, strict=True)}
+
+    def _only(self, name: str | None) -> str:
+        if name is None and len(self.objects) > 1:
+            raise CommonlawError("several-objects", objects=", ".join(self.objects))
+        return self.objects[0] if name is None else name
+
+    @property
+    def _is_explained(self) -> bool:
+        return self.uncertainty.explanation is not None and len(self.objects) > 1
+
+    def _shown_errors(self, name: str, wanted: bool | None) -> Floats:
+        """Return the standard errors of one object to show, shape (equations, terms): zeros if they are not wanted."""
+        if wanted:
+            self.uncertainty.known_covariance()
+        if wanted is False or self.uncertainty.covariance is None:
+            return np.zeros(self.support.shape)
+        return np.asarray(self.standard_errors[self.index(name)])
+
+    def _given_values(self, name: str, errors: Floats) -> dict[str, tuple[float, float]]:
+        """Return the parameters of given equations, and their errors, zero where those of terms all are."""
+        i = self.index(name)
+        shown = np.nan_to_num(self.parameters.errors[i]) * bool(np.any(np.nan_to_num(errors)))
+        pairs = zip(self.parameters.values[i].tolist(), shown.tolist(), strict=True)
+        return dict(zip(self.parameters.names, pairs, strict=True))
+
+    def _constants(self, name: str, errors: Floats) -> list[tuple[float, float]]:
+        """Return the value of each parameter inside of terms for an object, and its error of those of all terms."""
+        coefficients, found = self.coefficients[self.index(name)], []
+        for k in self.terms.constants:
+            j = int(np.argmax(coefficients[:, k] != 0))
+            found.append((float(coefficients[j, k]), float(np.nan_to_num(errors[j, k]))))
+        return found
+
+    def _factors(self, name: str) -> Floats:
+        """Return the coefficients of an object that are factors of terms, shape (equations, terms)."""
+        return np.where(self.terms.is_factor, self.coefficients[self.index(name)], 0.0)
+
+    def __repr__(self) -> str:
+        form = self.structure if self.shared else ("each object with its own terms",)
+        few = self.objects if len(self.objects) <= text.MANY else (counted(len(self.objects), "object"),)
+        return f"<Law of {', '.join(few)}: {'; '.join(form)}>"
+
+    def __str__(self) -> str:
+        known, values = self.parameters, list[tuple[str, float, float]]()
+        if len(self.objects) == 1:
+            body = [*self.equations()]
+            if self.provenance.equations:
+                heads = text.with_units(known.names, known.units)
+                values = list(zip(heads, known.values[0], known.errors[0], strict=True))
+        elif self.uncertainty.explanation is not None:
+            lines = self._related.lines(self.objects, self.standard_errors, self._factor_units())
+            body = [*self.equations(), *lines]
+        elif self.shared:
+            body = [*self.structure]
+            if known.names:
+                heads = text.with_units(known.names, known.units)
+                body += ["", *text.coefficient_table(self.objects, heads, known.values, known.errors)]
+        else:
+            own = {name: self.equations(name) for name in self.objects}
+            body = [line for name in own for line in (f"{name}:", *(f"  {each}" for each in own[name]))]
+        simpler = resolve_name("commonlaw.law.simplify:within_errors")(self)
+        return text.printed(body, self.state_rates, values, simpler, self.diagnostics)
+
+    def summary(self) -> str:
+        """Return the law as it prints, followed by its table of `params` and the best rows of its `comparison`.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x' = -k x", cl.datasets.linear_drag(trials=1).select(object="Ball 1"))
+        >>> print(law.summary().splitlines()[-1])
+        Ball 1       x'     x         k   -0.217           0.049 -0.315 -0.120 1/s
+        """
+        from commonlaw.law.tables import readable, readable_candidates
+
+        tables = [readable(self.params).dropna(axis=1, how="all")]
+        if self.provenance.alternatives:
+            tables.append(readable_candidates(self.provenance.alternatives))
+        return "\n\n".join([str(self), *(each.to_string(index=False, na_rep="") for each in tables)])
 
     def to_script(self, path: "str | Source" = "trials.csv") -> str:
         """Return a Python program that finds this law again in the table of its trials.
@@ -353,436 +794,39 @@ class Law(ShownInNotebooks):
         """
         from commonlaw.law.script import Source, script
 
-        equations = self.structure() if self.shared else ()
-        source = path if isinstance(path, Source) else Source(path)
-        return script(self.provenance.calls, equations, self.schema, source)
+        equations = self.structure if self.shared else ()
+        return script(self.provenance.calls, equations, self.schema, path if isinstance(path, Source) else Source(path))
 
-    def to_frame(self, errors: bool = False) -> "pd.DataFrame":
-        """Return the coefficients: one row for each object, one column for each term that is in the law.
+    # Right-hand side, simulation, forecasts
 
-        With several equations the columns have two levels, the equation and the term. A law that was given as equations
-        has a column for each of their letters.
+    def rhs(self, name: str, values: ArrayLike) -> Floats:
+        """Return the right-hand side of one object as forecasts follow it: the highest derivatives, (n, equations).
 
-        Parameters
-        ----------
-        errors
-            Whether each column is followed by one of standard errors, ``"v ±"`` after ``"v"``.
-
-        Raises
-        ------
-        CommonlawError
-            If errors are asked for that are not known.
-        """
-        from commonlaw.law.tables import coefficient_frame, letter_frame
-
-        if errors:
-            self.uncertainty.known_covariance()
-        if self.provenance.equations:
-            return letter_frame(self.objects, self.letters, *self.letter_values(), errors)
-        names = self.objects, self.left_hand_sides, self.terms.names
-        return coefficient_frame(*names, self.support, self.coefficients, self.standard_errors if errors else None)
-
-    def coefficient_units(self) -> "dict[tuple[str, str], str]":
-        """Return the unit of each coefficient by equation and term, where the units of the variables tell it."""
-        return {key: f"{unit:~P}" for key, unit in self._units().items()}
-
-    def _units(self) -> "dict[tuple[str, str], pint.Unit]":
-        found = units_of_coefficients(self.terms, self.support, self.schema, self.order)
-        return {(self.left_hand_sides[j], self.terms.names[k]): unit for (j, k), unit in found.items()}
-
-    def structure(self) -> tuple[str, ...]:
-        """Return each equation's form, with letters for the coefficients: ``x'' = a + b v``; as given if it was.
-
-        Known coefficients that all objects share are numbers: ``x'' = -9.81 + a v``.
-        """
-        if self.provenance.equations:
-            return self.provenance.equations
-        rows = text.labelled(self.terms.factors, self._labels(str))
-        return text.written_structure(self.left_hand_sides, rows)
-
-    def latex_structure(self) -> tuple[tuple[text.Addend, ...], ...]:
-        """Return the right-hand sides of `structure` in LaTeX."""
-        variables = self.terms.variables
-        if self.provenance.equations:
-            rows = latex_summands(self.provenance.equations, self.schema, variables, self.state_rates)
-            return tuple(tuple(text.Addend(negative, "", latex) for negative, latex in row) for row in rows)
-        factors = zip(self.terms.names, self.terms.latex_factors(variables.names), strict=True)
-        names = ["1" if name == "1" else latex for name, latex in factors]
-        return text.labelled(names, self._labels(latex_name), latex_with_error)
-
-    def _labels(self, write: Callable[[str], str]) -> tuple[tuple[tuple[int, text.Label], ...], ...]:
-        """Return for each equation its terms, by index, each with a number or a written letter before it."""
-        letters = {(each.equation, each.term): write(each.name) for each in self.named_coefficients}
-        rows: list[list[tuple[int, text.Label]]] = [[] for _ in self.states]
-        for j, k in np.argwhere(self.support & self.terms.is_factor).tolist():
-            rows[j].append((k, letters.get((j, k), float(self.coefficients[0, j, k]))))
-        return tuple(map(tuple, rows))
-
-    @property
-    def letters(self) -> tuple[str, ...]:
-        """The letters that `structure` uses, one for each coefficient that is no known number."""
-        return tuple(each.name for each in self.named_coefficients)
-
-    @cached_property
-    def named_coefficients(self) -> tuple[Coefficient, ...]:
-        """Where each letter of `structure` stands."""
-        if self.provenance.equations:
-            return self._given.coefficients
-        alike = np.all((self.standard_errors == 0) & (self.coefficients == self.coefficients[:1]), axis=0)
-        places = np.argwhere(self.support & ~(alike & self.terms.is_factor)).tolist()
-        letters = iter(text.free_letters(len(places), self.terms.variables.names))
-        named = ((self.terms.constant_name(k) or next(letters), j, k) for j, k in places)
-        return tuple(Coefficient(letter, (Part(j, k),)) for letter, j, k in named)
-
-    def _letters_of(self, name: str, errors: Floats) -> dict[str, tuple[float, float]]:
-        """Return what the letters of given equations stand for, and their errors, zero where those of terms all are."""
-        values, own = (each[self.index(name)].tolist() for each in self._letter_values)
-        shown = np.nan_to_num(own) * bool(np.any(np.nan_to_num(errors)))
-        return dict(zip(self.letters, zip(values, shown.tolist(), strict=True), strict=True))
-
-    def _constants(self, name: str, errors: Floats) -> Iterator[tuple[float, float]]:
-        """Yield the value of each constant inside of terms for an object, and its error of those of all terms."""
-        own = self.coefficients_of(name)
-        for k in self.terms.constants:
-            j = int(np.argmax(own[:, k] != 0))
-            yield float(own[j, k]), float(np.nan_to_num(errors[j, k]))
-
-    def _factors(self, name: str) -> Floats:
-        """Return the coefficients of an object that are factors of terms, shape (equations, terms)."""
-        return np.where(self.terms.is_factor, self.coefficients_of(name), 0.0)
-
-    @cached_property
-    def named_products(self) -> tuple[Product, ...]:
-        """What stands before each term, by the letters of `structure`."""
-        if self.provenance.equations:
-            return self._given.products
-        return tuple(Product(each.equation, each.term, 1.0, ((each.name, 1),)) for each in self.named_coefficients)
-
-    @cached_property
-    def _given(self) -> GivenEquations:
-        return read_equations(self.provenance.equations, self.schema, self.terms.variables)
-
-    def letter_values(self) -> tuple[Floats, Floats]:
-        """Return what the letters of `structure` stand for, and their standard errors, both (objects, letters)."""
-        return self._letter_values
-
-    @cached_property
-    def _letter_values(self) -> tuple[Floats, Floats]:
-        values, errors = np.empty((2, len(self.objects), len(self.named_coefficients)))
-        for i, each in enumerate(self.named_coefficients):
-            values[:, i] = each.of(self.coefficients)
-            errors[:, i] = self._error(each)
-        values.flags.writeable = errors.flags.writeable = False
-        return values, errors
-
-    def _error(self, coefficient: Coefficient) -> Floats:
-        """Return the standard error of a named coefficient to first order, shape (objects,)."""
-        covariance = self.uncertainty.covariance
-        if covariance is None or not all(self.support[each.equation, each.term] for each in coefficient.parts):
-            return np.full(len(self.objects), np.nan)
-        indices = {index: i for i, index in enumerate(zip(*np.nonzero(self.support), strict=True))}
-        own = [indices[each.equation, each.term] for each in coefficient.parts]
-        slopes, inner = coefficient.gradient(self.coefficients), covariance[:, own][:, :, own]
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", slopes, inner, slopes), 0.0)))
-
-    def letter_units(self) -> "tuple[str | None, ...]":
-        """Return the unit of each letter of `structure`, as far as the units of the variables tell it."""
-        units, found = self._units(), list[str | None]()
-        for each in self.named_coefficients:
-            own = [units.get((self.left_hand_sides[part.equation], self.terms.names[part.term])) for part in each.parts]
-            powers = [None if unit is None else unit**part.power for unit, part in zip(own, each.parts, strict=True)]
-            known = [unit for unit in powers if unit is not None]
-            found.append(f"{reduce(mul, known):~P}" if len(known) == len(powers) else None)
-        return tuple(found)
-
-    def _heads(self) -> list[str]:
-        return text.with_units(self.letters, self.letter_units())
-
-    @property
-    def _is_explained(self) -> bool:
-        return self.uncertainty.explanation is not None and len(self.objects) > 1
-
-    def _explained(self) -> Explanation:
-        if self.uncertainty.explanation is None:
-            raise CommonlawError("relations-missing")
-        return self.uncertainty.explanation
-
-    def relations(self) -> "pd.DataFrame":
-        """Return a table of what decides each coefficient: its kind, the properties it follows, its factor, scatter.
-
-        Columns are equation, term, kind, follows, factor, standard error, unit, scatter, its error and the probability
-        of the relation; scatter is relative where all objects have the same sign, and factors of affine functions are
-        their constants.
-
-        Raises
-        ------
-        CommonlawError
-            If `Law.explain` was not asked.
-        """
-        explanation, indices = self._explained(), np.argwhere(self.support)
-        equations = [self.left_hand_sides[j] for j, _ in indices]
-        return explanation.to_frame(equations, [self.terms.names[k] for _, k in indices], self._factor_units())
-
-    def _factor_units(self) -> list[str | None]:
-        """Return the units of the relations' factors, as far as they are known."""
-        found: list[str | None] = []
-        own, units = self.coefficient_units(), self.schema.units
-        for (j, k), relation in zip(np.argwhere(self.support), self._explained().relations, strict=True):
-            unit = own.get((self.left_hand_sides[j], self.terms.names[k]))
-            if unit is None or relation is None or not {*relation.properties} <= units.keys():
-                found.append(None)
-            else:
-                powers = zip(relation.properties, map(float, relation.exponents), strict=False)
-                found.append(quotient_unit(unit, [(units[name], power) for name, power in powers]))
-        return found
-
-    @property
-    def _related(self) -> RelatedCoefficients:
-        return RelatedCoefficients(self.terms, self.support, self.coefficients, self._explained())
-
-    def _explained_body(self) -> list[str]:
-        """Return the lines that hold the relations, what they leave open, and coefficients that are objects' own."""
-        return [*self.equations(), *self._related.lines(self.objects, self.standard_errors, self._factor_units())]
-
-    def _only(self, name: str | None) -> str:
-        if name is None and len(self.objects) > 1:
-            names = ", ".join(self.objects)
-            raise CommonlawError("several-objects", objects=names)
-        return self.objects[0] if name is None else name
-
-    def _shown_errors(self, name: str, wanted: bool | None) -> Floats:
-        """Return the standard errors of one object to show, shape (equations, terms): zeros if they are not wanted."""
-        if wanted:
-            self.uncertainty.known_covariance()
-        if wanted is False or self.uncertainty.covariance is None:
-            return np.zeros(self.support.shape)
-        return np.asarray(self.standard_errors[self.index(name)])
-
-    @property
-    def explanation(self) -> Explanation | None:
-        """See `Uncertainty`."""
-        return self.uncertainty.explanation
-
-    @property
-    def other_laws(self) -> "tuple[PlausibleLaw[Law], ...]":
-        """See `Uncertainty`."""
-        return self.uncertainty.other_laws
-
-    @property
-    def with_discrepancy(self) -> "Law | None":
-        """See `Provenance`."""
-        wider: Law | None = self.provenance.with_discrepancy
-        return wider
-
-    @property
-    def differentiation(self) -> AbstractDifferentiator | None:
-        """See `Provenance`."""
-        return self.provenance.differentiation
-
-    @property
-    def outcomes(self) -> tuple[Outcome, ...]:
-        """See `Provenance`."""
-        return self.provenance.outcomes
-
-    @property
-    def alternatives(self) -> tuple[Alternative, ...]:
-        """See `Provenance`."""
-        return self.provenance.alternatives
-
-    @property
-    def history(self) -> History:
-        """Every choice on the way to the law; it prints as a table."""
-        return History(self.provenance.history)
-
-    @property
-    def covariance(self) -> Floats | None:
-        """See `Uncertainty`."""
-        return self.uncertainty.covariance
-
-    @property
-    def noise(self) -> Floats | None:
-        """See `Uncertainty`."""
-        return self.uncertainty.noise
-
-    @property
-    def inclusion_probabilities(self) -> Floats | None:
-        """See `Uncertainty`."""
-        return self.uncertainty.inclusion_probabilities
-
-    @property
-    def has_std(self) -> bool:
-        """Whether `predict` can return standard deviations: covariance and noise are known."""
-        return self.covariance is not None and self.noise is not None
-
-    @property
-    def plausible(self) -> "tuple[PlausibleLaw[Law], ...]":
-        """All that the law could be with a probability above 1 %, itself first; it alone if no other is known.
-
-        The others have coefficients of their own, with their covariance and errors, and no record of how they were
-        found. Their probabilities and its own add up to one.
-        """
-        return PlausibleLaw(1.0 - sum(each.probability for each in self.other_laws), self), *self.other_laws
-
-    def interval_ends(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
-        """Return the lower and upper ends of the coefficients' intervals, each of shape (objects, equations, terms).
-
-        NaN for terms that an object does not have; see `intervals`.
-
-        Raises
-        ------
-        CommonlawError
-            If the covariance is not known, or the level is not between 0 and 1.
-        """
-        self.uncertainty.known_covariance()
-        laws = self.plausible if averaged else (PlausibleLaw(1.0, self),)
-        weights = np.array([each.probability for each in laws]).reshape(-1, 1, 1, 1)
-        values = np.array([self._by_own_terms(each.law, each.law.coefficients) for each in laws])
-        errors = np.nan_to_num([self._by_own_terms(each.law, each.law.standard_errors) for each in laws])
-        degrees = [each.law.uncertainty.degrees_of_freedom for each in laws]
-        whole = np.array([np.full(len(self.states), np.inf) if each is None else each for each in degrees])
-        low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
-        absent = self.coefficients == 0
-        return np.where(absent, np.nan, low), np.where(absent, np.nan, high)
-
-    def letter_interval_ends(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
-        """Return the ends of the intervals of what the letters of `structure` stand for, each (objects, letters).
-
-        NaN where they are not known; see `intervals`.
-        """
-        values, errors = self.letter_values()
-        equations = [each.parts[0].equation for each in self.named_coefficients]
-        half = errors * self.uncertainty.reach(len(self.states), level)[equations]
-        if not self.other_laws or not averaged:
-            return values - half, values + half
-        low, high = self.interval_ends(level)
-        indices = tuple(np.array([(each.parts[0].equation, each.parts[0].term) for each in self.named_coefficients]).T)
-        return low[:, *indices], high[:, *indices]
-
-    def intervals(self, level: float = 0.95, averaged: bool = True) -> "pd.DataFrame":
-        """Return a table of all coefficients: object, equation, term, coefficient, standard error, low and high.
-
-        And how probable it is that the term is in the law, and the unit of its coefficient, where that is known. Of a
-        law that was given as equations it is a table of their letters: object, parameter, coefficient, standard error,
-        low, high, unit.
-
-        Low and high are averaged over what the law could be, `plausible`: the coefficient is zero where its term is
-        not in the law, so that the interval of a term that may well not be there tends to include zero. Where there is
-        something else that the law could be, the interval if it has these terms and no others stands beside it, as
-        "low given these terms" and "high given these terms". Errors follow Student's t distribution, with the degrees
-        of freedom of the estimate of the noise.
+        By pooled coefficients where the law has them (``law.uncertainty.pooled``), as these err less.
 
         Parameters
         ----------
-        level
-            The probability that the coefficient lies between low and high.
-        averaged
-            Whether low and high are averaged; else they are those given these terms.
+        name
+            The object.
+        values
+            The law's variables (states, rates, inputs, time), shape (n, variables). Time may be left out where no term
+            depends on it.
 
         Raises
         ------
         CommonlawError
-            If the covariance is not known, or the level is not between 0 and 1.
+            If there is no such object, or the values are not those of the variables.
         """
-        from commonlaw.law.tables import interval_frame, letter_interval_frame
-
-        if self.provenance.equations:
-            self.uncertainty.known_covariance()
-            ends_of_letters = self.letter_interval_ends(level, averaged)
-            found = letter_interval_frame(self.objects, self.letters, *self.letter_values(), *ends_of_letters)
-            of_letters = [unit or "" for unit in self.letter_units()]
-            return found.assign(unit=of_letters * len(self.objects)) if any(of_letters) else found
-        ends = {"": self.interval_ends(level, averaged)}
-        if averaged and self.other_laws:
-            ends[" given these terms"] = self.interval_ends(level, averaged=False)
-        names, errors = (self.objects, self.left_hand_sides, self.terms.names), self.standard_errors
-        found = interval_frame(*names, self.coefficients, errors, ends, self.uncertainty.inclusion_probabilities)
-        units = self.coefficient_units()
-        if units:
-            found["unit"] = [units.get(key, "") for key in zip(found["equation"], found["term"], strict=True)]
-        return found
-
-    def draws(self, count: int = 1000, seed: int = 0, averaged: bool = True) -> "pd.DataFrame":
-        """Return draws of the coefficients from what the trials tell of them, for quantities of one's own.
-
-        Each is drawn from one of the laws that are `plausible`, by their probabilities, and has zeros for terms that
-        are not in it; with the covariance of that law, of all objects together. The distribution is normal, or
-        Student's t distribution where the noise was estimated.
-
-        Parameters
-        ----------
-        count
-            How many draws of each object.
-        seed
-            The same seed gives the same draws.
-        averaged
-            Whether to draw from all that is plausible; else all draws have the terms of this law.
-
-        Returns
-        -------
-        pandas.DataFrame
-            A row for each draw and object, which are its index; a column for each letter of `structure`.
-
-        Raises
-        ------
-        CommonlawError
-            If the law does not know how accurate its coefficients are, or no draw is asked for.
-
-        Examples
-        --------
-        The speed at which drops no longer accelerate, of each object:
-
-        >>> import commonlaw as cl
-        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05))
-        >>> draws = law.draws()
-        >>> speeds = (draws["g"] / draws["c"]).groupby("object").quantile([0.025, 0.975]).unstack()
-        >>> print(speeds.round(1).to_string(header=False, index_names=False))
-        Ball 1  90.1  108.3
-        Ball 2  31.7   33.7
-        Ball 3  30.9   32.7
-        Ball 4  19.2   19.9
-        Ball 5  13.8   14.2
-        """
-        from commonlaw.law.tables import MOST_DRAWS, draws_frame
-
-        check_whole_number("count", count, 1, MOST_DRAWS)
-        laws = self.plausible if averaged else self.plausible[:1]
-        chosen = np.zeros(count, dtype=np.intp)
-        if len(laws) > 1:
-            shares = np.cumsum([each.probability for each in laws])
-            chosen = np.searchsorted(shares, np.random.default_rng([seed, count]).uniform(0.0, shares[-1], count))
-        whole = np.zeros((count, *self.coefficients.shape))
-        for i in np.unique(chosen).tolist():
-            law, own = laws[i].law, chosen == i
-            drawn = law.uncertainty.draws(law.coefficients[:, law.support], int(own.sum()), seed)
-            whole[own] = self._by_own_terms(law, _placed(drawn, law))
-        values = [each.of(whole) for each in self.named_coefficients]
-        return draws_frame(self.objects, self.letters, np.stack(values, axis=-1))
-
-    def each_other(self, change: "Callable[[Law], Law]") -> "tuple[PlausibleLaw[Law], ...]":
-        """Return what else the law could be, each law changed alike."""
-        return tuple(PlausibleLaw(each.probability, change(each.law)) for each in self.other_laws)
-
-    def _by_own_terms(self, law: "Law", values: Floats) -> Floats:
-        """Return values of another law's terms, shape (..., equations, terms), for the terms of this one, by name."""
-        if law.terms is self.terms:
-            return values
-        found = np.zeros((*values.shape[:-1], len(self.terms)))
-        for name, own in zip(law.terms.names, np.moveaxis(values, -1, 0), strict=True):
-            if name in self.terms.names:
-                found[..., self.terms.names.index(name)] = own
-        return found
-
-    def _check_others(self) -> None:
-        """Refuse other laws that are not of the same objects and states, or whose probabilities are none."""
-        for probability, law in self.other_laws:
-            same = (law.objects, law.order, law.states) == (self.objects, self.order, self.states)
-            if not same or law.other_laws:
-                raise CommonlawError("averaged-law-differs")
-            if not 0 < probability < 1:
-                raise CommonlawError("averaged-law-probability", probability=probability)
-        if sum(each.probability for each in self.other_laws) >= 1:
-            raise CommonlawError("averaged-laws-probability")
+        coefficients, variables = self._followed_coefficients(name), self.terms.variables
+        points, names = np.asarray(values, dtype=np.float64), variables.measured
+        time = variables.index(variables.time)
+        if points.ndim == 2 and points.shape[1] == len(names) - 1:
+            used = np.flatnonzero(self.support.any(axis=0))
+            if not any(time in self.terms.terms[k].columns() for k in used):
+                points = np.insert(points, time, 0.0, axis=1)
+        if points.ndim != 2 or points.shape[1] != len(names):
+            raise CommonlawError("variables-shape", shape=points.shape, names=names)
+        return np.asarray(self.terms.evaluate(self.terms.at(points, coefficients)) @ coefficients.T)
 
     def vector_field(self, name: str) -> VectorField:
         """Return the right-hand side for one object as forecasts follow it, ready to integrate, see `VectorField`.
@@ -794,6 +838,14 @@ class Law(ShownInNotebooks):
         """
         free = self.support if self.shared else None
         return VectorField(self.terms, self._followed_coefficients(name), self.order, free=free)
+
+    def _followed_coefficients(self, name: object) -> Floats:
+        """Return the coefficients of one object that rates and forecasts follow: pooled ones if the law has them."""
+        pooled, index = self.uncertainty.pooled, self.index(name)
+        found: Floats = self.coefficients[index].copy()
+        if pooled is not None:
+            found[self.support] = pooled.coefficients[index]
+        return found
 
     def simulate(
         self,
@@ -887,7 +939,7 @@ class Law(ShownInNotebooks):
         discrepancy
             Whether to forecast with the discrepancy that was found beside the law, see `discrepancy`.
         averaged
-            Whether forecasts are averaged over what the law could be, see `plausible`: each is the median of what
+            Whether forecasts are averaged over what the law could be, see `models`: each is the median of what
             these laws say, weighted by their probabilities, and its interval is that of the mixture. Else they are
             those of this law.
 
@@ -904,7 +956,11 @@ class Law(ShownInNotebooks):
         forecast: Forecast = predict(self, trials, times=times, **options, **how)
         return forecast
 
-    def adapt(self, trials: Trials) -> "Law":
+    def score(self, trials: Trials, start: int | Literal["all"] | None = None) -> float:
+        """Return the R^2 of the forecasts of these trials, see `Forecast.score`; for the start see `predict`."""
+        return self.predict(trials, start=start).score()
+
+    def update(self, trials: Trials) -> "Law":
         """Return the law of the objects of new trials, with coefficients that these trials have updated.
 
         Before, an object has the coefficients that `predict` would take: its own if the law knows it, else those that
@@ -928,7 +984,7 @@ class Law(ShownInNotebooks):
         >>> import commonlaw as cl
         >>> drops = cl.datasets.linear_drag(noise=0.05)
         >>> law = cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:4])).explain([])
-        >>> print(law.adapt(drops.select(object="Ball 5", trial=1).until(2.0)))
+        >>> print(law.update(drops.select(object="Ball 5", trial=1).until(2.0)))
         x'' = -9.856 ± 0.046 - (0.714 ± 0.011) v
         <BLANKLINE>
         with v = x', g [m/s²] = 9.856 ± 0.046, c [1/s] = 0.714 ± 0.011
@@ -1005,28 +1061,6 @@ class Law(ShownInNotebooks):
         found: Discrepancy[Law] = find(self, trials, of, noise=noise, huber_threshold=huber_threshold, **options)
         return found
 
-    def domain(self) -> "pd.DataFrame":
-        """Return a table of where the law may be used: the ranges of what it was learned from, with their units.
-
-        Rates are those of smooth curves through the samples. Forecasts that leave a range by more than a tenth of it
-        say so, in ``Forecast.trials.notes``.
-
-        Examples
-        --------
-        >>> import commonlaw as cl
-        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.0))
-        >>> print(law.domain().round(1).drop(columns="unit").to_string(index=False))
-        variable   low  high
-               x   2.1  47.3
-               v -26.7  -0.2
-            drag  -0.7  -0.1
-        """
-        import pandas as pd
-
-        units = self.schema.units
-        rows = [(name, *ends, units.get(name, "")) for name, ends in self.provenance.domain.visited.items()]
-        return pd.DataFrame(rows, columns=["variable", "low", "high", "unit"])
-
     def residuals(self, trials: Trials) -> "Residuals":
         """Say how well the law fits trials: what measurements are off its trajectories, and which patterns that has.
 
@@ -1054,11 +1088,7 @@ class Law(ShownInNotebooks):
         """
         return cast("Residuals", resolve_name("commonlaw.discrepancy:residuals")(self, trials))
 
-    def score(self, trials: Trials, start: int | Literal["all"] | None = None) -> float:
-        """Return the R^2 of the forecasts of these trials, see `Forecast.score`; for the start see `predict`."""
-        return self.predict(trials, start=start).score()
-
-    def verdict(self, trials: Trials, learned: Trials | None = None) -> "LawVerdict":
+    def assess(self, trials: Trials, learned: Trials | None = None) -> "LawVerdict":
         """Say what the law is good for: how well and how far it forecasts, whether its bands hold, what is uncertain.
 
         Trials are forecast over all that follows their first samples, so that growth is judged while it grows, and
@@ -1080,7 +1110,7 @@ class Law(ShownInNotebooks):
         >>> import commonlaw as cl
         >>> drops = cl.datasets.linear_drag(noise=0.05)
         >>> law = cl.fit("x'' = -g - c v", drops.select(trial=1))
-        >>> print(law.verdict(drops, drops.select(trial=1)).sentences[0])
+        >>> print(law.assess(drops, drops.select(trial=1)).sentences[0])
         This law can be used for forecasts up to 2.6 s ahead (longest horizon tested).
         """
         return cast("LawVerdict", resolve_name("commonlaw.verdict:judge")(self, trials, learned))
@@ -1145,7 +1175,7 @@ class Law(ShownInNotebooks):
         """
         return cast("Simplification[Law]", resolve_name("commonlaw.law.simplify:simplified")(self, tolerance))
 
-    # Laws of other objects
+    # Laws of other objects, and with fewer parameters
 
     def average(self) -> "Law":
         """Return the law of one object, "average", whose coefficients are the mean over all objects.
@@ -1153,7 +1183,7 @@ class Law(ShownInNotebooks):
         Their covariance is that of a mean, of objects that are independent unless they were partially pooled.
         """
         mean = self.coefficients.mean(axis=0, keepdims=True)
-        others = self.each_other(lambda law: law.average())
+        others = self.uncertainty.map_other_laws(lambda law: law.average())
         return self._of_others(("average",), mean, self.uncertainty.average(), others)
 
     def select(self, objects: Sequence[str]) -> "Law":
@@ -1165,7 +1195,7 @@ class Law(ShownInNotebooks):
             If the law has no such object.
         """
         indices = [self.index(name) for name in objects]
-        others = self.each_other(lambda law: law.select(objects))
+        others = self.uncertainty.map_other_laws(lambda law: law.select(objects))
         return self._of_others(tuple(objects), self.coefficients[indices], self.uncertainty.select(indices), others)
 
     def _of_others(
@@ -1189,7 +1219,7 @@ class Law(ShownInNotebooks):
         """Return the law with these as what else it could be."""
         return replace(self, uncertainty=replace(self.uncertainty, other_laws=other_laws))
 
-    def partial_pooling(self, universal: Bools | None = None, others: bool = True) -> "Law":
+    def pool(self, universal: Bools | None = None, others: bool = True) -> "Law":
         """Return the law with each coefficient drawn to its mean over objects, as far as the objects are alike in it.
 
         What objects have in common, such as gravity, all trials tell together; what is an object's own stays so.
@@ -1210,13 +1240,13 @@ class Law(ShownInNotebooks):
         """
         from commonlaw.law.pooling import not_pooled, partially_pooled, pooling_step
 
-        pooled = self.each_other(lambda law: law.partial_pooling(universal, others))
+        pooled = self.uncertainty.map_other_laws(lambda law: law.pool(universal, others))
         found = partially_pooled(self.coefficients, self.uncertainty, self.support, universal, others)
         if found is None:
             return self.with_others(pooled) if pooled else self
         coefficients, uncertainty, shrinkage, told = found
         step = pooling_step(self.left_hand_sides, self.terms.names, self.support, shrinkage)
-        outcomes = (*self.outcomes, *not_pooled(self.objects, told))
+        outcomes = (*self.diagnostics, *not_pooled(self.objects, told))
         provenance = replace(self.provenance, history=(*self.history, step), outcomes=outcomes)
         uncertainty = replace(uncertainty, other_laws=pooled)
         return replace(self, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
@@ -1267,7 +1297,7 @@ class Law(ShownInNotebooks):
             return each
 
         provenance = replace(law.provenance, calls=(*law.provenance.calls, f"law.explain({given})"))
-        return replace(law, provenance=provenance).with_others(self.each_other(other))
+        return replace(law, provenance=provenance).with_others(self.uncertainty.map_other_laws(other))
 
     def _explained_by(self, found: Properties, names: Sequence[str]) -> "Law":
         """Return the law by properties of these names, without looking at what else it could be."""
@@ -1289,58 +1319,7 @@ class Law(ShownInNotebooks):
             properties=found.values,
         )
 
-    # What the law says
-
-    def candidates(self) -> "pd.DataFrame":
-        """Return the candidates that the law was chosen from, what speaks for each, and which was chosen.
-
-        By evidence: ``2 log B``, twice the logarithm of the Bayes factor of the law over each (Kass and Raftery 1995),
-        and the probability if one of the equation's candidates is right. Where forecasts of what was left out chose the
-        law: ``log score difference``, by how much less the logarithm of the probability of that is by each.
-        """
-        from commonlaw.law.tables import candidate_frame
-
-        return candidate_frame(self.alternatives)
-
-    def path(self) -> "pd.DataFrame":
-        """Return the equations that all values of the solver's hyperparameter give, in segments from the smallest.
-
-        Each row holds from its threshold, penalty or number of terms to the next row's, with the measures of
-        `candidates`; a candidate may come more than once.
-
-        Raises
-        ------
-        CommonlawError
-            If the law was not chosen from the path of one solver.
-        """
-        from commonlaw.law.tables import path_frame
-
-        return path_frame(self.left_hand_sides, self.alternatives)
-
-    def __repr__(self) -> str:
-        form = self.structure() if self.shared else ("each object with its own terms",)
-        few = self.objects if len(self.objects) <= text.MANY else (counted(len(self.objects), "object"),)
-        return f"<Law of {', '.join(few)}: {'; '.join(form)}>"
-
-    def __str__(self) -> str:
-        own = self.provenance.equations and len(self.objects) == 1
-        values = zip(self._heads(), *(each[0] for each in self.letter_values()), strict=True) if own else ()
-        simpler = resolve_name("commonlaw.law.simplify:within_errors")(self)
-        return text.printed(self._body(), self.state_rates, values, simpler, self.outcomes)
-
-    def _body(self) -> list[str]:
-        """Return the lines that hold the coefficients of all objects."""
-        if len(self.objects) == 1:
-            return [*self.equations()]
-        if self.explanation is not None:
-            return self._explained_body()
-        if self.shared and not self.letters:
-            return [*self.structure()]
-        if self.shared:
-            return [*self.structure(), "", *text.coefficient_table(self.objects, self._heads(), *self.letter_values())]
-        return [line for name in self.objects for line in (f"{name}:", *(f"  {each}" for each in self.equations(name)))]
-
-    # Keeping it, and writing it down
+    # Files
 
     @classmethod
     def from_text(
@@ -1431,10 +1410,3 @@ class Law(ShownInNotebooks):
             return cls._of(decoded_file(content))
         except CommonlawError as error:
             raise error.at(str(path)) from None
-
-
-def _placed(drawn: Floats, law: Law) -> Floats:
-    """Return draws of the coefficients in the support of a law among all, shape (draws, objects, equations, terms)."""
-    whole = np.zeros((len(drawn), *law.coefficients.shape))
-    whole[..., law.support] = drawn
-    return whole

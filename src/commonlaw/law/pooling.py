@@ -29,7 +29,7 @@ def partially_pooled(
 
     Beside them their uncertainty, how far each was drawn, from 0 to 1, shape (equations, terms), and which objects were
     pooled, shape (objects,): objects whose trials say nothing of any coefficient, such as blanks among cultures, keep
-    their own. The arguments are those of `Law.partial_pooling`.
+    their own. The arguments are those of `Law.pool`.
     """
     covariance = uncertainty.known_covariance()
     if uncertainty.shared_factor is not None:

@@ -39,10 +39,10 @@ def with_pooled_forecasts(law: Law, universal: Bools, others: bool) -> Law:
     law
         Whose objects do not depend on each other.
     universal, others
-        See `Law.partial_pooling`.
+        See `Law.pool`.
     """
-    own = law.partial_pooling(universal, False)
-    drawn = law.partial_pooling(universal, True) if others else own
+    own = law.pool(universal, False)
+    drawn = law.pool(universal, True) if others else own
     if not others or drawn.uncertainty.unpooled is None:
         return own
     estimates = ObjectEstimates(drawn.coefficients[:, law.support], drawn.uncertainty.known_covariance())
@@ -84,7 +84,7 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
             unpooled=None,
             pooled=None,
             explanation=None,
-            other_laws=law.each_other(lambda other: with_objects_of(other, trials)[0]),
+            other_laws=law.uncertainty.map_other_laws(lambda other: with_objects_of(other, trials)[0]),
         ),
         properties={},
     )
@@ -102,19 +102,19 @@ def _by_pooled(law: Law) -> Law:
         covariance=pooled.covariance,
         shared_factor=None,
         pooled=None,
-        other_laws=law.each_other(_by_pooled),
+        other_laws=law.uncertainty.map_other_laws(_by_pooled),
     )
     return replace(law, coefficients=coefficients, uncertainty=uncertainty)
 
 
 def is_typical(law: Law, name: str, trials: Trials) -> bool:
     """Whether a law takes an object for the typical one: it does not know it, nor what relations take."""
-    return name not in law.objects and (law.explanation is None or bool(_lacking(law, name, trials)))
+    return name not in law.objects and (law.uncertainty.explanation is None or bool(_lacking(law, name, trials)))
 
 
 def _lacking(law: Law, name: str, trials: Trials) -> list[str]:
     values = trials.properties.get(name, {})
-    wanted = law.explanation.properties if law.explanation else ()
+    wanted = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
     return [each for each in wanted if not isinstance(values.get(each), float)]
 
 
@@ -124,20 +124,22 @@ def _drawn(law: Law, name: str, trials: Trials) -> Population:
         lacking = _lacking(law, name, trials)
         why = f", as its {' and '.join(lacking)} is not known" if lacking else ""
         return _typical(law, f"{name} is not in the law: it has the mean coefficients of the others{why}")
-    assert law.explanation is not None
+    assert law.uncertainty.explanation is not None
     values = trials.properties.get(name, {})
-    given = {each: _in_unit(each, values[each], trials.schema, law.schema) for each in law.explanation.properties}
+    given = {
+        each: _in_unit(each, values[each], trials.schema, law.schema) for each in law.uncertainty.explanation.properties
+    }
     return _by_relations(law, name, given)
 
 
 def _by_relations(law: Law, name: str, given: dict[str, float]) -> Population:
     """Return the coefficients that follow from properties, in the units of the law."""
-    assert law.explanation is not None
+    assert law.uncertainty.explanation is not None
     coefficients, indices = law.coefficients[0].copy(), np.argwhere(law.support)
-    covariance = law.explanation.covariance
+    covariance = law.uncertainty.explanation.covariance
     turn, scatter = np.zeros((len(indices), len(covariance))), np.zeros(len(indices))
     first = 0
-    for i, relation in enumerate(law.explanation.relations):
+    for i, relation in enumerate(law.uncertainty.explanation.relations):
         if relation is not None:
             part = slice(first, first + len(relation.factors))
             columns = _columns(relation, name, given)
@@ -190,8 +192,8 @@ def _typical(law: Law, note: str) -> Population:
     They are those of the population (random effects), which errors of single objects neither move nor widen. The fewer
     objects there are, the more is added (Student's t, for the 95 % band).
     """
-    if law.covariance is not None and law.uncertainty.unpooled is None:
-        law = law.with_others(()).partial_pooling()
+    if law.uncertainty.covariance is not None and law.uncertainty.unpooled is None:
+        law = law.with_others(()).pool()
         factor = law.uncertainty.shared_factor
         if factor is not None:  # Objects without information keep their own, see `partially_pooled`
             law = law.select([law.objects[i] for i in np.flatnonzero(factor.any(axis=(1, 2)))])

@@ -263,7 +263,7 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, sourc
     learned = [f"measured = {read}", f"trials = {source.training}"] if source.training else [f"trials = {read}"]
     judged = "measured, trials" if source.training else "trials"
     made = readable(calls, f"cl.fit({'; '.join(equations)!r}, trials)")
-    last = "law.report(trials).save('report.html')" if source.stream else f"print(law.verdict({judged}))"
+    last = "law.report(trials).save('report.html')" if source.stream else f"print(law.assess({judged}))"
     return "\n".join(["import commonlaw as cl", "", *learned, *made, "print(law)", last, ""])
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ from commonlaw.text import counted
 
 _MORE_TERMS = 2
 
-_WITH_ERRORS = ("coefficient", "factor", "standard error", "low", "high")
+_WITH_ERRORS = ("coefficient", "estimate", "factor", "standard error", "low", "high")
 """Columns, or how they begin, whose digits mean something as far as the column of standard errors says."""
 
 MOST_DRAWS = 10_000_000
@@ -26,6 +27,9 @@ LOG_SCORE = "log score difference"
 
 _MEASURES = ("held-out error", "standard error", "BIC", "stability", "2 log B", "probability", LOG_SCORE)
 """What is shown of a candidate, as far as it is there."""
+
+_COMPARING = ("2 log B", LOG_SCORE, "held-out error", "BIC", "AIC")
+"""What candidates are compared by, the first that is there."""
 
 MEANINGS = {
     "2 log B": "2 log B: evidence against a law relative to the best; above 10 is very strong (Kass and Raftery 1995)",
@@ -94,49 +98,60 @@ def letter_frame(
     return pd.DataFrame(columns, index=pd.Index(objects, name="object"))
 
 
-def letter_interval_frame(
-    objects: Sequence[str], letters: Sequence[str], values: Floats, errors: Floats, low: Floats, high: Floats
-) -> pd.DataFrame:
-    """Return what letters stand for with standard errors and intervals, arrays of shape (objects, letters)."""
-    names = np.array([(name, letter) for name in objects for letter in letters], dtype=object).reshape(-1, 2)
-    columns = {"object": names[:, 0], "parameter": names[:, 1], "coefficient": values.ravel()}
-    return pd.DataFrame({**columns, "standard error": errors.ravel(), "low": low.ravel(), "high": high.ravel()})
+def interval_frame(law: Any, level: float = 0.95, averaged: bool = True) -> pd.DataFrame:
+    """Return `Law.conf_int` by the names of columns that are kept stable where tables are saved.
 
-
-def interval_frame(
-    objects: Sequence[str],
-    equations: Sequence[str],
-    terms: Sequence[str],
-    coefficients: Floats,
-    errors: Floats,
-    ends: Mapping[str, tuple[Floats, Floats]],
-    inclusion_probabilities: Floats | None,
-) -> pd.DataFrame:
-    """Return the coefficients with their standard errors and intervals, see `Law.intervals`.
-
-    Coefficients, errors and the ends of intervals, by what is said of these, have the shape (objects, equations,
-    terms), probabilities (equations, terms).
+    Without averages, where there is something to average over, the ends follow as "low given these terms" and "high
+    given these terms".
     """
-    i, j, k = np.nonzero(coefficients)
-    values, own_errors = coefficients[i, j, k], errors[i, j, k]
-    columns: dict[str, Sequence[object] | Floats] = {
-        "object": [objects[each] for each in i.tolist()],
-        "equation": [equations[each] for each in j.tolist()],
-        "term": [terms[each] for each in k.tolist()],
-        "coefficient": values,
-        "standard error": own_errors,
-    }
-    for said, (low, high) in ends.items():
-        columns |= {f"low{said}": low[i, j, k], f"high{said}": high[i, j, k]}
-    if inclusion_probabilities is not None:
-        columns["term probability"] = inclusion_probabilities[j, k]
-    return pd.DataFrame(columns)
+    found: pd.DataFrame = law.conf_int(level, averaged)
+    by_name, ends = bool(law.provenance.equations), ["low", "high"]
+    if averaged and law.uncertainty.other_laws and not by_name:
+        alone = law.conf_int(level, averaged=False)
+        after = [*found.columns].index("high") + 1
+        for i, end in enumerate(ends):
+            found.insert(after + i, f"{end} given these terms", alone[end])
+    found["unit"] = found.pop("unit")
+    found = found.drop(columns=["equation", "term"] if by_name else ["parameter"])
+    saved = {"estimate": "coefficient", "inclusion probability": "term probability"}
+    found.columns = pd.Index([saved.get(each, each) for each in found.columns])
+    return found if found["unit"].any() else found.drop(columns="unit")
 
 
-def draws_frame(objects: Sequence[str], letters: Sequence[str], values: Floats) -> pd.DataFrame:
-    """Return draws of coefficients, shape (draws, objects, letters), see `Law.draws`."""
-    rows = pd.MultiIndex.from_product([range(len(values)), objects], names=["draw", "object"])
-    return pd.DataFrame(values.reshape(-1, len(letters)), index=rows, columns=list(letters))
+def coefficient_rows(law: Any) -> pd.DataFrame:
+    """Return `Law.params` as a table for other programs; what is not known is empty.
+
+    Columns are object, equation, term (or of a law of given equations parameter), value, standard error, low, high and
+    unit.
+    """
+    names = ["parameter"] if law.provenance.equations else ["equation", "term"]
+    found: pd.DataFrame = law.params[["object", *names, "estimate", "standard error", "low", "high", "unit"]]
+    return found.set_axis(["object", *names, "value", "standard error", "low", "high", "unit"], axis=1)
+
+
+def comparison_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
+    """Return the candidates of each equation from the best to the worst, see `Law.comparison`."""
+    found = []
+    for equation in dict.fromkeys(each.equation for each in alternatives):
+        own = [each for each in alternatives if each.equation == equation]
+        names = [name for each in own for name in each.measures]
+        measure = next((name for name in _COMPARING if name in names), names[0] if names else "")
+        rows = candidate_frame(own).assign(measure=measure)
+        scores = rows[measure].astype(float) if measure else pd.Series(np.nan, rows.index)
+        rows["score"], rows["difference"] = scores, scores - scores.min()
+        rows["weight"] = rows.get("probability", np.nan)
+        rows = rows.sort_values(["score", "size"], kind="stable", ignore_index=True)
+        rows.insert(1, "rank", range(len(rows)))
+        found.append(rows)
+    first, last = (
+        ["equation", "rank", "terms", "size", "measure", "score", "difference", "weight"],
+        ["proven", "chosen"],
+    )
+    if not found:
+        return pd.DataFrame(columns=[*first, *last])
+    table = pd.concat(found, ignore_index=True)
+    others = [name for name in table if name not in (*first, *last, "probability", *table["measure"].unique())]
+    return table[[*first, *others, *last]]
 
 
 def plausible_frame(laws: Iterable[tuple[float, Sequence[str]]]) -> pd.DataFrame:
@@ -145,7 +160,7 @@ def plausible_frame(laws: Iterable[tuple[float, Sequence[str]]]) -> pd.DataFrame
 
 
 def candidate_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
-    """Return the candidates that a law was chosen from, see `Law.candidates`."""
+    """Return the candidates that a law was chosen from."""
     rows = [
         {
             "equation": each.equation,

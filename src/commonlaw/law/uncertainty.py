@@ -161,7 +161,7 @@ class Uncertainty:
     explanation
         What decides the coefficients, if `Law.explain` was asked.
     other_laws
-        What else the law could be, with probabilities, see `Law.plausible`.
+        What else the law could be, with probabilities, see `Law.models`.
     """
 
     covariance: Floats | None = None
@@ -207,6 +207,15 @@ class Uncertainty:
         return Uncertainty(
             covariance, factor, noise, inclusion, errors, own, pooled, degrees, wider, explanation, self.other_laws
         )
+
+    @property
+    def has_std(self) -> bool:
+        """Whether `Law.predict` can return standard deviations: covariance and noise are known."""
+        return self.covariance is not None and self.noise is not None
+
+    def map_other_laws(self, change: Callable[[Any], Any]) -> tuple[PlausibleLaw[Any], ...]:
+        """Return what else the law could be, each law changed alike."""
+        return tuple(PlausibleLaw(each.probability, change(each.law)) for each in self.other_laws)
 
     def reach(self, states: int, level: float = 0.95) -> Floats:
         """Return how many standard errors on both sides hold this share, for each of so many states, shape (states,).

@@ -85,7 +85,7 @@ class DotPlot:
         if self._by_letter:
             return self._letters
         law, labels, units = self.law, term_labels(self.law.terms), self.law.coefficient_units()
-        low, high = (law.coefficients,) * 2 if law.covariance is None else law.interval_ends()
+        low, high = (law.coefficients,) * 2 if law.uncertainty.covariance is None else law.coefficient_intervals()
         found = []
         for j, k in np.ndindex(law.support.shape):
             name, learned = law.terms.names[k], absent_as_nan(law.coefficients[:, j, k])
@@ -94,7 +94,7 @@ class DotPlot:
                 unit = unit_text(units.get((law.left_hand_sides[j], name), ""))
                 errors = np.nan_to_num(law.standard_errors[:, j, k])
                 # The equations of an explained law have letters of their own
-                letter = letter_of(law, j, k) if law.explanation is None else ""
+                letter = letter_of(law, j, k) if law.uncertainty.explanation is None else ""
                 ends = low[:, j, k], high[:, j, k]
                 found.append(Coefficient(j, name, labels[k], letter, unit, learned, true, errors, *ends))
         return found
@@ -102,20 +102,20 @@ class DotPlot:
     @property
     def _by_letter(self) -> bool:
         """Whether the law's own letters are shown; the equations of an explained law have others."""
-        return bool(self.law.provenance.equations) and self.law.explanation is None
+        return bool(self.law.provenance.equations) and self.law.uncertainty.explanation is None
 
     @property
     def _letters(self) -> list[Coefficient]:
         """The letters of given equations."""
         law, found = self.law, list[Coefficient]()
-        (values, errors), (low, high) = law.letter_values(), law.letter_interval_ends()
-        for i, each in enumerate(law.named_coefficients):
+        (values, errors), (low, high) = (law.parameters.values, law.parameters.errors), law.parameter_intervals()
+        for i, each in enumerate(law.parameters.definitions):
             parts = [(part.equation, law.terms.names[part.term]) for part in each.parts]
             true = values[:, i] * np.nan
             if self.truth is not None:
                 true = each.value([true_values(law, self.truth, *part) for part in parts])
-            label, unit = math(latex_name(each.name), each.name), unit_text(law.letter_units()[i] or "")
-            ends = (values[:, i],) * 2 if law.covariance is None else (low[:, i], high[:, i])
+            label, unit = math(latex_name(each.name), each.name), unit_text(law.parameters.units[i] or "")
+            ends = (values[:, i],) * 2 if law.uncertainty.covariance is None else (low[:, i], high[:, i])
             own = values[:, i], true, np.nan_to_num(errors[:, i]), *ends
             found.append(Coefficient(each.equation, each.name, label, label, unit, *own))
         return found
@@ -138,7 +138,7 @@ class DotPlot:
     @property
     def width(self) -> float:
         """Width in inches."""
-        return 1.6 + 1.9 * self.columns if self.several else 4.5 if self.law.covariance is None else 5.5
+        return 1.6 + 1.9 * self.columns if self.several else 4.5 if self.law.uncertainty.covariance is None else 5.5
 
     @property
     def height(self) -> float:
@@ -169,7 +169,7 @@ class DotPlot:
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
         learned, known = key("learned", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
-        bars = [] if self.law.covariance is None else [key("95 % interval", color=COLORS[0])]
+        bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", color=COLORS[0])]
         return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
 
     def draw_panel(self, panel: Axes, each: Coefficient) -> None:
@@ -199,7 +199,7 @@ class DotPlot:
             panel.set_ylim(len(group) - 0.4, -0.6)
             what = "parameters" if self._by_letter else "terms"
             panel.set_title(f"{what} of {left}", loc="left")
-            panel.margins(x=0.4 if self.law.covariance is None else 0.7)  # room for the printed values
+            panel.margins(x=0.4 if self.law.uncertainty.covariance is None else 0.7)  # room for the printed values
         panels[-1].locator_params(axis="x", nbins=5)
         logarithmic = self._scale(panels[-1])
         panels[-1].set_xlabel("coefficient, on a logarithmic scale" if logarithmic else "coefficient")
@@ -270,7 +270,7 @@ class IntervalPanels:
     @cached_property
     def captions(self) -> list[str]:
         """What each panel shows."""
-        before = "" if self.law.provenance.equations and self.law.explanation is None else "before "
+        before = "" if self.law.provenance.equations and self.law.uncertainty.explanation is None else "before "
         lefts = self.law.left_hand_sides
         return [f"{before}{each.name} in {lefts[each.equation]}" for each in self._dots.coefficients]
 
@@ -425,7 +425,9 @@ def true_values(law: Law, truth: Law, equation: int, term: str) -> Floats:
     if term not in truth.terms.names:
         return np.full(len(law.objects), np.nan)
     index = truth.terms.index(term)
-    values = [truth.coefficients_of(name)[equation, index] if name in truth.objects else 0.0 for name in law.objects]
+    values = [
+        truth.coefficients[truth.index(name)][equation, index] if name in truth.objects else 0.0 for name in law.objects
+    ]
     return absent_as_nan(np.array(values))
 
 

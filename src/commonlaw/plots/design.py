@@ -34,7 +34,7 @@ def plot_design(design: Design) -> Figure:
     for panel in panels[-1]:
         panel.set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
     laws = enumerate(design.laws[:_MAX_DRAWN])
-    keys = [key(plain(f"{'; '.join(own.law.structure())}  ({own.probability:.2f})", 60), **_look(k)) for k, own in laws]
+    keys = [key(plain(f"{'; '.join(own.law.structure)}  ({own.probability:.2f})", 60), **_look(k)) for k, own in laws]
     figure.legend(handles=keys, loc="outside upper left")
     return frozen_layout(figure)
 

@@ -40,8 +40,8 @@ def equation_lines(law: Law) -> str:
         f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
         for state, rate in law.state_rates
     ]
-    given = law.letters if law.provenance.equations else law.terms.variables.constants
-    own = zip(law.letters, law.letter_values()[0][0], strict=True) if len(law.objects) == 1 else ()
+    given = law.parameters.names if law.provenance.equations else law.terms.variables.constants
+    own = zip(law.parameters.names, law.parameters.values[0], strict=True) if len(law.objects) == 1 else ()
     values = [f"{math(latex_name(name), name)} $=$ {_number(value)}" for name, value in own if name in given]
     meaning = ", ".join([*rates, *values])
     return "\n".join([*lines, f"with {meaning}"] if meaning else lines)
@@ -56,7 +56,7 @@ def letter_of(law: Law, equation: int, term: int) -> str:
 
 def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
     """Return what a coefficient is as given: a factor times letters or over them, or a number and no letter."""
-    for each in law.named_products:
+    for each in law.parameters.products:
         if (each.equation, each.term) == (equation, term):
             above, below = (
                 r"\, ".join(latex_name(name) for name, own in each.coefficients if own == power) for power in (1, -1)

@@ -39,7 +39,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     if isinstance(trials, Forecast):
         forecast = trials
     else:
-        forecast = law.predict(trials) if law.order == 0 else fitted(law, trials, law.has_std)
+        forecast = law.predict(trials) if law.order == 0 else fitted(law, trials, law.uncertainty.has_std)
     coefficients = _coefficients(law, truth)
     columns, lines = forecast_grid(forecast, most=3)
     widths = (coefficients.width, 1.2 + 2.1 * max(columns, 2))

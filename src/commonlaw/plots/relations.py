@@ -100,13 +100,15 @@ def plot_relations(law: Law) -> Figure:
 
 def _coefficients(law: Law) -> Iterator[_Coefficient]:
     """Yield the coefficients that have a relation."""
-    if law.explanation is None:
+    if law.uncertainty.explanation is None:
         raise CommonlawError("relations-missing-to-draw")
     own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
     reach = law.uncertainty.reach(len(law.states))[np.nonzero(law.support)[0]]
     halves = reach * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
     units, lefts, terms = law.coefficient_units(), left_hand_sides(law), term_labels(law.terms)
-    for i, ((j, k), relation) in enumerate(zip(np.argwhere(law.support), law.explanation.relations, strict=True)):
+    for i, ((j, k), relation) in enumerate(
+        zip(np.argwhere(law.support), law.uncertainty.explanation.relations, strict=True)
+    ):
         if relation is not None:
             known = [law.properties.get(name, {}) for name in law.objects]
             if not all({*relation.properties} <= each.keys() for each in known):

@@ -139,7 +139,7 @@ def _forecasts(found: ManyFindings) -> Iterator[Block]:
 
 def _coefficients(law: Law) -> Iterator[Block]:
     heads = [f"{name} [{unit}]" if unit else name for name, unit in coefficient_names(law)]
-    values, errors = law.letter_values()
+    values, errors = law.parameters.values, law.parameters.errors
     differ = ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)  # What is universal is said above
     if differ.any():
         heads, values, errors = (

@@ -86,7 +86,7 @@ _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "heyoka")
 def data_checks(case: LawCase) -> Section:
     """Return the part on what the data checks found."""
     found = case.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
-    remarks = [*found.lines(), *dict.fromkeys(found.notes), *map(str, case.law.outcomes)]
+    remarks = [*found.lines(), *dict.fromkeys(found.notes), *map(str, case.law.diagnostics)]
     said = "The data checks found nothing." if not remarks else listed([case.said(each) for each in remarks])
     trials = case.trials
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
@@ -234,13 +234,13 @@ _REFITTED = 100
 def coefficients(case: LawCase) -> Section:
     """Return the part on coefficients, and on what decides them."""
     law, blocks = case.law, list[Block]()
-    if law.explanation is not None and len(law.objects) > 1:
+    if law.uncertainty.explanation is not None and len(law.objects) > 1:
         blocks += _relations(law)
     if law.support.any():
-        known = law.covariance is not None
+        known = law.uncertainty.covariance is not None
         what = "Coefficients by object, with the ends of their 95 % intervals." if known else "Coefficients by object."
         blocks.append(Text(_interval(case) if known else "How accurate they are is not known."))
-        pairs = zip(coefficient_names(law), law.letter_values()[1].T, strict=True)
+        pairs = zip(coefficient_names(law), law.parameters.errors.T, strict=True)
         given = [name for (name, _), errors in pairs if known and not errors.any()]
         if given:
             blocks.append(Text(f"Known, and not fitted: {literal(', '.join(given))}."))
@@ -252,9 +252,9 @@ def coefficients(case: LawCase) -> Section:
 
 def values(law: Law) -> tuple[Block, ...]:
     """Return the numbers that stand beside the formula of a law: its coefficients, by object, with intervals."""
-    if not law.letters:
+    if not law.parameters.names:
         return ()
-    ends = "" if law.covariance is None else ", with the ends of their 95 % intervals"
+    ends = "" if law.uncertainty.covariance is None else ", with the ends of their 95 % intervals"
     return (folded(Table("values", f"Coefficients{ends}.", _by_object(law)), "Coefficients by object"),)
 
 
@@ -263,7 +263,7 @@ def _intervals(law: Law, caption: str) -> Block:
     panels = IntervalPanels(law)
     if len(law.objects) == 1 or len(panels.captions) <= _MIN_OBJECTS:
         return Picture("intervals", caption, partial(plot_intervals, law))
-    intervals = "" if law.covariance is None else ", with 95 % intervals"
+    intervals = "" if law.uncertainty.covariance is None else ", with 95 % intervals"
     pictures = [
         Picture(f"intervals-{i + 1}", f"Coefficients {literal(what)}{intervals}.", partial(panels.draw, i))
         for i, what in enumerate(panels.captions)
@@ -272,7 +272,7 @@ def _intervals(law: Law, caption: str) -> Block:
 
 
 def _interval(case: LawCase) -> str:
-    others = len(case.law.other_laws)
+    others = len(case.law.uncertainty.other_laws)
     averaged = f" They are averaged over the law and {counted(others, 'law')} that it could also be." if others else ""
     if case.findings.is_exact:
         holds = "" if others else ", if the law holds"
@@ -300,10 +300,10 @@ def _relations(law: Law) -> list[Block]:
 def _by_object(law: Law) -> pd.DataFrame:
     """Return a row for each object with its coefficients and intervals; for terms of their own, for each of these."""
     if not law.shared or len(law.objects) == 1:
-        return law.to_frame().reset_index() if law.covariance is None else law.intervals()
+        return law.params.dropna(axis=1, how="all")
     columns: dict[str, Sequence[object]] = {law.schema.object: law.objects}
-    values, _ = law.letter_values()
-    low, high = law.letter_interval_ends()
+    values = law.parameters.values
+    low, high = law.parameter_intervals()
     for (name, unit), own, *ends in zip(coefficient_names(law), values.T, low.T, high.T, strict=True):
         head = f"{name} ({unit})" if unit else name
         columns[head] = own.tolist()
@@ -315,16 +315,16 @@ def _by_object(law: Law) -> pd.DataFrame:
 def candidates(case: LawCase) -> Section:
     """Return the part on what else the law could be."""
     law, blocks = case.law, list[Block]()
-    if not law.alternatives:
+    if not law.provenance.alternatives:
         text = "The terms were given, and nothing else was compared."
         return Section("candidates", "What else it could be", (Text(text),))
     if case.rivals or len(law.objects) <= _REFITTED:
         blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
-    listed = case.law.alternatives
+    listed = case.law.provenance.alternatives
     caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
     there = {name for each in listed for name in each.measures}
     caption += "".join(f" {said}" for name, said in _MEASURES.items() if name in there)
-    table = Table("compared", caption, readable_candidates(law.alternatives))
+    table = Table("compared", caption, readable_candidates(law.provenance.alternatives))
     return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
 
 
@@ -337,7 +337,7 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
         {
             "": "*" * each.chosen,
             "terms": each.size,
-            "law": "; ".join(each.law.structure()),
+            "law": "; ".join(each.law.structure),
             "2 log B": each.evidence,
             score: (value := _score(case, each.law)),
             "1 − R²": 1 - value,
@@ -400,7 +400,7 @@ def ranges(case: LawCase) -> Section:
     text = (learned if law.provenance.is_learned else given) + " ".join(
         literal(each) for each in case.findings.sentences[:1]
     )
-    if law.provenance.is_learned and law.explanation is None and len(law.objects) > 1:
+    if law.provenance.is_learned and law.uncertainty.explanation is None and len(law.objects) > 1:
         text += " Of objects that were not measured it knows the mean coefficients only."
     frame = pd.DataFrame(rows).dropna(axis=1, how="all")
     return Section("ranges", "Where it may be used", (Text(text), Table("visited", "What was visited.", frame)))

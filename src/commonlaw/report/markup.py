@@ -31,7 +31,7 @@ def law_markdown(law: Law) -> str:
     """Return the equations of a law as Markdown, with numbers that all objects share, and a simpler form."""
     if not law.shared and len(law.objects) > 1:
         return "".join(_own(law))
-    shown = _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure())
+    shown = _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure)
     return "\n\n".join([shown, *(literal(line) for line in said_within_errors(within_errors(law)))])
 
 
@@ -54,16 +54,18 @@ def _latex(law: Law) -> str:
 
 def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
     """Yield what each coefficient is called, with its unit: its letter, or where relations took letters its term."""
-    names = law.letters
-    if law.explanation is not None and not law.provenance.equations:
-        terms = [(law.left_hand_sides[each.equation], law.terms.names[each.term]) for each in law.named_coefficients]
+    names = law.parameters.names
+    if law.uncertainty.explanation is not None and not law.provenance.equations:
+        terms = [
+            (law.left_hand_sides[each.equation], law.terms.names[each.term]) for each in law.parameters.definitions
+        ]
         names = tuple(f"{term} in {left}" if len(law.states) > 1 else f"of {term}" for left, term in terms)
-    return zip(names, law.letter_units(), strict=True)
+    return zip(names, law.parameters.units, strict=True)
 
 
 def _has_numbers(law: Law) -> bool:
     """Whether the equations hold for all objects with numbers in place of letters."""
-    return len(law.objects) == 1 or law.explanation is not None
+    return len(law.objects) == 1 or law.uncertainty.explanation is not None
 
 
 def _structure_latex(law: Law) -> str:

@@ -77,8 +77,8 @@ def _law(law: Law) -> str:
         shown = markdown(law_markdown(law))
     except CommonlawError:  # Without the extra that draws formulas
         shown = f"<pre>{escape(str(law))}</pre>"
-    notes = "".join(f"<p>Note: {escape(in_line(str(each)))}</p>" for each in law.outcomes)
-    table = law.intervals() if law.covariance is not None else law.to_frame().reset_index()
+    notes = "".join(f"<p>Note: {escape(in_line(str(each)))}</p>" for each in law.diagnostics)
+    table = law.params.dropna(axis=1, how="all")
     drawn = _drawn(lambda: plot_intervals(law.select(law.objects[:_OBJECTS]))) if law.support.any() else ""
     wide = "".join(f'<div class="commonlaw-law">{each}</div>' for each in (shown, _table(table)))
     return _joined(repr(law), _STYLE + wide + notes, drawn)

@@ -101,7 +101,7 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     whole = matched(law, trials)
     training = whole if learned is None or learned is trials else matched(law, learned)
     lacking = list[str]()
-    bands = bands and law.has_std
+    bands = bands and law.uncertainty.has_std
     fit = _tried(_NOT_FITTED, partial(fitted, law, training, bands), lacking) if law.order != 0 else None
     verdict = _tried(_NOT_JUDGED, partial(judge, law, whole, training), lacking)
     # The trials that were held out, or if there is none whose object the law knows, those learned from

@@ -128,7 +128,7 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
     how |= {"from_time": float(trial.times[origin])}
     if fits and segment.kind is Kind.SEEN and origin == 1:
         how = {"start": max(2, samples_before(len(trial), law.order))}
-    forecast = law.predict(trials, return_std=law.has_std, tolerance=_TOLERANCE, **how)
+    forecast = law.predict(trials, return_std=law.uncertainty.has_std, tolerance=_TOLERANCE, **how)
     rows = np.flatnonzero(np.isfinite(forecast.trials[0].states).any(axis=1))
     compared, measured = rows[first - len(trial) :], trial.states[first:]
     errors = forecast.trajectories[0].states[compared, :states] - measured
@@ -158,7 +158,7 @@ _POOR = 0.5
 
 
 def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
-    """Return what a law is good for, see `Law.verdict`."""
+    """Return what a law is good for, see `Law.assess`."""
     trials, learned = matched(law, trials), None if learned is None else matched(law, learned)
     judged, found, unjudged = list[Segment](), list[SegmentErrors](), list[str]()
     whole = {(each.object, each.name): each for each in trials}
@@ -184,7 +184,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     errors = _joined(found, spread)
     horizon = _horizon(errors.leads, errors.errors / spread)
     kinds = [each.kind for each in judged]
-    known, inexact = {each.kind for each in law.outcomes}, {OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION}
+    known, inexact = {each.kind for each in law.diagnostics}, {OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION}
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
         in_sample=Kind.SEEN in kinds and law.provenance.is_learned,
@@ -204,9 +204,9 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         unjudged=tuple(dict.fromkeys(unjudged)),
         unknown_objects=tuple(dict.fromkeys(each.object for each in once if is_typical(law, each.object, trials))),
         exact=not (inexact & known or law.uncertainty.error_model.of_law),
-        none_exact=bool(inexact & known and law.alternatives),
+        none_exact=bool(inexact & known and law.provenance.alternatives),
         few_samples=OutcomeKind.FEW_SAMPLES in known,
-        without_terms=tuple(each.where for each in law.outcomes if each.kind is OutcomeKind.EMPTY_SUPPORT),
+        without_terms=tuple(each.where for each in law.diagnostics if each.kind is OutcomeKind.EMPTY_SUPPORT),
     )
 
 
@@ -310,12 +310,14 @@ def _r_squared_error(judged: Sequence[Segment], found: Sequence[SegmentErrors], 
 def _poorly_known(law: Law) -> tuple[str, ...]:
     """Return the coefficients with large errors, with the terms that they stand before and the objects they are of."""
     found = []
-    for each, values, errors in zip(law.named_coefficients, *(part.T for part in law.letter_values()), strict=True):
+    for each, values, errors in zip(
+        law.parameters.definitions, *(part.T for part in (law.parameters.values, law.parameters.errors)), strict=True
+    ):
         poor = np.flatnonzero(errors > _POOR * np.abs(values))
         if len(poor):
             where = f"{law.left_hand_sides[each.equation]}, before {law.terms.factors[each.term]}"
             some = [law.objects[i] for i in poor]
             of = "" if len(poor) == len(law.objects) else f", of {listed(some)}"
             # The equations of an explained law have letters of their own
-            found.append(f"{each.name if law.explanation is None else 'a coefficient'} ({where}{of})")
+            found.append(f"{each.name if law.uncertainty.explanation is None else 'a coefficient'} ({where}{of})")
     return tuple(found)

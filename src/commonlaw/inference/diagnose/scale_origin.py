@@ -110,4 +110,4 @@ def _rests(law: Law, trial: Trial) -> bool:
     inputs = np.nan_to_num(trial.inputs)
     values = np.column_stack([np.zeros((len(trial.times), len(law.states))), inputs, trial.times])
     with np.errstate(all="ignore"):
-        return bool(np.all(law.evaluate(trial.object, values) == 0))
+        return bool(np.all(law.rhs(trial.object, values) == 0))

@@ -148,7 +148,7 @@ def _structure(fit: Fit) -> tuple[str, ...]:
     law, known = replace(fit.problem.law, coefficients=coefficients), fit.problem.known[0]
     letters = [
         each.name if np.isnan(known[each.equation, each.term]) else f"{known[each.equation, each.term]:g}"
-        for each in law.named_coefficients
+        for each in law.parameters.definitions
         if law.terms.is_factor[each.term]
     ]
     return structure(law.left_hand_sides, law.terms.factors, law.support & law.terms.is_factor, letters)

@@ -165,7 +165,7 @@ def with_constants_found(
                 fits[o] += [] if has_pole(problem, o, each) else [each]
         if not all(fits):
             names = ", ".join(law.terms.variables.constants)
-            raise CommonlawError("parameters-not-found", structure=law.structure(), names=names)
+            raise CommonlawError("parameters-not-found", structure=law.structure, names=names)
         free = [usual_of_best(each) for each in fits]
         return replace(
             law, coefficients=np.array([each.coefficients for each in drawn_together(problem, free, starts)[1]])
@@ -177,13 +177,15 @@ def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
 
     As of V s/(K + s), where s is always small beside K: both could be of any size.
     """
-    values, errors = law.letter_values()
+    values, errors = law.parameters.values, law.parameters.errors
     first, found = len(law.terms.variables.measured), dict[str, list[str]]()
-    bent = [any(column >= first for column in law.terms.terms[each.term].columns()) for each in law.named_coefficients]
+    bent = [
+        any(column >= first for column in law.terms.terms[each.term].columns()) for each in law.parameters.definitions
+    ]
     for name, own, known in zip(law.objects, values, errors, strict=True):
         lost = [
             letter
-            for letter, there, value, error in zip(law.letters, bent, own, known, strict=True)
+            for letter, there, value, error in zip(law.parameters.names, bent, own, known, strict=True)
             if there and settings.SIGNIFICANT * error > abs(value)
         ]
         if len(lost) > 1 and {*lost} & {*law.terms.variables.constants}:
@@ -300,7 +302,7 @@ class _Grid:
         Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has
         a name is above zero, and then the smaller ones.
         """
-        letters = {each.name: each for each in self.law.named_coefficients}
+        letters = {each.name: each for each in self.law.parameters.definitions}
 
         def holds(constants: Floats) -> bool:
             coefficients = [each.coefficients(constants) for each in profiles] if self.bounds else []
@@ -363,10 +365,10 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Seque
         listed.append(np.abs(directions[-1]))
     part = np.mean(listed, axis=0) > settings.ALIKE
     free = np.argwhere(np.isnan(profiles[0].known))[part].tolist()
-    before = [each for each in law.named_products if [each.equation, each.term] in free]
+    before = [each for each in law.parameters.products if [each.equation, each.term] in free]
     names = ", ".join(dict.fromkeys(name for each in before for name, _ in each.coefficients))
     variables = ", ".join(law.terms.variables.measured)
-    raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure(), variables=variables)
+    raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure, variables=variables)
 
 
 def _size(left: Floats) -> float:

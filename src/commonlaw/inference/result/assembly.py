@@ -55,7 +55,7 @@ def assemble(
     universal
         Returns which coefficients of a law all objects have in common, shape (equations, terms).
     partial_pooling
-        Whether forecasts draw the others to their means as far as the objects are alike, see `Law.partial_pooling`.
+        Whether forecasts draw the others to their means as far as the objects are alike, see `Law.pool`.
     seed
         Of what is drawn.
     progress
@@ -63,7 +63,7 @@ def assemble(
     """
 
     def pooled(law: Law) -> Law:
-        return law.partial_pooling(universal(law), partial_pooling)
+        return law.pool(universal(law), partial_pooling)
 
     pool = ranked_first(approximated(pool, progress, pooled))
     if pool.is_approximation:
@@ -194,14 +194,14 @@ def with_rivals(
         left out.
     """
     own = 1.0 - sum(each.probability for each in others)
-    found, said = [*others], {each.law.structure() for each in others} | {law.structure()}
+    found, said = [*others], {each.law.structure for each in others} | {law.structure}
     for above, fit in sorted(rivals, key=lambda pair: pair[0]):
         share = own * float(np.exp(-max(0.0, above) / 2))
         if share <= settings.MIN_PROBABILITY or len(found) == settings.MAX_MODELS - 1:
             break
         rival = with_constants_of(_beside(law, fitted_law(fit.problem.law, fit)), law)
-        if rival.schema == law.schema and rival.structure() not in said:
-            said.add(rival.structure())
+        if rival.schema == law.schema and rival.structure not in said:
+            said.add(rival.structure)
             found.append(PlausibleLaw(share, rival))
     total = own + sum(each.probability for each in found)
     found = [each._replace(probability=each.probability / total) for each in found]

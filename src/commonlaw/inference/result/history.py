@@ -119,7 +119,7 @@ def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, .
         return found
     names = ", ".join(problem.trials.schema.starts)
     others = "; or ".join(
-        ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in law.named_coefficients)
+        ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in law.parameters.definitions)
         for each in problem.as_good
     )
     return (*found, note("latent-state-ambiguous", object=law.objects[0], others=others, states=names))
@@ -128,8 +128,10 @@ def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, .
 def _not_told(law: Law) -> tuple[Outcome, ...]:
     """Return which coefficients have standard errors larger than themselves, of which objects."""
     lost = dict[str, list[str]]()
-    for name, values, errors in zip(law.objects, *law.letter_values(), strict=True):
-        letters = [each for each, value, error in zip(law.letters, values, errors, strict=True) if error > abs(value)]
+    for name, values, errors in zip(law.objects, law.parameters.values, law.parameters.errors, strict=True):
+        letters = [
+            each for each, value, error in zip(law.parameters.names, values, errors, strict=True) if error > abs(value)
+        ]
         if letters:
             lost.setdefault(", ".join(letters), []).append(name)
     names = ", ".join(law.schema.starts)

@@ -17,7 +17,7 @@ from commonlaw.trials import Trials
 
 
 def adapt(law: Law, trials: Trials) -> Law:
-    """Return the law of the objects of these trials, their coefficients updated by them, see `Law.adapt`."""
+    """Return the law of the objects of these trials, their coefficients updated by them, see `Law.update`."""
     law.uncertainty.known_covariance()
     if law.noise is None or law.uncertainty.error_model:
         lacks = "has errors other than white noise" if law.noise is not None else "does not know its noise"

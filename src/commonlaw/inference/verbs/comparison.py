@@ -114,7 +114,7 @@ def compare(
     frame = pd.DataFrame(
         {
             "law": list(laws),
-            "equations": ["; ".join(law.structure()) for law in laws.values()],
+            "equations": ["; ".join(law.structure) for law in laws.values()],
             "coefficients": [fit.size for fit in fits],
             "errors": [WORDS[fit.errors] for fit in fits],
             "model error": [fit.has_process_noise for fit in fits],

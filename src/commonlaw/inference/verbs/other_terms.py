@@ -146,10 +146,13 @@ def _supports(law: Law, most: int) -> list[Bools]:
 
 def _in_one_equation(law: Law) -> Iterator[Bools]:
     """Yield the supports with another candidate for one of the equations, the best first."""
-    known = ([value for name in _MEASURES if (value := _measure(each, name)) is not None] for each in law.alternatives)
+    known = (
+        [value for name in _MEASURES if (value := _measure(each, name)) is not None]
+        for each in law.provenance.alternatives
+    )
     values = [own[0] if own else 0.0 for own in known]
     for i in np.argsort(values, kind="stable"):
-        each = law.alternatives[i]
+        each = law.provenance.alternatives[i]
         support = law.support.copy()
         support[law.left_hand_sides.index(each.equation)] = np.isin(law.terms.names, each.terms)
         yield support
@@ -180,7 +183,7 @@ class _Rung(NamedTuple):
 
 def _path(law: Law, left: str) -> list[_Rung]:
     """Return the best candidate of each size of an equation, from the fewest terms to the most."""
-    own = [each for each in law.alternatives if each.equation == left]
+    own = [each for each in law.provenance.alternatives if each.equation == left]
     name = next((name for name in _MEASURES if all(_measure(each, name) is not None for each in own)), "")
     best: dict[int, Alternative] = {}
     for each in sorted(own, key=lambda each: (not each.chosen, _measure(each, name) or 0.0)):
@@ -198,7 +201,9 @@ def _evidence(law: Law, support: Bools) -> float | None:
     """Return the sum over equations of how far a support stays behind the most probable one."""
     terms = np.array(law.terms.names, dtype=object)
     known = [
-        next((_measure(each, "2 log B") for each in law.alternatives if _is_of(each, left, terms[own])), None)
+        next(
+            (_measure(each, "2 log B") for each in law.provenance.alternatives if _is_of(each, left, terms[own])), None
+        )
         for left, own in zip(law.left_hand_sides, support, strict=True)
     ]
     return None if any(each is None for each in known) else float(sum(each or 0.0 for each in known))
@@ -222,7 +227,7 @@ def _fitted(law: Law, support: Bools, trials: Trials, own_noise: bool = False) -
         law,
         coefficients=start,
         uncertainty=Uncertainty(covariance),
-        provenance=Provenance(law.differentiation),
+        provenance=Provenance(law.provenance.differentiation),
     )
     kind, given = law.uncertainty.error_model.kind, trials.schema.noise_columns
     levels = (

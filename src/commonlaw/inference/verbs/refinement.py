@@ -85,7 +85,7 @@ def refine(
         How the covariance is found: ``"likelihood"``, from its curvature, or ``"bootstrap"``, from the scatter of
         coefficients when blocks of the trials are drawn anew.
     partial_pooling
-        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.partial_pooling`. By
+        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.pool`. By
         default each object has the estimates of its own trials.
     seed
         Of the bootstrap.
@@ -129,12 +129,12 @@ def refine(
             refined = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
         domain = refined.provenance.domain
         provenance = replace(law.provenance, outcomes=(), history=refined.history, calls=calls, domain=domain)
-        return replace(refined, provenance=provenance).partial_pooling(None, partial_pooling)
+        return replace(refined, provenance=provenance).pool(None, partial_pooling)
     refuse_client(client)
     with threads(n_jobs):
         refined = how.refined(law, trials, partial_pooling, progress)
     refined = replace(refined, provenance=replace(refined.provenance, calls=calls))
-    return refined.partial_pooling(None, partial_pooling)
+    return refined.pool(None, partial_pooling)
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ class _Fit:
         provenance = replace(
             law.provenance,
             outcomes=(
-                *with_outcomes_of_zero(without_outcomes_of_fit(law.outcomes), refined, trials),
+                *with_outcomes_of_zero(without_outcomes_of_fit(law.diagnostics), refined, trials),
                 *with_approximation(pool, outcomes_of_fit(fit, is_converged, tried_errors=self.errors == "auto")),
                 *outcomes_of_unmeasured(refined, problem),
             ),
