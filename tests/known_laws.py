@@ -27,5 +27,5 @@ def falling(error=1.0):
 def said(law, settings):
     """Return what a law says of one experiment."""
     hypothesis = Hypothesis.of(law, law.objects)
-    ((found,),) = hypothesis.says([Experiment.of(law, law.objects, settings, {})])
+    ((found,),) = hypothesis.predictions([Experiment.of(law, law.objects, settings, {})])
     return found

@@ -81,9 +81,9 @@ class Gaussian:
         """Return what of the measurements does not depend on the start."""
         turn = self.white(np.eye(len(self.mean)))
         left, sizes, _ = np.linalg.svd(turn @ self.by_start, full_matrices=True)
-        told = sizes > _RANK * sizes.max(initial=0.0)
-        contrasts = left[:, int(told.sum()) :].T @ turn
-        constant = float(2 * np.log(sizes[told]).sum() - 2 * np.log(np.diag(turn)).sum())
+        identified = sizes > _RANK * sizes.max(initial=0.0)
+        contrasts = left[:, int(identified.sum()) :].T @ turn
+        constant = float(2 * np.log(sizes[identified]).sum() - 2 * np.log(np.diag(turn)).sum())
         return Whitened(contrasts, contrasts @ self.by_unknowns, constant)
 
 
@@ -119,28 +119,28 @@ class Evidence:
     """Likelihoods of draws, made by each of K hypotheses, under all of them; those of several trials add up.
 
     `deviance` is minus twice the log-density at the hypotheses' own coefficients, shape (K that made them, K, draws),
-    `pulls` the gradient of its negative half by the unknowns, (K, draws, p), and `information` that on the unknowns,
+    `gradients` those of its negative half by the unknowns, (K, draws, p), and `information` that on the unknowns,
     (K, draws, p, p), or (1, 1, p, p) if it is the same in all draws.
     """
 
     deviance: Floats
-    pulls: tuple[Floats, ...]
+    gradients: tuple[Floats, ...]
     information: tuple[Floats, ...]
 
     @classmethod
     def of(cls, hypotheses: Sequence[Gaussian], draws: Draws) -> Self:
-        """Return that of one trial, of which each hypothesis says the same in all draws."""
+        """Return that of one trial, of which each hypothesis predicts the same in all draws."""
         noise = draws.noise[:, : len(hypotheses[0].mean)]
         pairs = zip(hypotheses, draws.unknowns, strict=True)
         made = np.array([each.mean + own @ each.by_unknowns.T + noise @ each.root.T for each, own in pairs])
-        deviance, pulls, information = [], [], []
+        deviance, gradients, information = [], [], []
         for each in hypotheses:
             own = each.whitened()
             off = (made - each.mean) @ own.contrasts.T
             deviance.append(np.sum(off**2, axis=2) + own.constant)
-            pulls.append(off @ own.slopes)
+            gradients.append(off @ own.slopes)
             information.append((own.slopes.T @ own.slopes)[np.newaxis, np.newaxis])
-        return cls(np.array(deviance).swapaxes(0, 1), tuple(pulls), tuple(information))
+        return cls(np.array(deviance).swapaxes(0, 1), tuple(gradients), tuple(information))
 
     @classmethod
     def refitted(cls, measured: Sequence[Floats], hypotheses: Sequence[Sequence[Gaussian]]) -> Self:
@@ -150,22 +150,22 @@ class Evidence:
         """
         count = len(hypotheses)
         shape = (count, len(measured) // count)
-        deviance, pulls, information = [], [], []
+        deviance, gradients, information = [], [], []
         for each in hypotheses:
             all_ = [own.whitened() for own in each]
-            off = [own.contrasts @ (y - said.mean) for own, said, y in zip(all_, each, measured, strict=True)]
+            off = [own.contrasts @ (y - predicted.mean) for own, predicted, y in zip(all_, each, measured, strict=True)]
             values = [one @ one + own.constant for own, one in zip(all_, off, strict=True)]
             deviance.append(np.reshape(values, shape))
-            pulled = [one @ own.slopes for own, one in zip(all_, off, strict=True)]
-            pulls.append(np.reshape(pulled, (*shape, -1)))
+            gradient = [one @ own.slopes for own, one in zip(all_, off, strict=True)]
+            gradients.append(np.reshape(gradient, (*shape, -1)))
             known = [own.slopes.T @ own.slopes for own in all_]
             information.append(np.reshape(known, (*shape, *known[0].shape)))
-        return cls(np.stack(deviance, axis=1), tuple(pulls), tuple(information))
+        return cls(np.stack(deviance, axis=1), tuple(gradients), tuple(information))
 
     def __add__(self, other: "Evidence") -> "Evidence":
         return Evidence(
             self.deviance + other.deviance,
-            tuple(one + two for one, two in zip(self.pulls, other.pulls, strict=True)),
+            tuple(one + two for one, two in zip(self.gradients, other.gradients, strict=True)),
             tuple(one + two for one, two in zip(self.information, other.information, strict=True)),
         )
 
@@ -177,7 +177,7 @@ class Evidence:
     @cached_property
     def estimates(self) -> tuple[Floats, ...]:
         """Of each hypothesis its unknowns as they are fitted to the draws, shape (K, draws, p)."""
-        pairs = zip(self._whole, self.pulls, strict=True)
+        pairs = zip(self._whole, self.gradients, strict=True)
         return tuple(np.asarray(np.linalg.solve(whole, pull[..., np.newaxis])[..., 0]) for whole, pull in pairs)
 
     @cached_property
@@ -192,7 +192,7 @@ class Evidence:
     @cached_property
     def log_densities(self) -> Floats:
         """Of the draws under each hypothesis, its coefficients integrated out, shape (K that made them, draws, K)."""
-        gained = np.stack([np.sum(a * b, axis=2) for a, b in zip(self.pulls, self.estimates, strict=True)], axis=1)
+        gained = np.stack([np.sum(a * b, axis=2) for a, b in zip(self.gradients, self.estimates, strict=True)], axis=1)
         found = -(self.deviance - gained) / 2 - self.gain()
         return np.asarray(found.swapaxes(1, 2))
 

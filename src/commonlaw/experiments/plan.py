@@ -38,8 +38,8 @@ class Forecasts:
     @classmethod
     def of(cls, experiment: Experiment, hypotheses: Sequence[Hypothesis]) -> "Forecasts":
         """Return those of an experiment in which no law diverges."""
-        law, said = hypotheses[0].law, [each.says([experiment])[0] for each in hypotheses]
-        first = [own[0] for own in said if own is not None]
+        law, predicted = hypotheses[0].law, [each.predictions([experiment])[0] for each in hypotheses]
+        first = [own[0] for own in predicted if own is not None]
         states, times = law.schema.measured, experiment.times
         shape = (len(first), -1, len(states))
         count = len(first[0].mean) // len(states)
@@ -129,18 +129,20 @@ class Design(ShownInNotebooks):
     @property
     def sentences(self) -> tuple[str, ...]:
         """What is to be expected, in words."""
-        said = []
+        sentences = []
         if self.aim.of_law or self.chance_now < SETTLED:
-            said += self._of_laws()
+            sentences += self._of_laws()
         if self.aim.quantity is not None:
             now, then = self.aim.quantity.std(self.aim.prior), self.experiments[-1].std or 0.0
             value = float(self.aim.prior @ self.aim.quantity.values)
-            said.append(
+            sentences.append(
                 f"{self.aim.quantity.name} is {with_error(value, now)} now; its standard error is then {then:.2g}."
             )
         elif not self.aim.of_law:
-            said.append(f"All coefficients together are then known better by {self.experiments[-1].bits:.1f} bits.")
-        return tuple(said)
+            sentences.append(
+                f"All coefficients together are then known better by {self.experiments[-1].bits:.1f} bits."
+            )
+        return tuple(sentences)
 
     def _of_laws(self) -> list[str]:
         if self.aim.of_law and not self.tells_apart:
@@ -205,7 +207,7 @@ class Design(ShownInNotebooks):
 
 
 def _floor(chance: float | None) -> str:
-    """Return a chance as it is at least, so that 0.95 is said where it is reached."""
+    """Return a chance as it is at least, so that 0.95 is given where it is reached."""
     return f"{np.floor(100 * (chance or 0.0) + 1e-9) / 100:.2f}"
 
 

@@ -18,7 +18,7 @@ from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 
 _CONVERGED_DEVIANCE = 1.0
-"""Twice the log-likelihood by which a fit may still get better; laws are told apart by several times that."""
+"""Twice the log-likelihood by which a fit may still get better; laws are distinguished by several times that."""
 
 _MAX_STEPS = 15
 """Steps of a fit at most, those that lead to nothing better and are halved among them."""
@@ -38,7 +38,7 @@ class Point:
 
 
 Linearise = Callable[[Sequence[int], Sequence[Point]], Sequence[Gaussian | None]]
-"""From trials, by their numbers, and points to what a law says of them about these; nothing where it diverges."""
+"""From trials, by their numbers, and points to a law's predictions about these; None where it diverges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,11 @@ class _Fit:
 
     measured: Floats
     point: Point
-    said: Gaussian
+    predicted: Gaussian
 
     @cached_property
     def _residuals(self) -> Floats:
-        return self.said.white((self.measured - self.said.mean)[:, np.newaxis])[:, 0]
+        return self.predicted.white((self.measured - self.predicted.mean)[:, np.newaxis])[:, 0]
 
     @cached_property
     def deviance(self) -> float:
@@ -59,43 +59,46 @@ class _Fit:
         return float(np.sum(self._residuals**2) + np.sum(self.point.unknowns**2))
 
     @cached_property
-    def promise(self) -> tuple[Floats, float]:
+    def gauss_newton(self) -> tuple[Floats, float]:
         """The step of least squares (Gauss and Newton), shape (p + f,), and the deviance if all were linear."""
         unknowns = self.point.unknowns
         count, free = len(unknowns), len(self.point.shifts)
-        slopes = self.said.white(np.column_stack([self.said.by_unknowns, self.said.by_start]))
+        slopes = self.predicted.white(np.column_stack([self.predicted.by_unknowns, self.predicted.by_start]))
         columns = np.vstack([slopes, np.eye(count, count + free)])
         wanted = np.concatenate([self._residuals, -unknowns])
         step = np.linalg.lstsq(columns, wanted, rcond=None)[0]
         return np.asarray(step), float(np.sum((wanted - columns @ step) ** 2))
 
     @property
-    def is_close(self) -> bool:
-        """Whether next to nothing is promised."""
-        return self.deviance < self.promise[1] + _CONVERGED_DEVIANCE
+    def converged(self) -> bool:
+        """Whether the predicted decrease is negligible."""
+        return self.deviance < self.gauss_newton[1] + _CONVERGED_DEVIANCE
 
 
 def refitted(
-    said: Sequence[Gaussian], points: Sequence[Point], measured: Sequence[Floats], linearise: Linearise
+    predicted: Sequence[Gaussian], points: Sequence[Point], measured: Sequence[Floats], linearise: Linearise
 ) -> list[Gaussian]:
     """Return what a law predicts of trials, linearized about the best fits to their measurements, each of shape (n,).
 
-    Fits begin at `points`, where the law predicts `said`.
+    Fits begin at `points`, where the law predicts `predicted`.
     """
-    fits = [_Fit(*each) for each in zip(measured, points, said, strict=True)]
-    shares = {i: 1.0 for i, each in enumerate(fits) if not each.is_close}
+    fits = [_Fit(*each) for each in zip(measured, points, predicted, strict=True)]
+    shares = {i: 1.0 for i, each in enumerate(fits) if not each.converged}
     for _ in range(_MAX_STEPS):
-        moved = [fits[i].point.moved(share * fits[i].promise[0]) for i, share in shares.items()]
+        moved = [fits[i].point.moved(share * fits[i].gauss_newton[0]) for i, share in shares.items()]
         for i, point, found in zip([*shares], moved, linearise([*shares], moved), strict=True):
             fit = None if found is None else _Fit(measured[i], point, found)
             if fit is None or not fit.deviance < fits[i].deviance:
                 shares[i] /= 2
                 continue
             fits[i], shares[i] = fit, min(1.0, 2 * shares[i])
-            if fit.is_close:
+            if fit.converged:
                 del shares[i]
-    # A line through what it says there
-    return [replace(each.said, mean=each.said.mean - each.said.by_unknowns @ each.point.unknowns) for each in fits]
+    # Linear about the best fit
+    return [
+        replace(each.predicted, mean=each.predicted.mean - each.predicted.by_unknowns @ each.point.unknowns)
+        for each in fits
+    ]
 
 
 MAX_MEASUREMENTS, _MIN_MEASUREMENTS, _MAX_MEASUREMENTS_OF_ALL = 64, 16, 192
@@ -164,15 +167,17 @@ class Hypothesis:
             for own in planned
         ]
 
-    def says(self, experiments: Sequence[Experiment], limit: float | None = None) -> list[tuple[Gaussian, ...] | None]:
+    def predictions(
+        self, experiments: Sequence[Experiment], limit: float | None = None
+    ) -> list[tuple[Gaussian, ...] | None]:
         """Return predictions of each experiment's trials; None where a state exceeds the limit, see `simulate`."""
         planned = [_planned(self.law, each) for each in experiments]
         trials = [(own, name) for own in planned for name in own.experiment.objects]
-        found = iter(self._said(trials, [None] * len(trials), limit))
+        found = iter(self._predictions(trials, [None] * len(trials), limit))
         whole = [[next(found) for _ in own.experiment.objects] for own in planned]
         return [tuple(each for each in own if each) if all(own) else None for own in whole]
 
-    def makes(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> "Made":
+    def simulated(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> "Simulated":
         """Return predictions of an experiment at unknowns of draws, shape (draws, unknowns).
 
         Unknowns with which the law diverges are halved until it does not.
@@ -183,39 +188,39 @@ class Hypothesis:
             left = [i for i in range(len(unknowns)) if i not in found]
             trials = [(own, name) for _ in left for name in experiment.objects]
             points = [own.point(unknowns[i]) for i in left for _ in experiment.objects]
-            said = iter(self._said(trials, points, limit))
+            predicted = iter(self._predictions(trials, points, limit))
             for i in left:
-                listed = [next(said) for _ in experiment.objects]
+                listed = [next(predicted) for _ in experiment.objects]
                 if all(listed):
                     found[i] = tuple(each for each in listed if each)
                 else:
                     unknowns[i] /= 2
-        return Made(unknowns, [found[i] for i in range(len(unknowns))])
+        return Simulated(unknowns, [found[i] for i in range(len(unknowns))])
 
     def refitted(
-        self, experiment: Experiment, begun: "Made", measured: Sequence[Sequence[Floats]], limit: float | None
+        self, experiment: Experiment, initial: "Simulated", measured: Sequence[Sequence[Floats]], limit: float | None
     ) -> list[tuple[Gaussian, ...]]:
         """Return predictions about the best fits to measurements of each draw in each trial, shape (n,).
 
-        The law must not diverge in the experiment; fits begin at `begun`, for `limit` see `says`.
+        The law must not diverge in the experiment; fits begin at `initial`, for `limit` see `predictions`.
         """
         own, count = _planned(self.law, experiment), len(experiment.objects)
         names = [*experiment.objects] * len(measured)
-        points = [own.point(each) for each in begun.unknowns for _ in range(count)]
-        said = [each for listed in begun.said for each in listed]
-        highest = _MAX_RELATIVE_STATE * max((float(np.abs(each.mean).max()) for each in said), default=1.0)
+        points = [own.point(each) for each in initial.unknowns for _ in range(count)]
+        predicted = [each for listed in initial.predicted for each in listed]
+        highest = _MAX_RELATIVE_STATE * max((float(np.abs(each.mean).max()) for each in predicted), default=1.0)
         highest = highest if limit is None else min(highest, limit)
 
         def linearised(indices: Sequence[int], moved: Sequence[Point]) -> list[Gaussian | None]:
-            return self._said([(own, names[i]) for i in indices], moved, highest)
+            return self._predictions([(own, names[i]) for i in indices], moved, highest)
 
-        found = refitted(said, points, [each for listed in measured for each in listed], linearised)
+        found = refitted(predicted, points, [each for listed in measured for each in listed], linearised)
         return [tuple(found[i : i + count]) for i in range(0, len(found), count)]
 
-    def _said(
+    def _predictions(
         self, trials: "Sequence[tuple[_Planned, str]]", points: Sequence[Point | None], limit: float | None
     ) -> list[Gaussian | None]:
-        """Return what it says of trials of objects about points; nothing where it diverges."""
+        """Return predictions of trials of objects about points; None where the law diverges."""
         triples = zip(trials, points, strict=True)
         problems = [own.problem(name, self, point) for (own, name), point in triples]
         followed = simulate(problems, tolerance=_TOLERANCE, sensitivities=True, limit=limit)
@@ -223,20 +228,20 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
-    """What a hypothesis says of draws of an experiment: their unknowns, and about each of these its trials."""
+class Simulated:
+    """Predictions of draws of an experiment: their unknowns, and about each of these its trials."""
 
     unknowns: Floats
-    said: list[tuple[Gaussian, ...]]
+    predicted: list[tuple[Gaussian, ...]]
 
     @classmethod
-    def joined(cls, parts: "Sequence[Made]") -> "Made":
+    def joined(cls, parts: "Sequence[Simulated]") -> "Simulated":
         """Return the draws of several, one after the other."""
-        return cls(np.concatenate([each.unknowns for each in parts]), [own for each in parts for own in each.said])
+        return cls(np.concatenate([each.unknowns for each in parts]), [own for each in parts for own in each.predicted])
 
-    def repeated(self, count: int) -> "Made":
+    def repeated(self, count: int) -> "Simulated":
         """Return the same so many times."""
-        return Made(np.tile(self.unknowns, (count, 1)), count * self.said)
+        return Simulated(np.tile(self.unknowns, (count, 1)), count * self.predicted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,9 +286,9 @@ class _Planned:
     @cached_property
     def free_starts(self) -> list[int]:
         """The states (and rates) whose starts the measurements alone tell."""
-        told, states = ~np.isfinite(self.experiment.start_std), len(self.law.states)
-        seen = np.append(~self.law.schema.unmeasured, np.ones(len(told) - states, dtype=np.bool_))
-        return np.flatnonzero(told & seen).tolist()
+        estimated, states = ~np.isfinite(self.experiment.start_std), len(self.law.states)
+        seen = np.append(~self.law.schema.unmeasured, np.ones(len(estimated) - states, dtype=np.bool_))
+        return np.flatnonzero(estimated & seen).tolist()
 
     @property
     def start_std(self) -> Floats:
@@ -307,7 +312,7 @@ class _Planned:
         )
 
     def gaussian(self, name: str, found: Trajectory, known: Hypothesis) -> Gaussian | None:
-        """Return what is said of the trial of one object; nothing if its forecast diverges, or its errors do."""
+        """Return the prediction of the trial of one object; None if its forecast diverges, or its errors do."""
         law, own = self.law, self.experiment
         assert law.noise is not None
         if found.outcome is not None or found.sensitivities is None or not np.isfinite(found.sensitivities).all():
@@ -331,8 +336,8 @@ class _Planned:
         if off.any():
             coloured = off @ off.T + (0.0 if coloured is None else coloured)
         mean, by_free = found.states[:, seen].ravel(), by_set[:, self.free_starts]
-        said = Gaussian(mean, by_unknowns, by_free, white, coloured, common, own.repeats)
-        return said if said.is_finite else None
+        predicted = Gaussian(mean, by_unknowns, by_free, white, coloured, common, own.repeats)
+        return predicted if predicted.is_finite else None
 
 
 def _planned(law: Law, experiment: Experiment) -> _Planned:

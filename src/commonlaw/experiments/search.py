@@ -11,7 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment, Range, Settings, numbers_of
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
-from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis, Made
+from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis, Simulated
 from commonlaw.law import Law
 
 POINTS, _SHARE, _WIDTHS = 256, 8, (0.2, 0.05)
@@ -40,7 +40,7 @@ _EXCHANGES = 2
 """How often each of several experiments may be exchanged for another."""
 
 _FAR = 1000
-"""A forecast that goes so many times farther than states have been, or start from, diverges: what a law says there,
+"""A forecast that goes so many times farther than states have been, or start from, diverges: what a law predicts there,
 linearised about its coefficients, means nothing, and rivals on their way to infinity take steps without end."""
 
 
@@ -53,15 +53,15 @@ class Candidate:
 
     experiment: Experiment
     point: Floats
-    said: tuple[tuple[Gaussian, ...], ...]
+    predicted: tuple[tuple[Gaussian, ...], ...]
     simulated: int = 0
 
     def repeated(self, times: int) -> "Candidate":
         """Return the same experiment made so many times."""
         if times == 1:
             return self
-        said = tuple(tuple(replace(each, repeats=times * each.repeats) for each in own) for own in self.said)
-        return replace(self, experiment=self.experiment.repeated(times), said=said)
+        predicted = tuple(tuple(replace(each, repeats=times * each.repeats) for each in own) for own in self.predicted)
+        return replace(self, experiment=self.experiment.repeated(times), predicted=predicted)
 
 
 Chosen = Sequence[Candidate | None]
@@ -169,13 +169,13 @@ class Search:
             for point in points
         ]
         experiments = self.hypotheses[0].within(experiments, self.limits)
-        left, said = list(range(len(experiments))), [list[tuple[Gaussian, ...]]() for _ in experiments]
+        left, predicted = list(range(len(experiments))), [list[tuple[Gaussian, ...]]() for _ in experiments]
         for each in self.hypotheses:
-            found = each.says([experiments[i] for i in left], self._farthest)
+            found = each.predictions([experiments[i] for i in left], self._farthest)
             for i, own in zip(left, found, strict=True):
-                said[i] += [] if own is None else [own]
+                predicted[i] += [] if own is None else [own]
             left = [i for i, own in zip(left, found, strict=True) if own is not None]
-        return [Candidate(experiments[i], points[i], tuple(said[i])) for i in left]
+        return [Candidate(experiments[i], points[i], tuple(predicted[i])) for i in left]
 
     @cached_property
     def _farthest(self) -> float | None:
@@ -200,30 +200,32 @@ class Search:
         return found
 
     def _evidence_of(self, each: Candidate, count: int, place: int) -> Evidence:
-        """Return what an experiment says, with so many draws, in its place among others."""
+        """Return the evidence of an experiment, with so many draws, in its place among others."""
         if each.simulated:
             return self._simulated(each.experiment, count, place)
         draws = self._draws(count, place)
-        return _sum(Evidence.of(trial, own) for trial, own in zip(zip(*each.said, strict=True), draws, strict=False))
+        return _sum(
+            Evidence.of(trial, own) for trial, own in zip(zip(*each.predicted, strict=True), draws, strict=False)
+        )
 
     @cached_property
     def _simulated(self) -> Callable[[Experiment, int, int], Evidence]:
-        """What an experiment says, with laws fitted to draws of its measurements, which each of them makes."""
+        """The evidence of an experiment, with laws fitted to measurements that each of them makes."""
         return lru_cache(_KEPT)(self._simulate)
 
     def _simulate(self, experiment: Experiment, count: int, place: int) -> Evidence:
         draws, laws, limit = self._draws(count, place), self.hypotheses, self._farthest
-        made = [law.makes(experiment, own, limit) for law, own in zip(laws, draws[0].unknowns, strict=True)]
+        made = [law.simulated(experiment, own, limit) for law, own in zip(laws, draws[0].unknowns, strict=True)]
         measured = [
-            [said.drawn(own.noise[i]) for said, own in zip(trials, draws, strict=False)]
+            [predicted.drawn(own.noise[i]) for predicted, own in zip(trials, draws, strict=False)]
             for each in made
-            for i, trials in enumerate(each.said)
+            for i, trials in enumerate(each.predicted)
         ]
         found = []
         for k, law in enumerate(laws):
-            at_once = law.makes(experiment, np.zeros((1, law.unknowns)), limit)
-            begun = [own if i == k else at_once.repeated(len(own.said)) for i, own in enumerate(made)]
-            found.append(law.refitted(experiment, Made.joined(begun), measured, limit))
+            at_once = law.simulated(experiment, np.zeros((1, law.unknowns)), limit)
+            initial = [own if i == k else at_once.repeated(len(own.predicted)) for i, own in enumerate(made)]
+            found.append(law.refitted(experiment, Simulated.joined(initial), measured, limit))
         trials = range(len(experiment.objects))
         return _sum(
             Evidence.refitted([each[i] for each in measured], [[each[i] for each in own] for own in found])
