@@ -62,7 +62,7 @@ pictures: $(STAMP) ## Draw the pictures of the README and the documentation agai
 
 docs: $(DOCS_STAMP) ## Build the documentation in build/docs, with all its examples run: a minute
 	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -b html -d build/doctrees docs build/docs
-	$(BIN)/pytest -q tests/examples/built_docs.py
+	$(BIN)/pytest -q tests/reference/built_docs.py
 
 fuzz: $(STAMP) ## Run hostile cases of all kinds, tens of thousands: hours; less with ARGS="--cases 2000 --seed 7"
 	$(BIN)/python -m tests.hostile.fuzz $(ARGS)

@@ -1,4 +1,4 @@
-"""What tests of several rooms share."""
+"""Fixtures of the tests of the package, the benchmarks and the studies."""
 
 import json
 import os
@@ -29,8 +29,8 @@ PHONE, SCREEN = 390, 1200
 
 # Of permissions, links, pipes, signals and limits as POSIX has them, and of names of files that macOS refuses
 collect_ignore = {
-    "win32": ["hostile", "unit/test_files.py"],
-    "darwin": ["hostile/test_byte_names.py"],
+    "win32": ["tests/hostile", "tests/unit/test_files.py"],
+    "darwin": ["tests/hostile/test_byte_names.py"],
 }.get(sys.platform, [])
 
 os.environ["COMMONLAW_CACHE"] = "off"  # What is tested is found, not remembered
@@ -95,7 +95,7 @@ def _measured_drops() -> tuple[str, str]:
 
     It is what COMMONLAW_DATA names, shared/data/ball_drops beside the checkout, or the cache, after a download.
     """
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data" / "ball_drops"
+    beside = Path(__file__).resolve().parents[1] / "shared" / "data" / "ball_drops"
     named = os.environ.get("COMMONLAW_DATA") or (beside if beside.is_dir() else None)
     try:
         cl.datasets.ball_drops(named)
@@ -150,7 +150,7 @@ def run_study() -> Callable[..., subprocess.CompletedProcess[str]]:
 
     def run(out: Path, *options: object, check: bool = True) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "studies.falling_balls", "--out", out, *options]
-        return subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[1], check=check)
+        return subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent, check=check)
 
     return run
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 FILES = ("tests/unit/test_trials_tables.py", "tests/unit/test_trials_check.py")
 """With tests on the measured drops, among others."""
 
-NEEDED = ("pyproject.toml", "tests/conftest.py", "tests/refusals.py", "tests/unit/tables.py")
+NEEDED = ("pyproject.toml", "conftest.py", "tests/refusals.py", "tests/unit/tables.py")
 
 
 class Refusing(socketserver.TCPServer):
