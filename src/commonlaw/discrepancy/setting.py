@@ -111,7 +111,7 @@ def expression(text: str, names: Sequence[str]) -> str:
 
 
 def with_known_properties(trials: Trials, law: Law) -> Trials:
-    """Return trials with what the law knows of their objects beside what they know themselves."""
+    """Return trials with the properties of their objects, their own and those in the law."""
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
     return replace(trials, properties=known)
 

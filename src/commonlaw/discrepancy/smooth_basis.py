@@ -64,7 +64,7 @@ class SmoothBasis:
 
 
 LENGTHS = (0.5, 1.0, 2.0)
-"""Over which weights hang together, in units of the range that was visited."""
+"""Length scales over which weights are correlated, in units of the visited range."""
 
 _REPRESENTED = 0.05
 """Share of a function, or of a term, below which what the others leave of it is nothing."""

@@ -90,7 +90,7 @@ class Forecast(ShownInNotebooks):
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
-        """What a user should know about these forecasts: the divergences."""
+        """The divergences of these forecasts."""
         return tuple(each.outcome for each in self.trajectories if each.outcome is not None)
 
     @property
@@ -307,7 +307,7 @@ class Forecast(ShownInNotebooks):
 
     @property
     def ahead(self) -> tuple[Bools, ...]:
-        """Which samples of each trial are forecast, each of shape (n,); the others told the initial state."""
+        """Which samples of each trial are forecast, each of shape (n,); the others determined the initial state."""
         return tuple(trial.times >= (-np.inf if self.from_time is None else self.from_time) for trial in self.trials)
 
     def _compared(self) -> list[tuple[Floats, Floats]]:

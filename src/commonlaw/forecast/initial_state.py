@@ -147,7 +147,7 @@ def _not_finite(trial: Trial) -> CommonlawError:
 
 
 def can_fit_initial_state(law: Law) -> bool:
-    """Whether the law knows what samples are worth, so that a start can be fitted to them."""
+    """Whether the law has noise for every state, so that a start can be fitted to samples."""
     return law.order != 0 and law.noise is not None and bool(law.noise.all())
 
 

@@ -1,4 +1,4 @@
-"""Coefficients over objects: how alike they are, what that says for a law, and what the objects learn from it."""
+"""Random effects: the scatter of coefficients over objects, its evidence, pooling, and relations to properties."""
 
 from commonlaw.hierarchy.explain import Explained, explain
 from commonlaw.hierarchy.random_effects import (

@@ -21,13 +21,12 @@ from commonlaw.hierarchy.relation import (
 )
 
 _ODDS = {RelationKind.UNIVERSAL: 3.0, RelationKind.OWN: 1.0, RelationKind.POWER_LAW: 0.1, RelationKind.AFFINE: 0.1}
-"""How probable each kind is beforehand: what estimates can hardly tell apart is rather alike. Where properties say
-nothing, the evidence of all relations to them together is more than ten times that of the true kind in at most a tenth
-of all cases (Markov's inequality), in fact in fewer."""
+"""Prior odds of each kind: indistinguishable coefficients are rather universal. Irrelevant properties together have
+more than ten times the evidence of the true kind in at most a tenth of all cases (Markov's inequality)."""
 
 _TYPICAL_SCATTER, _SCATTERS = 0.5, np.geomspace(1e-3, 5.0, 27)
 """Relative scatters between objects are integrated over by a half Cauchy distribution of that width, at these values:
-ten objects can hardly tell neighbours apart."""
+with ten objects neighbours are hardly distinguishable."""
 
 _COARSE, _KEPT = 5, 300
 """Only so many relations, the best at every so-manieth scatter, are integrated over all of them."""
@@ -305,7 +304,7 @@ def _most_probable(own: Estimates, properties: PropertyTable) -> list[RelationCh
         known[best] = found[best]
     choices = _swept(own, [known[k] for k in range(size)], properties, list(range(size)))
     score = _score(own, choices)
-    # Where errors hang together, scatter of one coefficient is hardly told from that of another, and the first took it
+    # With correlated errors the scatters of coefficients are confounded, and the first coefficient took it
     for k in [k for k in range(size) if size > 1 and choices[k].scatter]:
         exact = _chosen(own, [each.model for each in choices], k, properties, scatter=False)
         order = [*(j for j in range(size) if j != k), k]

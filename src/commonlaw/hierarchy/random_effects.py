@@ -8,10 +8,9 @@ Bayes; Efron and Morris 1973, 1975):
 
 for the coefficients or for mixtures of them, see `shrink`.
 
-Two things follow. The marginal likelihood at the best variances says what a law's coefficients cost: those that are
-alike cost little more than one number. The posterior draws each object's coefficients to their means as far as they are
-alike; how alike they are stays uncertain with few objects, so that shrinkage is averaged over what is plausible, and
-what that leaves open is added to the covariance (Morris 1983).
+The marginal likelihood at the best variances penalizes coefficients: similar ones cost little more than one number. The
+posterior shrinks each object's coefficients to their means; as variances are uncertain with few objects, shrinkage is
+averaged over plausible ones, and its uncertainty is added to the covariance (Morris 1983).
 """
 
 from collections.abc import Callable, Sequence
@@ -34,8 +33,7 @@ LIKELIEST_SWEEPS, _RELATIVE_GRID = 2, (1e-4, 1e2)
 that are tried, relative to the mean square of a coefficient."""
 
 _PLAUSIBLE_SWEEPS, _BEYOND = 3, 30.0
-"""The same where variances are averaged over; the smallest and largest are so far beyond those that can be told from
-smaller and larger."""
+"""The same where variances are averaged over: so far beyond those that are distinguishable from zero and infinity."""
 
 _MIN_RELATIVE_WEIGHT = 0.01
 """Weight, of a typical one, below which an estimate does not count: it moves a mean by a tenth of an error."""
@@ -77,7 +75,7 @@ class RandomEffects:
         means = np.linalg.solve(total, weighted.sum(axis=1))[..., 0]
         deviations = self.estimates - means[:, np.newaxis]
         squares = np.einsum("moi,moij,moj->mo", deviations, precisions, deviations)
-        # Neither is below zero; where coefficients can hardly be told apart, rounding may leave it far below
+        # Neither is negative; for nearly collinear coefficients rounding may make it so
         each = np.maximum(squares, 0.0) + np.maximum(np.linalg.slogdet(added)[1], 0.0)
         return Marginal(added, total, means, each.sum(axis=1))
 
@@ -107,7 +105,7 @@ class RandomEffects:
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(np.matmul(deviations, rest) * deviations, axis=2).T
             squares += shares * np.matmul(deviations, columns[..., np.newaxis])[..., 0].T ** 2
-        # Neither is below zero; where coefficients can hardly be told apart, rounding may leave it far below
+        # Neither is negative; for nearly collinear coefficients rounding may make it so
         determinants = np.maximum(np.linalg.slogdet(added)[1] + np.log1p(grown), 0.0)
         return np.asarray((np.maximum(squares, 0.0) + determinants).sum(axis=1))
 

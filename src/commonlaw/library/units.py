@@ -20,7 +20,7 @@ def term_unit(term: Term, variables: Variables, units: "Mapping[str, str | pint.
     """Return the unit of a term, from units of variables by name, of pint or as text: ``"m/s^2"``.
 
     None when a variable has no unit, or for the sine of a length, or a length added to a number. Raises
-    `CommonlawError` if pint does not know a unit.
+    `CommonlawError` if a unit is unknown.
 
     >>> from commonlaw.library import parse_term
     >>> variables = Variables(("x", "v"))

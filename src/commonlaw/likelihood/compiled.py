@@ -247,7 +247,7 @@ def _whitened(
     target = columns @ estimate.coefficients[free] - linear.defects.ravel()
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
         raise NotPositiveError
-    # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
+    # Far from the origin terms are nearly collinear: rounding in what follows would spoil their differences
     basis, mixed = orthogonalized(columns, free, model)
     rows = np.column_stack([basis, target])
     states, result = contiguous(estimate.states[index]), np.empty(1)

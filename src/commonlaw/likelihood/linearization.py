@@ -14,7 +14,7 @@ from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.observation_model import LatentSteps
 
 _MIN_DIAGONAL = 1e-10
-"""Singular values, relative to the largest of columns of unit norm, below which initial states are not told apart."""
+"""Singular values, relative to the largest of columns of unit norm, below which initial states are not identifiable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Flo
 
 
 def _basis(columns: Floats) -> Floats | None:
-    """Return an orthonormal basis of columns; None if these are not told apart."""
+    """Return an orthonormal basis of columns; None if these are collinear."""
     basis, values, _ = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
     return basis if len(basis) >= columns.shape[1] and values[-1] > _MIN_DIAGONAL * values[0] else None
 
@@ -190,7 +190,7 @@ def _whitened(
     target = library @ coefficients[free] - defects.ravel()
     if not np.isfinite(library).all():
         raise NotPositiveError
-    # Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in
+    # Far from the origin terms are nearly collinear: rounding in what follows would spoil their differences
     basis, mixed = orthogonalized(library, free, model)
     starts = linear.start * mesh.first[:-1, np.newaxis, np.newaxis] if from_starts else np.empty((*defects.shape, 0))
     rows = np.column_stack([starts.reshape(defects.size, -1), basis, target])

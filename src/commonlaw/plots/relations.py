@@ -23,7 +23,7 @@ _POINTS = 100
 """Of a curve."""
 
 _NAMED = 40
-"""Objects that are told apart."""
+"""Objects with a colour and a name each."""
 
 
 @dataclass(frozen=True, eq=False)

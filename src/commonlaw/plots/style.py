@@ -100,7 +100,7 @@ def plain(text: str, width: int = 28) -> str:
 
 
 def math(latex: str, text: str) -> str:
-    """Return LaTeX as mathtext, without dots over words, or `text` where mathtext does not know a command in it."""
+    """Return LaTeX as mathtext, without dots over words, or `text` where mathtext lacks a command in it."""
     if found := re.fullmatch(r"\\(d+)ot\{(\\mathrm.*)\}", latex):
         power = "" if found[1] == "d" else "^2"
         latex = rf"\mathrm{{d}}{power} {found[2]}/\mathrm{{d}}t{power}"

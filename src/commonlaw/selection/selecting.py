@@ -123,7 +123,7 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
 
 
 def fitted_law(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Law:
-    """Return the law with what a solver found besides the known terms, and what a user should know about it."""
+    """Return the law with the coefficients of a solver beside fixed ones, and its outcomes."""
     found = replace(law, coefficients=_with(law, candidates))
     outcomes = tuple(_outcomes(found, candidates, solver))
     return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
@@ -135,7 +135,7 @@ def _with(law: Law, candidates: Sequence[Candidate]) -> Floats:
 
 
 def _outcomes(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Iterator[Outcome]:
-    """Yield what a user should know about what a solver found."""
+    """Yield the outcomes of a solver."""
     if isinstance(solver, STLSQ) and solver.shared and len(law.objects) == 1:
         yield note("one-object", law.objects[0])
     if not all(each.converged for each in candidates):

@@ -135,7 +135,7 @@ class _Search:
         costs, open_ = node.leaving.error_reductions, node.leaving.indices
         need = self.size - len(node.inside)
         surplus = len(open_) - need
-        # Of the terms in question `surplus` must leave, together at no less than the dearest of them costs alone.
+        # Of the terms in question `surplus` must leave, together at no less cost than the most expensive of them alone.
         cheapest = np.sort(costs)[surplus - 1] if surplus else 0.0
         if node.bound + cheapest >= self._bar:
             return []

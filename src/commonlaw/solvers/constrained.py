@@ -11,7 +11,7 @@ from commonlaw.solvers.base import AbstractSolver, Candidates, Problems, Values
 from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 _RANK = 1e-12
-"""Singular values of constraints, with rows of unit norm, that are not told from zero."""
+"""Singular values of constraints, with rows of unit norm, that count as zero."""
 
 _MET = 1e-9
 """Constraints that are met to this share of their right-hand side can be met."""

@@ -104,7 +104,7 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     bands = bands and law.uncertainty.has_std
     fit = _tried(_NOT_FITTED, partial(fitted, law, training, bands), lacking) if law.order != 0 else None
     verdict = _tried(_NOT_JUDGED, partial(judge, law, whole, training), lacking)
-    # The trials that were held out, or if there is none whose object the law knows, those learned from
+    # Held-out trials, or if there are none of the objects of the law, the training data
     learned_from = _names(training)
     others = [each for each in whole if (each.object, each.name) not in learned_from]
     held_out = [each for each in others if each.object in law.objects]

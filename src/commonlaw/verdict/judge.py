@@ -151,7 +151,7 @@ def _last(states: Floats) -> Floats:
 
 
 _PARTS, _MEASURED_IN_PART = 10, 3
-"""How far ahead forecasts are good is told from the errors in so many parts, by how far ahead, of so many each."""
+"""Parts of the errors, by how far ahead they are, that determine the horizon, and errors in each part at least."""
 
 _POOR = 0.5
 """Coefficients with a standard error above this share of their size are poorly known."""
