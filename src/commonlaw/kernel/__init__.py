@@ -1,4 +1,4 @@
-"""The kernel's library: whether there is one, and its structures, field by field those of ``kernel.h``."""
+"""The compiled kernel: what is computed most often, in C where it was built; its callers have the same in NumPy."""
 
 import ctypes
 import os
