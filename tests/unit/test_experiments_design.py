@@ -10,8 +10,8 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.experiments import suggestions
 from commonlaw.experiments.search import MAX_REPEATS, Search
 from commonlaw.forecast.model_error import model_error_std
+from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import Inputs
-from commonlaw.law.population import with_objects_of
 from commonlaw.likelihood import ErrorModel
 from tests.known_laws import NOISE, falling, known, said
 from tests.refusals import refused

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.forecast.population import with_objects_of, with_pooled_forecasts
 from commonlaw.hierarchy import informative, shrink
-from commonlaw.law.population import with_objects_of, with_pooled_forecasts
 from commonlaw.library import PolynomialLibrary, Variables
 from tests.refusals import refused
 from tests.unit.estimates import measured

@@ -11,8 +11,8 @@ from commonlaw.app.result import Found, numbers
 from commonlaw.app.words import in_page, text_in_page
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.forecast import forecast_from
+from commonlaw.forecast.population import with_objects_of
 from commonlaw.law import Law
-from commonlaw.law.population import with_objects_of
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.roles import GUESSED
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from commonlaw.discovery.model_structure import Known
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast.population import with_objects_of
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law
 from commonlaw.law.parameters import Product
 from commonlaw.law.parse import read_equations
-from commonlaw.law.population import with_objects_of
 from commonlaw.law.text import left_hand_sides, order_in_words
 from commonlaw.library import AbstractLibrary, ExpressionLibrary, Order
 from commonlaw.library.expansion import summands, traced

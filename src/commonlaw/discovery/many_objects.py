@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from commonlaw.array_types import Bools
+from commonlaw.forecast.population import with_pooled_forecasts
 from commonlaw.inference import (
     CovarianceKind,
     ErrorKind,
@@ -16,7 +17,6 @@ from commonlaw.inference import (
     written_alike,
 )
 from commonlaw.law import Law, Step
-from commonlaw.law.population import with_pooled_forecasts
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.progress import ProgressCallback, part, unannounced
 from commonlaw.spacing import evenly_spaced

@@ -10,9 +10,9 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.experiment import Experiment, Range
 from commonlaw.experiments.gaussian import Gaussian
+from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
-from commonlaw.law.population import with_objects_of
 from commonlaw.library import highest_columns
 from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials

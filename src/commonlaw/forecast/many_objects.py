@@ -13,9 +13,9 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.forecast import Forecast
+from commonlaw.forecast.population import is_typical
 from commonlaw.forecast.prediction import predict
 from commonlaw.law import Law
-from commonlaw.law.population import is_typical
 from commonlaw.runtime.cluster import done_in_parts, on_cluster
 from commonlaw.runtime.files import make_folder, write_whole
 from commonlaw.runtime.progress import ProgressCallback, part, unannounced

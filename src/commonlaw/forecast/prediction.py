@@ -14,10 +14,10 @@ from commonlaw.forecast.averaging import averaged as average, remarks_on
 from commonlaw.forecast.forecast import Forecast, Part
 from commonlaw.forecast.initial_state import Beginning, begin, start_covariance, with_times
 from commonlaw.forecast.model_error import FilteredStart, model_error_std
+from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import Event, InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
-from commonlaw.law.population import with_objects_of
 from commonlaw.library import Terms
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trial, Trials

@@ -11,9 +11,9 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import marked
 from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
-from commonlaw.law.population import is_typical, with_objects_of
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.runtime.progress import announced

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.forecast.population import with_pooled_forecasts
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.trial_heterogeneity import differing_trials
 from commonlaw.inference.fit.annealing import beside_those_ahead, to_scale
@@ -27,7 +28,6 @@ from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, PlausibleLaw, Provenance
 from commonlaw.law.alignment import with_constants_of
-from commonlaw.law.population import with_pooled_forecasts
 from commonlaw.likelihood import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast.population import with_objects_of
 from commonlaw.inference import settings
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.law import Law, Step
 from commonlaw.law.alignment import matched
-from commonlaw.law.population import with_objects_of
 from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.trials import Trials
 
