@@ -195,7 +195,7 @@ def _typical(law: Law, note: str) -> Population:
     if law.uncertainty.covariance is not None and law.uncertainty.unpooled is None:
         law = law.with_others(()).pool()
         factor = law.uncertainty.shared_factor
-        if factor is not None:  # Objects without information keep their own, see `partially_pooled`
+        if factor is not None:  # Objects without information keep their own, see `pooled`
             law = law.select([law.objects[i] for i in np.flatnonzero(factor.any(axis=(1, 2)))])
     mean, count = law.average(), len(law.objects)
     covariance = mean.uncertainty.covariance

@@ -3,7 +3,6 @@
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pkgutil import resolve_name
@@ -38,7 +37,6 @@ from commonlaw.runtime.packages import optional_import
 from commonlaw.runtime.reading import read_file
 from commonlaw.text import counted
 from commonlaw.trials import Schema, Trials, TrialStream
-from commonlaw.trials.properties import Properties
 from commonlaw.trials.trial import ObjectProperties, normalized
 
 if TYPE_CHECKING:
@@ -1213,18 +1211,7 @@ class Law(ShownInNotebooks):
         CommonlawError
             If the covariance is not known, or the law is pooled already.
         """
-        from commonlaw.law.pooling import not_pooled, partially_pooled, pooling_step
-
-        pooled = self.uncertainty.map_other_laws(lambda law: law.pool(universal, others))
-        found = partially_pooled(self.coefficients, self.uncertainty, self.support, universal, others)
-        if found is None:
-            return self.with_others(pooled) if pooled else self
-        coefficients, uncertainty, shrinkage, told = found
-        step = pooling_step(self.left_hand_sides, self.terms.names, self.support, shrinkage)
-        outcomes = (*self.diagnostics, *not_pooled(self.objects, told))
-        provenance = replace(self.provenance, history=(*self.history, step), outcomes=outcomes)
-        uncertainty = replace(uncertainty, other_laws=pooled)
-        return replace(self, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
+        return cast("Law", resolve_name("commonlaw.law.pooling:pooled")(self, universal, others))
 
     def explain(self, properties: Any = None) -> "Law":
         """Return the law with its coefficients as functions of the objects' properties, or the same for all objects.
@@ -1258,41 +1245,7 @@ class Law(ShownInNotebooks):
         <BLANKLINE>
         with v = x'
         """
-        from commonlaw.law.pooling import offered
-        from commonlaw.law.script import written
-
-        if not self.shared:
-            raise CommonlawError("explain-own-terms")
-        found, names = offered(properties, self.properties, self.objects, self.schema.object)
-        law, given = self._explained_by(found, names), "" if properties is None else written(properties)
-
-        def other(each: Law) -> Law:
-            with suppress(CommonlawError):  # It stays as it is where nothing decides its coefficients
-                return replace(each._explained_by(found, names), provenance=each.provenance)
-            return each
-
-        provenance = replace(law.provenance, calls=(*law.provenance.calls, f"law.explain({given})"))
-        return replace(law, provenance=provenance).with_others(self.uncertainty.map_other_laws(other))
-
-    def _explained_by(self, found: Properties, names: Sequence[str]) -> "Law":
-        """Return the law by properties of these names, without looking at what else it could be."""
-        from commonlaw.law.pooling import explained, explaining_step, table_of
-
-        table = table_of(found, names, self.objects)
-        keys = [(self.left_hand_sides[j], self.terms.names[k]) for j, k in np.argwhere(self.support)]
-        units, given = self.coefficient_units(), {**self.schema.units, **found.units}
-        values, uncertainty = explained(
-            self.coefficients, self.uncertainty, self.support, [units.get(key) for key in keys], table, given
-        )
-        step = explaining_step(uncertainty, keys, names)
-        return replace(
-            self,
-            coefficients=values,
-            uncertainty=uncertainty,
-            provenance=replace(self.provenance, history=(*self.history, step)),
-            schema=replace(self.schema, units=given),
-            properties=found.values,
-        )
+        return cast("Law", resolve_name("commonlaw.law.pooling:explained")(self, properties))
 
     # Files
 
