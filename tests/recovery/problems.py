@@ -149,10 +149,6 @@ predators = partial(
 )  # fmt: skip
 lorenz = partial(
     simulated, lambda _, z, s: [s * (z[1] - z[0]), z[0] * (28 - z[2]) - z[1], z[0] * z[1] - 8 / 3 * z[2]], [(10.0,)],
-    [(-8.0, 7.0, 27.0)], np.linspace(0, 60, 6000), names=("x", "y", "z"),
-)  # fmt: skip
-lorenz = partial(
-    simulated, lambda _, z, s: [s * (z[1] - z[0]), z[0] * (28 - z[2]) - z[1], z[0] * z[1] - 8 / 3 * z[2]], [(10.0,)],
     [(-8.0, 7.0, 27.0)], np.linspace(0, 4, 400), names=("x", "y", "z"),
 )  # fmt: skip
 van_der_pol = partial(
@@ -288,6 +284,7 @@ PROBLEMS: dict[str, Callable[[], cl.Law]] = {
     "driven, unmeasured": lambda: discover(driven(white(0.01)), order=2, library="poly:1", unmeasured=1),
     # Latent states
     "absorbed": lambda: discover(absorbed(white(0.01)), order=1, library="poly:2", unmeasured=1),
+    "decay, without a latent state": lambda: discover(decay(white(0.02)), order=1, library="poly:2", unmeasured=1),
     # Error models
     "growth, proportional": lambda: discover(growth(proportional(0.05)), order=1, library="poly:2"),
     "relaxation, correlated": lambda: discover(fine_relaxation(correlated(0.05)), order=1, library="poly:2"),

@@ -103,19 +103,6 @@ def test_a_first_order_law_of_several_states():
     assert held.equations(digits=3) == law.equations(digits=3)
 
 
-def test_rates_of_several_states_have_names_of_their_own():
-    times = np.linspace(0, 6, 300)
-    trial = cl.Trial("mass", "1", times, np.column_stack([np.cos(times), np.sin(2 * times)]))
-    law = cl.discover(
-        cl.Trials((trial,), cl.Schema(("x", "y"))),
-        order=2,
-        library="poly:1",
-        method=cl.DerivativeRegression(differentiation="finite:6", solver="stlsq:0.1"),
-    )
-    assert law.rates == ("v_x", "v_y")
-    assert law.equations(digits=3) == ("x'' = -1 x", "y'' = -4 y")
-
-
 @pytest.mark.parametrize("method", [None, cl.DerivativeRegression(), cl.WeakRegression()])
 @pytest.mark.parametrize("scale", [1e-60, 1e-170, 1e-200])
 def test_states_whose_powers_vanish_are_refused_with_a_way_out(method, scale):
@@ -170,26 +157,17 @@ def test_the_threshold_is_chosen_by_held_out_trials(drops):
     assert search.best_estimator_.law_.objects == drops.objects
 
 
-def outcome(law, kind):
-    found = [each for each in law.diagnostics if each.kind == kind]
-    assert len(found) >= 1
-    return str(found[0])
-
-
-def test_a_threshold_that_empties_the_support_is_an_outcome(drops):
-    law = cl.discover(drops, method=regression(solver="group-stlsq:1e6"), **SETTINGS)
-    assert law.average().equations() == ("x'' = 0",)
-    assert "choose a threshold below that" in outcome(law, "empty support")
-
-
-def test_one_trial_with_a_group_solver_works_and_says_so(drops):
-    law = cl.discover(drops[:1], method=regression(solver="group-stlsq:0.05"), **SETTINGS)
-    assert "with a single object the terms that all objects share are those of this one" in outcome(law, "one object")
-
-
-def test_terms_that_depend_on_each_other_are_an_outcome(drops):
-    law = cl.discover(drops, method=regression(solver="group-stlsq:0"), **SETTINGS | {"library": "terms:v,v+1e-9*x"})
-    assert "raise the threshold, leave terms out" in outcome(law, "ill-conditioned")
+@pytest.mark.parametrize(
+    ("one", "settings", "solver", "kind"),
+    [
+        (False, {}, "group-stlsq:1e6", "empty support"),
+        (True, {}, "group-stlsq:0.05", "one object"),
+        (False, {"library": "terms:v,v+1e-9*x"}, "group-stlsq:0", "ill-conditioned"),
+    ],
+)
+def test_what_makes_a_regression_doubtful_is_a_diagnostic(drops, one, settings, solver, kind):
+    law = cl.discover(drops[:1] if one else drops, method=regression(solver=solver), **SETTINGS | settings)
+    assert kind in {each.kind for each in law.diagnostics}
 
 
 @pytest.mark.parametrize(
@@ -278,30 +256,12 @@ def test_a_state_that_never_changes_is_refused():
         )
 
 
-def test_trials_streamed_from_a_file_give_the_same_law(drops, tmp_path):
-    drops.to_parquet(tmp_path / "drops.parquet")
-    stream = cl.TrialStream.from_parquet(tmp_path / "drops.parquet")
-    streamed = cl.discover(stream, method=regression(solver="group-stlsq:1.5"), **SETTINGS)
-    np.testing.assert_array_equal(
-        streamed.coefficients,
-        cl.discover(drops, method=regression(solver="group-stlsq:1.5"), **SETTINGS).coefficients,
-    )
-    assert streamed.objects == drops.objects
-
-
-def test_two_processes_give_the_same_law(drops):
-    one, two = (
-        cl.discover(drops, method=regression(solver="group-stlsq:1.5", n_jobs=n_jobs), **SETTINGS) for n_jobs in (1, 2)
-    )
-    np.testing.assert_array_equal(one.coefficients, two.coefficients)
-
-
 def test_without_a_solver_the_law_is_chosen_and_the_candidates_are_shown(drops, tmp_path):
     law = cl.discover(
         drops, order=2, method=cl.DerivativeRegression(differentiation="savgol:25:3", trim=8), library="poly:3"
     )
     assert law.structure == ("x'' = a + b v",)
-    assert "its held-out error is" in outcome(law, "chosen")
+    assert "chosen" in {each.kind for each in law.diagnostics}
     candidates = law.comparison
     assert candidates["chosen"].sum() == 1
     assert candidates.loc[candidates["chosen"], ["terms", "size"]].to_numpy().tolist() == [["1, v", 2]]
@@ -321,18 +281,6 @@ def test_a_solver_without_its_setting_offers_its_path_to_any_rule(rule):
         order=1,
     )
     assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
-
-
-def test_known_terms_are_not_chosen_again(drops):
-    law = cl.discover(
-        drops,
-        order=2,
-        method=cl.DerivativeRegression(differentiation="savgol:25:3", trim=8, n_resamples=0),
-        known={"1": -9.8},
-        library="poly:3",
-    )
-    assert law.structure == ("x'' = a + b v",)
-    assert (law.to_frame()["1"] == -9.8).all()
 
 
 def test_a_stream_is_chosen_from_like_trials(drops, tmp_path):

@@ -41,10 +41,6 @@ def test_a_law_in_discrete_time_refuses_uneven_steps(populations):
         cl.discover(uneven, order=0, method=cl.DiscreteTimeRegression(solver="stlsq:0.5"), library="poly:3")
 
 
-def test_a_law_in_discrete_time_is_chosen(populations):
-    assert cl.discover(populations, order=0, library="poly:3").structure == ("x[k+1] = a x + b x^2",)
-
-
 def test_the_next_sample_of_a_chaotic_map_is_forecast_though_the_tenth_is_not():
     states = [0.3]
     for _ in range(299):

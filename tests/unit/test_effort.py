@@ -18,16 +18,6 @@ def test_a_library_that_memory_cannot_hold_is_refused_with_its_size(method):
         cl.discover(DROPS, order=2, library="poly:100", method=method)
 
 
-def test_long_choices_are_announced_with_their_length_and_a_way_out(monkeypatch):
-    monkeypatch.setattr(progress, "SECONDS_UNTIL_ANNOUNCED", 0.01)
-    with pytest.warns(cl.LongWorkWarning, match="choosing from 10 terms for 1 equation and 5 objects will take about"):
-        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(), library="poly:3")
-    with pytest.warns(cl.LongWorkWarning, match=r"or a solver with its value such as 'group-stlsq:1'"):
-        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_resamples=0), library="poly:3")
-    with pytest.warns(cl.LongWorkWarning, match="likelihood of 10 trials of 5 objects .*fewer trials, or `method="):
-        cl.discover(DROPS, order=2, library="poly:1")
-
-
 @pytest.mark.parametrize(
     ("size", "text"),
     [(600.0, "about 10 minutes"), (86_400.0, "about 24 hours"), (7_000.0, "117 minutes")],
@@ -49,22 +39,10 @@ def test_work_of_many_pieces_is_announced_by_what_the_first_take(monkeypatch):
     assert len(told) == 1
 
 
-def test_judging_many_trials_is_announced(monkeypatch):
-    seconds = iter(np.arange(0.0, 10_000.0, 6.0))
-    monkeypatch.setattr(progress, "monotonic", lambda: next(seconds))
-    trials = cl.datasets.linear_drag(trials=20)
-    with pytest.warns(cl.LongWorkWarning, match="judging the law by 100 forecasts .*: .*take fewer"):
-        cl.datasets.truth_of("linear-drag").assess(trials)
-
-
 @pytest.mark.parametrize("text", ["fourier:500 * fourier:500", " * ".join(["poly:20"] * 8), "fourier:1000 * poly:30"])
 def test_products_of_libraries_have_a_largest_number_of_terms(text):
     with refused("library-too-large", limit=100000):
         parse_library(text).bind(Variables(("x", "v")))
-
-
-def test_products_of_eight_small_libraries_are_made():
-    assert len(parse_library(" * ".join(["fourier:1"] * 8)).bind(Variables(("x", "v")))) == 165
 
 
 def test_a_fourier_library_of_many_variables_is_refused():
@@ -88,27 +66,6 @@ def test_a_fourier_library_of_many_variables_is_refused():
 def test_simulations_that_memory_cannot_hold_are_refused(options, message):
     with refused(message):
         cl.datasets.linear_drag(**options)
-
-
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        ({"n_jobs": 0}, Diagnostic("n-jobs", {"value": 0})),
-        ({"n_resamples": 10**6}, Diagnostic("whole-number", {"bounds": "from 0 to 10000"})),
-    ],
-)
-def test_numbers_of_processes_and_resamples_are_bounded(option, message):
-    with refused(message):
-        cl.DerivativeRegression(**option)
-
-
-def test_as_many_processes_start_as_there_are_cores():
-    settings = {"differentiation": "finite:2", "solver": "group-stlsq:1.5"}
-    laws = [
-        cl.discover(DROPS, order=2, method=cl.DerivativeRegression(n_jobs=jobs, **settings), library="poly:3")
-        for jobs in (1, 100_000)
-    ]
-    np.testing.assert_array_equal(*(each.coefficients for each in laws))
 
 
 def test_pieces_of_longer_work_are_not_announced():

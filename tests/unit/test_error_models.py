@@ -12,9 +12,6 @@ from scipy.stats import t
 
 import commonlaw as cl
 from commonlaw.inference.data.noise import noise_floor
-from commonlaw.inference.search.error_models import choose_errors
-from commonlaw.inference.search.law_search import fit_terms
-from commonlaw.inference.search.setup import FitSetup
 from commonlaw.law import Uncertainty
 from commonlaw.likelihood import ErrorModel
 from tests.refusals import refused
@@ -199,18 +196,6 @@ def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
     assert white["errors"].unique() == ["white noise"]
 
 
-def test_the_evidence_that_compares_laws_is_that_which_they_were_fitted_with():
-    trials = oscillator(correlated, 2)
-    laws = {text: cl.fit(text, trials) for text in ("x'' = a x + b v", "x'' = a x + b v^3")}
-    setups = [FitSetup.of(law, trials) for law in laws.values()]
-    fitted = [
-        choose_errors(fit_terms(own), errors="auto", propose=lambda _: None, progress=lambda _: None).best.score.total
-        for own in setups
-    ]
-    found = cl.compare(laws, trials).set_index("law")["2 log B"]
-    assert found.loc["x'' = a x + b v^3"] == pytest.approx(fitted[1] - fitted[0], abs=0.01)
-
-
 def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals():
     times, generator = np.linspace(0, 4, 200), np.random.default_rng(0)
 
@@ -245,22 +230,6 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     assert np.all(
         (without.uncertainty.inclusion_probabilities >= 0) & (without.uncertainty.inclusion_probabilities <= 1)
     )
-
-
-def test_a_smooth_error_of_the_measurement_is_told_from_the_law():
-    times, generator = np.linspace(0, 30, 301), np.random.default_rng(0)
-    path = solve_ivp(lambda _, z: [z[1], -z[0] - 0.05 * z[1]], (0, 30), [2, 0], t_eval=times, rtol=1e-9).y[:1].T
-    error = 0.05 * np.sin(7.3 * times)[:, np.newaxis] + 0.005 * generator.standard_normal(path.shape)
-    law = cl.discover(cl.Trials.from_arrays([times], [path + error], names=["x"]), order=2, library="poly:2")
-    assert law.structure == ("x'' = a x + b v",)
-    missed = law.coefficients[law.support[np.newaxis]] - [-1, -0.05]
-    assert np.all(np.abs(missed) < 3 * law.standard_errors[law.support[np.newaxis]])
-    assert law.uncertainty.error_model.correlated == pytest.approx([error.std()], rel=0.2)
-    assert 0.1 < law.uncertainty.error_model.memory < 2 * np.pi / 7.3
-    steps = {step.stage: step for step in law.history}
-    assert steps["model error"].choice == "none"
-    assert "errors with a memory" in steps
-    assert law.diagnostics == ()
 
 
 @pytest.mark.parametrize(("library", "seed"), [("poly:2", 1), ("poly:1", 3), ("poly:2", 3)])

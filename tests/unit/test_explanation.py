@@ -42,24 +42,6 @@ def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_pro
     assert (verdict.exact, verdict.none_exact) == (False, True)
 
 
-@pytest.mark.slow
-def test_the_order_is_one_of_which_a_law_explains_whole_trials(delayed):
-    """Steps between samples, and a law of second order with many terms, follow the dead time sample by sample."""
-    one = delayed.with_trials([delayed[1]])
-    law = cl.discover(one, library="poly:3")
-    assert law.order == 1
-    assert law.score(one, start="all") > 0.99
-    assert "not identifiable" not in {each.kind for each in law.diagnostics}
-
-
-def test_of_laws_that_explain_whole_trials_none_is_taken_whose_forecasts_diverge(delayed, monkeypatch):
-    monkeypatch.setattr(approximation, "score_of_forecasts", lambda found, _: -np.inf if found.size > 2 else 1.0)
-    law = cl.discover(delayed, order=1, library="poly:1")
-    assert law.support.sum() == 2
-    assert OutcomeKind.APPROXIMATION in {each.kind for each in law.diagnostics}
-    assert {*law.comparison["measure"]} == {"log score difference"}
-
-
 def test_a_fit_without_process_noise_is_the_answer_where_it_explains_whole_trials_better(delayed):
     law = cl.fit("T' = (K u - T)/tau", delayed)
     white = cl.fit("T' = (K u - T)/tau", delayed, errors="white")

@@ -44,15 +44,6 @@ def test_all_samples_tell_terms_and_coefficients_that_few_cannot(few):
     assert alone.structure == ("x'' = a x",)
 
 
-def test_where_few_samples_depart_from_every_law_all_are_searched(few):
-    generator = np.random.default_rng(2)
-    wandering = np.cumsum(generator.standard_normal(500)) + 0.01 * generator.standard_normal(500)
-    method = cl.TrajectoryLikelihood(errors="white")
-    cl.discover(cl.Trials.from_arrays(np.arange(500.0), wandering), library="terms:1,x", method=method, order=1)
-    assert few[0] < 500
-    assert few[-1] == 500
-
-
 def test_all_objects_tell_a_term_that_groups_of_them_cannot():
     springs, question = swinging(1.2e-3, 0.03, 60, 60, 0.2), {"order": 2, "library": "terms:1,x,v", "cache": False}
     for first in (0, 1):

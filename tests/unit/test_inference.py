@@ -44,12 +44,7 @@ def kept(trials, keep):
     ))  # fmt: skip
 
 
-def with_states(trials, change):
-    return replace(trials, trials=tuple(replace(each, states=change(each.states.copy())) for each in trials))
-
-
 DRAGS = {"drag": (-0.2, -0.5)}
-PREY = {"growth": (1.0, 0.8), "predation": 0.1, "decline": (1.3, 1.1), "reproduction": 0.07}
 
 
 @pytest.fixture(scope="module")
@@ -69,87 +64,10 @@ def oscillator(**options):
 # What is found
 
 
-def test_falling_balls_are_found_from_noisy_heights(drag):
-    assert drag.noise == pytest.approx([0.05], rel=0.2)
-    assert drag.standard_errors[:, drag.support].shape == (2, 2)
-    chosen = [each for each in drag.provenance.alternatives if each.chosen]
-    assert [each.terms for each in chosen] == [("1", "v")]
-    assert drag.provenance.alternatives[0].measures["2 log B"] == 0
-    assert sum(each.measures["probability"] for each in drag.provenance.alternatives) == pytest.approx(1, abs=0.05)
-    assert "largest evidence" in str(drag.history)
-
-
-def test_heavy_noise_on_heights_does_not_hide_the_law():
-    trials = datasets.linear_drag(noise=0.1)
-    law = found(trials, datasets.linear_drag.truth(), order=2, library="poly:1")
-    assert law.noise == pytest.approx([0.1], rel=0.15)
-
-
-@pytest.mark.parametrize("trials", [1, 2])
-def test_prey_and_predators_are_found(trials):
-    measured = datasets.lotka_volterra(**PREY, noise=0.3, trials=trials, samples=120)
-    law = found(measured, datasets.lotka_volterra.truth(**PREY))
-    assert law.noise == pytest.approx([0.3, 0.3], rel=0.15)
-
-
-def test_chaos_is_found_from_one_object():
-    measured = datasets.lorenz(samples=250, trials=1, noise=0.2)
-    law = found(measured, datasets.lorenz.truth(), library="poly:2")
-    assert law.noise == pytest.approx([0.2] * 3, rel=0.15)
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.03])
-def test_an_oscillator_is_found_without_and_with_noise(noise):
-    found(oscillator(noise=noise), datasets.nonlinear_oscillator.truth())
-
-
-def test_coarse_samples_of_a_fast_law_are_not_taken_for_a_model_error():
-    measured = datasets.lorenz(samples=300, rate=25.0, trials=1)
-    law = found(measured, datasets.lorenz.truth(), library="poly:2")
-    assert law.history[2].choice != "1 step from sample to sample"
-
-
 def test_samples_at_irregular_times_will_do():
     generator = np.random.default_rng(3)
     measured = kept(oscillator(noise=0.02), lambda n: np.sort(generator.choice(n, 200, replace=False)))
     found(measured, datasets.nonlinear_oscillator.truth())
-
-
-def test_missing_values_and_gaps_will_do():
-    generator = np.random.default_rng(3)
-    measured = kept(oscillator(noise=0.02), lambda n: np.r_[:100, 112:n])
-
-    def holed(states):
-        for start in (0, 1):  # Never both states of a sample
-            indices = np.arange(start, len(states), 2)
-            states[generator.choice(indices, 30, replace=False), start] = np.nan
-        return states
-
-    law = found(with_states(measured, holed), datasets.nonlinear_oscillator.truth())
-    assert "of 516 measurements" in law.history[-1].reason
-
-
-def test_a_trial_at_rest_is_taken_among_others_that_move():
-    times = np.arange(80) / 20
-    moving = [2 * np.exp(-0.7 * times), np.exp(-0.7 * times)]
-    generator = np.random.default_rng(1)
-    states = [(each + 0.01 * generator.standard_normal(80))[:, np.newaxis] for each in moving] + [np.zeros((80, 1))]
-    law = cl.discover(
-        cl.Trials.from_arrays([times] * 3, states, object=["cup"] * 3, names=["x"]), library="poly:2", order=1
-    )
-    assert law.structure == ("x' = a x",)
-    assert law.noise == pytest.approx([0.01], rel=0.2)
-    assert law.coefficients[0, 0, law.terms.index("x")] == pytest.approx(-0.7, abs=0.02)
-
-
-def test_gross_outliers_do_not_spoil_it():
-    generator = np.random.default_rng(3)
-
-    def spoilt(states):
-        return states + 20 * 0.03 * (generator.random(states.shape) < 0.03) * generator.choice([-1, 1], states.shape)
-
-    law = found(with_states(oscillator(noise=0.03), spoilt), datasets.nonlinear_oscillator.truth())
-    assert law.noise == pytest.approx([0.03, 0.03], rel=0.3)
 
 
 def test_intervals_are_as_narrow_as_the_data_allow():
@@ -161,11 +79,6 @@ def test_intervals_are_as_narrow_as_the_data_allow():
     coefficients = np.array([-0.1, 2.0, -2.0, -0.1])
     bounds = cramer_rao([solve(variables, equations, coefficients, np.array([2.0, 0.0]), trials[0].times)], noise)
     np.testing.assert_allclose(law.standard_errors[0][law.support] / bounds, 1, atol=0.03)
-
-
-def test_a_few_seeds_of_an_oscillator_are_all_found():
-    for seed in (1, 2):
-        found(oscillator(noise=0.05, seed=seed), datasets.nonlinear_oscillator.truth())
 
 
 # What is known
@@ -214,15 +127,6 @@ def test_a_law_may_be_known_altogether(drops):
     assert not law.uncertainty.covariance.any()
 
 
-def test_what_does_not_move_by_itself_has_no_terms():
-    states = np.random.default_rng(0).standard_normal((200, 1))
-    law = cl.discover(cl.Trials.from_arrays([np.arange(200.0)], [states], names=["x"]), library="poly:2", order=1)
-    assert not law.support.any()
-    assert law.noise == pytest.approx([1], rel=0.2)
-    assert law.history[3].choice == "none"
-    assert [each.kind for each in law.diagnostics] == ["empty support"]
-
-
 def test_given_noise_is_used(drops, drag):
     settings = {"order": 2, "library": "poly:2"}
     law = cl.discover(drops, method=cl.TrajectoryLikelihood(noise={"x": 0.2}), **settings)
@@ -236,16 +140,6 @@ def test_given_noise_is_used(drops, drag):
 
 
 # Other ways
-
-
-def test_rates_and_the_weak_form_agree_with_trajectories_roughly():
-    trials, truth = oscillator(noise=0.005), datasets.nonlinear_oscillator.truth()
-    law = found(trials, truth)
-    for method in (cl.DerivativeRegression(), cl.WeakRegression()):
-        other = cl.discover(trials, method=method, order=1, library="poly:3")
-        np.testing.assert_array_equal(other.support, law.support)
-        np.testing.assert_allclose(other.coefficients, law.coefficients, atol=0.06)
-        assert other.uncertainty.covariance is None
 
 
 def test_a_solver_without_its_setting_lists_the_candidates(drops, drag):
@@ -317,39 +211,6 @@ def test_the_estimator_keeps_the_conventions_of_scikit_learn(drops, drag):
 
 
 # What must not matter
-
-
-@pytest.mark.parametrize(("length", "duration"), [(1000.0, 1.0), (1.0, 1000.0), (1e-3, 60.0)])
-def test_units_do_not_matter(drops, drag, length, duration):
-    scaled = replace(
-        drops,
-        trials=tuple(replace(each, times=duration * each.times, states=length * each.states) for each in drops),
-    )
-    law = cl.discover(scaled, order=2, library="poly:2")
-    np.testing.assert_array_equal(law.support, drag.support)
-    factors = np.array([length / duration**2, 1 / duration])
-    np.testing.assert_allclose(
-        law.coefficients[:, law.support], drag.coefficients[:, drag.support] * factors, rtol=1e-3
-    )
-    expected = drag.standard_errors[:, drag.support] * factors
-    np.testing.assert_allclose(law.standard_errors[:, law.support], expected, rtol=1e-3)
-    np.testing.assert_allclose(law.noise, length * drag.noise, rtol=1e-6)
-    np.testing.assert_allclose(
-        law.uncertainty.inclusion_probabilities, drag.uncertainty.inclusion_probabilities, atol=1e-2
-    )
-
-
-def test_units_of_one_state_do_not_matter():
-    trials = oscillator(noise=0.02)
-    one = cl.discover(trials, order=1, library="poly:3")
-    other = cl.discover(with_states(trials, lambda states: states * [1000.0, 1.0]), order=1, library="poly:3")
-    np.testing.assert_array_equal(one.support, other.support)
-    cubes = [other.terms.index("x^3"), other.terms.index("y^3")]
-    factors = np.array([[1000.0 / 1e9, 1000.0], [1e-9, 1.0]])
-    np.testing.assert_allclose(other.coefficients[0][:, cubes], one.coefficients[0][:, cubes] * factors, rtol=1e-3)
-    np.testing.assert_allclose(
-        other.standard_errors[0][:, cubes], one.standard_errors[0][:, cubes] * factors, rtol=1e-3
-    )
 
 
 def test_the_order_of_objects_and_trials_does_not_matter(drops, drag):

@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import commonlaw as cl
-from commonlaw.cli.main import commonlaw
 from commonlaw.discovery import kept_laws
 from commonlaw.discovery.kept_laws import digest
 from commonlaw.law import Provenance
@@ -130,14 +128,3 @@ def test_nothing_is_kept_where_that_is_not_wanted_or_not_possible(folder, search
     monkeypatch.setenv(kept_laws.VARIABLE, "off")
     cl.discover(DROPS, **QUESTION)
     assert len(searches) == 4
-
-
-def test_a_command_answers_again_with_the_same_words_and_takes_an_option_to_find_anew(folder, searches):
-    asked = ["discover", "--dataset", "linear-drag:trials=1", "--order", "2", "--library", "poly:1"]
-    first, second = (CliRunner().invoke(commonlaw, asked) for _ in range(2))
-    assert first.exit_code == 0, first.output
-    assert first.output == second.output
-    assert len(searches) == 1
-    CliRunner().invoke(commonlaw, [*asked, "--no-cache"])
-    assert len(searches) == 2
-    assert entry(folder)

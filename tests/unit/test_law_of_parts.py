@@ -1,13 +1,10 @@
 """Laws of the objects of many files: proposed by groups, judged by all, fitted file by file."""
 
-import operator
-
 import numpy as np
 import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.discovery.many_objects import Fitting, law_of_parts
 from tests.refusals import refused
 
 ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x"]}
@@ -70,24 +67,6 @@ def test_what_decides_the_coefficients_is_found_by_the_properties_of_files(law):
     assert drag.factors[0] == pytest.approx(-0.3, rel=0.05)
 
 
-def test_groups_propose_and_all_objects_judge(folder):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES)
-
-    def find(trials):
-        text = "x'' = a" if "Ball 1" in trials.objects else "x'' = a + b v"
-        return cl.fit(text, trials)
-
-    def gravity(law):
-        return np.array([[name == "1" for name in law.terms.names]])
-
-    law = law_of_parts(stream, find, Fitting(None, "white", 4.0, "likelihood", 0), gravity, True, lambda _: None)
-    assert law.structure == ("x'' = a + b v",)
-    universal, own = law.coefficients[:, law.support].T
-    assert np.ptp(universal) < 1e-9 < np.ptp(own)
-    (judged,) = [step for step in law.history if step.stage == "support"][-1:]
-    assert "over x'' = a, summed over 3 parts" in judged.reason
-
-
 def test_what_is_known_stays_so_in_every_file(folder):
     stream = cl.TrialStream.from_parquet(folder, **ROLES)
     known = cl.discover(stream, order=2, library="poly:1", known={"1": -9.8}, method=METHOD)
@@ -102,24 +81,6 @@ def test_errors_by_the_bootstrap_are_those_of_all_trials_together(folder, whole)
     together = cl.refine(law, whole, **settings)
     np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-8)
     np.testing.assert_allclose(law.uncertainty.covariance, together.uncertainty.covariance, rtol=1e-6)
-
-
-@pytest.mark.slow
-def test_other_errors_than_white_noise_are_those_of_all_files(tmp_path, whole):
-    rng, trials = np.random.default_rng(5), []
-    for each in whole:
-        trials.append(cl.Trial(each.object, each.name, each.times, each.states * (1 + 0.02 * rng.normal(size=(49, 1)))))
-    noisy = cl.Trials(tuple(trials), whole.schema)
-    for i in range(3):
-        noisy.select(object=list(whole.objects[5 * i : 5 * i + 5])).to_parquet(tmp_path / f"{i}.parquet")
-    stream, method = cl.TrialStream.from_parquet(tmp_path), cl.TrajectoryLikelihood(errors="proportional")
-    law = cl.discover(stream, order=2, library="poly:1", method=method)
-    together = cl.refine(law, noisy, errors="proportional")
-    assert law.uncertainty.error_model.proportional == pytest.approx(0.02, rel=0.1)
-    for name in ("error_model.proportional", "degrees_of_freedom"):
-        found, expected = (operator.attrgetter(name)(each.uncertainty) for each in (law, together))
-        np.testing.assert_allclose(found, expected, rtol=0.05)
-    assert 0.93 < cl.forecast_stream(law, stream)["within 95 % band"].mean() < 0.98
 
 
 def test_an_object_in_two_files_is_refused(tmp_path, whole):

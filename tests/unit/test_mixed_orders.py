@@ -167,23 +167,6 @@ def test_a_law_whose_variables_have_other_orders_is_refused(law, order, orders):
         cl.Law(terms, law.schema, order, law.objects, law.coefficients)
 
 
-def test_it_is_judged_and_compared(law):
-    trials = motors(0.01)
-    assert law.assess(trials).usable
-    assert not any(each.significant for each in law.residuals(trials).patterns)
-    first = cl.fit("theta' = -a theta + k i; i' = -r i - m theta + u", trials)
-    table = cl.compare({"mixed": law, "first": first}, trials)
-    assert table["law"].tolist() == ["mixed", "first"]
-    assert table["2 log B"].iloc[1] > 100
-
-
-def test_the_discrepancy_of_a_law_of_mixed_orders_is_found():
-    trials = motors(0.005)
-    linear = cl.fit("theta'' = -a theta - b theta' + k i; i' = -r i - m theta' + u", trials)
-    found = linear.discrepancy(trials, "theta", equation="theta")
-    assert "theta''" in str(found)
-
-
 SYSTEMS = {
     "motor": (
         motors,

@@ -10,12 +10,10 @@ from scipy.stats import multivariate_normal
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery import orders, pipeline
-from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import may_be_of_first_order, prepare, score_of_order
 from commonlaw.inference.fit.annealing import fit_with
-from commonlaw.inference.fit.lack_of_fit import in_words
 from commonlaw.library import Variables, parse_library
 from tests.refusals import refused
 
@@ -42,14 +40,6 @@ relaxations = partial(
     [(-1.0,), (6.0,)],
     np.linspace(0, 5, 60),
 )
-populations = partial(
-    simulated,
-    lambda _, z, a, b: [z[0] * (a - z[1]), z[1] * (b * z[0] - 1)],
-    [(1.0, 0.8), (1.4, 1.1)],
-    [(0.8, 1.2), (2.0, 0.6)],
-    np.linspace(0, 10, 100),
-    columns=2,
-)
 swings = partial(
     simulated,
     lambda _, z, k, c: [z[1], -k * np.sin(z[0]) - c * z[1]],
@@ -57,35 +47,6 @@ swings = partial(
     [(1.2, 0.0), (2.2, 0.3)],
     np.linspace(0, 8, 80),
 )
-CASES = {
-    "relaxation": (relaxations, 1, "poly:3", ("x' = a + b x",)),
-    "predator and prey": (populations, 1, "poly:2", ("x' = a x + b x y", "y' = c y + d x y")),
-    "pendulum": (swings, 2, "poly:1 + terms:sin(x)", ("x'' = a v + b sin(x)",)),
-}
-
-
-@pytest.mark.parametrize("noise", [0.05, *(pytest.param(level, marks=pytest.mark.slow) for level in (0.0, 0.01))])
-@pytest.mark.parametrize("name", CASES)
-def test_the_order_of_the_law_that_made_the_data_is_found(name, noise):
-    simulate, order, library, equations = CASES[name]
-    law = discover(simulate(noise), library=library)
-    assert law.order == order
-    assert law.structure == equations
-    step = law.history[0]
-    assert (step.stage, step.choice) == ("order", str(order))
-    if order == 1:
-        assert step.reason == "a law of this order fits within the noise"
-    else:
-        assert "against the best law of order 1" in step.reason
-        assert all(float(each.split()[4]) > 10 for each in step.reason.split("; "))
-
-
-@pytest.mark.parametrize("noise", [0.01, *(pytest.param(level, marks=pytest.mark.slow) for level in (0.0, 0.05))])
-def test_falling_balls_accelerate(noise):
-    law = discover(cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=2, noise=noise), library="poly:2")
-    assert law.order == 2
-    assert law.structure == ("x'' = a + b v",)
-    assert cl.Law.from_json(law.to_json()).history[0] == law.history[0]
 
 
 def test_a_state_and_its_measured_rate_are_of_first_order(monkeypatch):
@@ -103,15 +64,6 @@ def test_a_measured_rate_makes_the_law_more_certain():
     assert both.coefficients[0, 1, of_y] == pytest.approx(-0.1, abs=4 * both.standard_errors[0, 1, of_y])
 
 
-def test_a_rate_that_was_computed_from_its_state_is_left_out():
-    angles = swings(0.01)
-    states = [np.column_stack([each.states, np.gradient(each.states[:, 0], each.times)]) for each in angles]
-    trials = cl.Trials.from_arrays([each.times for each in angles], states, names=["x", "y"])
-    law = discover(trials, library="poly:1 + fourier:1")
-    assert law.structure == ("x'' = a y + b sin(x)",)
-    assert (law.history[0].choice, law.history[0].reason) == ("2", "y is the rate of x")
-
-
 def test_of_states_without_measured_rates_the_evidence_says_the_order():
     both = swings(0.001, columns=2)
     other = [np.exp(-each.times)[:, np.newaxis] for each in both]
@@ -125,21 +77,6 @@ def test_of_states_without_measured_rates_the_evidence_says_the_order():
     )  # fmt: skip
     law = discover(trials, library="poly:1 + terms:sin(x)")
     assert law.structure == ("x' = a y", "y' = b y + c sin(x)", "z' = d z")
-
-
-def test_states_of_a_jerk_law_all_stay():
-    law = discover(
-        simulated(
-            lambda _, x, a: [x[1], x[2], 0.8 * x[0] - 1.1 * x[1] - a * x[2] - x[0] ** 3],
-            [(0.45,)],
-            [(0.1, -0.3, 0.2), (0.6, 0.2, -0.1)],
-            np.linspace(0, 20, 300),
-            0.005,
-            columns=3,
-        ),
-        library="poly:3",
-    )
-    assert law.structure == ("x' = a y", "y' = b z", "z' = c x + d y + f z + g x^3")
 
 
 def test_richer_terms_of_a_law_of_first_order_come_before_many_terms_of_second_order():
@@ -214,30 +151,12 @@ def test_regressions_take_the_first_order_and_polynomials_and_say_so(method):
     ]
 
 
-def test_discrete_time_has_the_order_of_its_method():
-    law = cl.discover(relaxations(0.0), method=cl.DiscreteTimeRegression(), library="poly:1", cache=False)
-    assert law.order == 0
-
-
 def test_streams_are_of_the_first_order_and_say_so(tmp_path):
     relaxations(0.01).to_parquet(tmp_path / "cups.parquet")
     law = cl.discover(cl.TrialStream.from_parquet(tmp_path / "cups.parquet"))
     assert law.order == 1
     assert law.terms.names == ("1", "x", "x^2", "x^3")
     assert "order-without-evidence" in {each.code for each in law.diagnostics}
-
-
-def test_a_law_that_explains_is_tried_with_no_other_order(monkeypatch):
-    tried = list[int]()
-
-    def counted(self, structure, is_first):
-        tried.append(structure.order)
-        return plain(self, structure, is_first)
-
-    plain = CandidateSearch.plain
-    monkeypatch.setattr(CandidateSearch, "plain", counted)
-    assert cl.discover(relaxations(0.05), cache=False).structure == ("x' = a + b x",)
-    assert tried == [1]
 
 
 @pytest.mark.parametrize(
@@ -291,16 +210,6 @@ def test_the_evidence_of_both_orders_is_the_density_of_the_same_measurements(poi
     first = log_density(0.7 * times, 0.0)
     second = log_density(-0.15 * times**2, np.mean(rates**2) * np.outer(times, times))
     assert found[1] - found[2] == pytest.approx(2 * (second - first), abs=0.2)
-
-
-def test_a_law_that_leaves_many_times_the_noise_does_not_explain():
-    times = np.linspace(0, 6, 60)
-    trials = cl.Trials.from_arrays([times] * 2, [np.sin(times), np.cos(times)], names=["x"])
-    structure = ModelStructure(1, parse_library("terms:1"))
-    terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
-    problem = prepare(trials, terms, known, noise=None, huber_threshold=4.0)
-    fit = fit_with(problem, problem.allowed, 0.0)
-    assert in_words(fit.departures) == "residuals of x are mostly more than 4 standard deviations of its noise"
 
 
 def test_what_fails_for_some_orders_is_left_out_and_refused_if_it_does_for_all():

@@ -140,12 +140,6 @@ def test_the_law_of_enzymes_is_found_among_plain_terms_and_families(law):
         assert (np.abs(values - np.array([-own[0], own[1]])) < 4 * errors).all()
 
 
-def test_it_agrees_with_a_fit_of_its_terms(law, enzymes):
-    fitted = cl.fit("s' = -V s/(K + s)", enzymes)
-    values, expected = law.parameters.values, fitted.parameters.values
-    np.testing.assert_allclose(values * [-1, 1], expected, rtol=1e-3)
-
-
 def test_it_forecasts_is_kept_and_says_what_else_it_could_be(law, enzymes, tmp_path):
     law.save(tmp_path / "law.json")
     again = cl.Law.load(tmp_path / "law.json")
@@ -157,26 +151,6 @@ def test_it_forecasts_is_kept_and_says_what_else_it_could_be(law, enzymes, tmp_p
     assert others
     assert law.uncertainty.inclusion_probabilities[0][law.support[0]].min() > 0.9
     assert any(step.stage == "library" and step.choice == "7 terms" for step in law.history)
-
-
-def test_a_plain_law_stays_where_it_is_as_good():
-    decay = simulated(lambda s, rate: -rate * s, {"a": (0.5,), "b": (0.9,)}, [4.0, 2.0], np.linspace(0, 4, 40), 0.02)
-    law = cl.discover(decay, library="auto", cache=False, order=1)
-    assert law.structure == ("s' = a s",)
-    assert not law.terms.variables.constants
-
-
-def test_a_function_without_constants_is_found_beside_plain_terms():
-    growth = simulated(
-        lambda n, rate, most: rate * n * np.log(most / n),
-        {"a": (0.3, 5.0), "b": (0.5, 8.0)},
-        [0.3, 0.8],
-        np.linspace(0, 12, 60),
-        0.01,
-        state="n",
-    )
-    law = cl.discover(growth, library="poly:2 + poly:1 * logarithm", cache=False, order=1)
-    assert law.structure == ("n' = a n + b n*log(n)",)
 
 
 def test_equations_share_a_term_without_constants(tmp_path):
@@ -198,24 +172,6 @@ def test_equations_share_a_term_without_constants(tmp_path):
     assert len(set(law.terms.names)) == len(law.terms)
     law.save(tmp_path / "law.json")
     assert cl.Law.load(tmp_path / "law.json").structure == law.structure
-
-
-@pytest.mark.slow
-def test_equations_are_put_right_together_where_polynomials_make_up_for_each_others_errors():
-    """Of exact measurements of a chemostat no equation is better alone than beside the other's polynomial."""
-    times, states, names = np.linspace(0, 12, 60), [], []
-    for o, dilution in enumerate((0.3, 0.32, 0.34)):
-
-        def rates(_, z, growth=1 + 0.2 * o, half=0.5 + 0.1 * o, dilution=dilution):
-            eaten = growth * z[0] * z[1] / (half + z[0])
-            return [dilution * (2 - z[0]) - eaten, eaten - dilution * z[1]]
-
-        for start in ([2.0, 0.1], [0.2, 1.5]):
-            states.append(solve_ivp(rates, (0, 12), start, t_eval=times, rtol=1e-10, atol=1e-12).y.T)
-            names.append(f"vessel {o}")
-    trials = cl.Trials.from_arrays([times] * 6, states, object=names, names=["s", "x"])
-    law = cl.discover(trials, library="poly:2 + poly:1 * saturating", order=1)
-    assert law.structure == ("s' = a + b s + c s x/(K + s)", "x' = d x + f s x/(K2 + s)")
 
 
 def test_a_course_that_turns_by_a_force_over_the_speed_is_found():

@@ -79,17 +79,3 @@ def test_the_figure_steps_where_the_terms_change_and_shades_what_was_chosen(law:
         assert panel.get_lines()[1].get_xdata() == [1.5, 1.5]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["chosen", "mine"]
     assert below.get_xlabel() == "threshold"
-
-
-def test_each_equation_has_its_own_column() -> None:
-    pairs = cl.datasets.lotka_volterra(trials=2)
-    law = cl.discover(
-        pairs,
-        library="poly:2",
-        method=cl.DerivativeRegression(differentiation="finite:6", solver=cl.STLSQ(shared=False), n_resamples=0),
-        order=1,
-    )
-    figure = plot_path(law, "smallest coefficient")
-    assert len(figure.axes) == 4
-    assert all(figure.axes[i].get_title().startswith("equation of") for i in (0, 1))
-    assert figure.axes[-1].get_xlabel() == "smallest coefficient"

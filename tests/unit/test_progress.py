@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-import commonlaw as cl
 from commonlaw.runtime import progress
 
 
@@ -74,12 +73,3 @@ def test_shares_of_a_part_are_shares_of_the_whole():
     tell(progress.Stage("half", 0.5))
     tell("first")
     assert taken == [("half", 0.625), ("first", 0.5)]
-
-
-def test_a_search_says_its_shares_in_order():
-    told = []
-    cl.discover(cl.datasets.linear_drag(trials=1), order=2, library="poly:1", progress=told.append)
-    shares = [step.done for step in told if isinstance(step, progress.Stage)]
-    assert shares == sorted(shares)
-    assert shares[0] < 0.1
-    assert 0.85 < shares[-1] <= 1

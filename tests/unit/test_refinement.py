@@ -15,7 +15,6 @@ from tests.refusals import refused
 
 NOISE = 0.3
 OWN = {"partial_pooling": False}
-KINDS = ("likelihood", "bootstrap")
 
 
 @pytest.fixture(scope="module")
@@ -68,13 +67,6 @@ def test_refined_coefficients_are_those_of_shooting(prey, by_rates):
     np.testing.assert_allclose(own(law, law.standard_errors[0]), errors, rtol=0.05)
     np.testing.assert_array_equal(law.support, by_rates.support)
     assert law.history[-1].stage == "coefficients"
-
-
-def test_refined_coefficients_are_those_of_discovery_of_the_same_terms(prey, by_rates):
-    found, refined = cl.discover(prey, library="terms:x,y,x*y", order=1), cl.refine(by_rates, prey)
-    np.testing.assert_array_equal(found.support, refined.support)
-    gaps = (found.coefficients - refined.coefficients)[:, found.support]
-    assert np.all(np.abs(gaps) < 0.02 * found.standard_errors[:, found.support])
 
 
 def test_errors_by_drawing_blocks_anew_agree_with_those_of_the_likelihood(prey, by_rates):

@@ -11,7 +11,6 @@ import commonlaw as cl
 from commonlaw.report import law_report
 from commonlaw.report.document import Table, Text
 from commonlaw.verdict import find
-from tests.refusals import refused
 
 TIMES = np.arange(60) * 0.1
 
@@ -103,23 +102,6 @@ def test_in_noise_nothing_is_found_and_that_is_said(seed):
     assert verdict.r_squared < 0.05
     assert law.score(noise) < 0
     assert table_of(report, "fit-by-state")["RMS residual"].item() == pytest.approx(np.std(states), rel=0.05)
-
-
-@pytest.mark.slow
-def test_five_samples_are_too_few_to_judge_by_and_that_is_said():
-    times = np.arange(5.0)
-    few = cl.Trials.from_arrays(times, np.exp(-times), units={"t": "s", "x": "m"})
-    top = top_of(law_report(find(cl.discover(few, order=1, library="poly:3"), few)))
-    assert top.startswith("**Whether this law can be used for forecasts could not be judged: too few, 4 measurements")
-    assert "It has as many terms as so few samples can tell apart." in top
-    assert "bands" not in top
-    assert "To get further: measure more samples or more trials." in top
-
-
-def test_a_state_that_never_changes_has_no_law():
-    constant = cl.Trials.from_arrays(TIMES, np.full(60, 3.0))
-    with refused("state-constant-of-object"):
-        cl.discover(constant, order=1, library="poly:3")
 
 
 def test_of_several_states_those_that_are_forecast_no_better_are_named():

@@ -1,21 +1,16 @@
 """Supports between which the likelihood, linearised about one of them, hardly decides."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-import commonlaw as cl
 from benchmarks.families import experiment
 from benchmarks.next_experiment import first_trials
 from commonlaw.inference.fit import annealing, fit as fits
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.result.assembly import weighted
-from commonlaw.inference.score.score import Score
-from commonlaw.inference.search import law_search
 from commonlaw.inference.search.law_search import PATH
-from commonlaw.inference.search.pool import Pool
 from commonlaw.library import Variables, parse_library
 
 
@@ -40,19 +35,6 @@ def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(
     plausible = [each for value, each in near if value < found[0].score.total + fits.PLAUSIBLE]
     assert len(plausible) > 1
     assert all(each.tobytes() in fitted for each in plausible)
-
-
-def test_supports_that_were_fitted_are_listed_with_the_evidence_of_their_fits():
-    trials = experiment("heights of balls").measured(0.05, 7)
-    problem = problem_of(trials)
-    best = annealing.search(problem, lambda _: None)[0]
-    (listed,) = best.neighbours()
-    np.testing.assert_array_equal(listed[0][1], best.supports[0])
-    fitted = {each.supports.tobytes() for each in best.alternatives}
-    (difference, support), *more = [pair for pair in listed[1:] if pair[1].tobytes() in fitted]
-    assert len(more) >= 2
-    again = annealing.fit_with(problem, support[np.newaxis], fits.NO_ERROR)
-    assert difference == pytest.approx(again.score - best.score, abs=0.01)
 
 
 @pytest.mark.parametrize("beginning", [["1"], ["1", "x", "v"]])
@@ -85,27 +67,3 @@ def test_laws_are_as_plausible_as_fits_of_their_own_have_evidence():
     for share, each in plausible:
         again = annealing.fit_with(problem, each.supports, fits.NO_ERROR)
         assert np.log(own / share) == pytest.approx((again.score - best.score) / 2, abs=0.05)
-
-
-@pytest.mark.parametrize(("noise", "seed"), [(0.05, 0), (0.02, 3)])
-def test_one_short_trial_of_each_object_is_enough_for_a_law_of_two_terms(noise, seed):
-    """From so little, evidence about fits of many terms has few digits, and must not be larger for it."""
-    law = cl.discover(cl.datasets.linear_drag(noise=noise, seed=seed).select(trial=1), order=2, library="poly:3")
-    assert law.structure == ("x'' = a + b v",)
-    assert {each.kind for each in law.diagnostics} <= {"not identifiable"}  # All drops begin alike
-
-
-def test_laws_that_are_the_better_ones_in_turn_are_not_fitted_without_end(monkeypatch):
-    problem = SimpleNamespace(solver=PATH)
-    one, other = (fits.Fit(problem, np.eye(1, 2, k, dtype=bool), (), 0.0, Score({})) for k in range(2))
-    turns = []
-
-    def in_turn(fit):
-        turns.append(fit)
-        assert len(turns) < 9
-        return other if fit is one else one
-
-    monkeypatch.setattr(law_search, "until_resolved", lambda fit, _: fit)
-    monkeypatch.setattr(law_search, "to_scale", lambda fit: fit)
-    monkeypatch.setattr(law_search, "beside_alternatives", in_turn)
-    assert law_search.resolved(Pool((one,)), str).best in (one, other)

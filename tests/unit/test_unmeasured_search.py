@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
-from commonlaw.cli.main import commonlaw
 from tests.refusals import refused
 
 
@@ -18,10 +16,6 @@ def absorbed(_, state, ka, volume, k):
 def epidemic(_, state, b, g):
     susceptible, infected = state
     return [-b * susceptible * infected, b * susceptible * infected - g * infected]
-
-
-def decay(_, state, k):
-    return [0.0, -k * state[1]]
 
 
 def trials_of(rates, typical, start, end, name, *, samples=25, count=4, noise=0.01, seed=0):
@@ -82,14 +76,6 @@ def test_the_susceptible_are_found_by_the_infected():
     assert (abs(values - np.column_stack([-g, 990 * b, -b])) < 4 * errors).mean() > 0.9
 
 
-def test_a_law_that_needs_no_such_state_is_found_without():
-    _, trials = trials_of(decay, (0.3,), [0.0, 2.0], 12, "x", count=4)
-    law = cl.discover(trials, library="poly:2", unmeasured=1, order=1)
-    assert law.structure == ("x' = a x",)
-    (step,) = [each for each in law.history if each.stage == "unmeasured state"]
-    assert step.choice == "none"
-
-
 def pendulum(_, state, g, c, force, r):
     drive, angle, rate = state
     return [-r * drive, rate, -g * np.sin(angle) - c * rate + force * drive]
@@ -106,16 +92,6 @@ def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
     assert (abs(values - np.column_stack([-c, -g, force, r])) < 4 * errors).mean() > 0.9
     (step,) = [each for each in law.history if each.stage == "unmeasured state"]
     assert step.choice == "exp(-r*t)"
-
-
-@pytest.mark.slow
-def test_the_command_line_asks_for_it(tmp_path, swallowed):
-    few = swallowed[1].select(object=list(swallowed[1].objects[:3]))
-    few.to_frame().to_csv(tmp_path / "doses.csv", index=False)
-    options = ["--library", "poly:1", "--unmeasured", "1", "--no-cache", "--history"]
-    done = CliRunner().invoke(commonlaw, ["discover", str(tmp_path / "doses.csv"), *options])
-    assert done.exit_code == 0, done.output
-    assert "u' = c u" in done.output
 
 
 def test_what_asks_for_it_in_vain_is_refused(swallowed):
