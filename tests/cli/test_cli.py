@@ -152,23 +152,6 @@ def test_forecasts_go_beyond_what_was_measured(run, tmp_path):
     assert forecast["height error"].notna().sum() == drops["height"].notna().sum()
 
 
-@pytest.mark.usefixtures("table")
-def test_a_check_that_fails_does_not_cost_the_law(run, tmp_path, monkeypatch):
-    def fails(*_, **__):
-        raise cl.CommonlawError("other", text="the weather was bad; wait")
-
-    monkeypatch.setattr(cl.Law, "predict", fails)
-    outputs = "--save", "law.json", "--plot", "law.svg"
-    code, out, err = run("discover", "drops.csv", *DROPS, *SETTINGS, *outputs)
-    assert (code, "R^2" in out) == (0, False)
-    assert "Note: the law has no fitted curves: the weather was bad; wait" in err
-    assert "Note: the law was not checked by forecasts: the weather was bad; wait" in err
-    assert cl.Law.load(tmp_path / "law.json").support.any()
-    assert not (tmp_path / "law.svg").exists()
-    code, out, _ = run("discover", "drops.csv", *DROPS, *SETTINGS, "--json")
-    assert (code, json.loads(out)["forecast"]) == (0, None)
-
-
 def test_discover_shows_errors_intervals_and_history(run, monkeypatch):
     def certain(*given, **settings):
         law = discover(*given, **settings)

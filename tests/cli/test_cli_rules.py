@@ -2,19 +2,15 @@
 
 import os
 import re
-from threading import Event
 
 import click
 import pytest
 
 import commonlaw as cl
-from commonlaw.cli import working
 from commonlaw.cli.command import Command
 from commonlaw.cli.main import commonlaw
 from commonlaw.cli.paths import ReadFile, ReadLaw, WrittenFigure, WrittenFile, WrittenTable
-from commonlaw.runtime.progress import Stage
 
-QUICK = ["--order", "2", "--library", "poly:1", "--solver", "group-stlsq:1.5"]
 DROPS = cl.datasets.linear_drag(noise=0.05, trials=3)
 
 
@@ -169,25 +165,6 @@ def test_an_object_is_found_whose_name_has_a_comma(run, tmp_path):
     assert kept("object=Ball,blue").startswith("1 trial of 1 object")
     assert kept('object="Ball,blue",Golf').startswith("2 trials of 2 objects")
     assert kept("object=Ball,Golf").startswith("2 trials of 2 objects")
-
-
-def test_a_line_now_and_then_says_how_far_work_has_come(run, monkeypatch):
-    def discover(*_, progress, **__):
-        progress(Stage("choosing terms", 0.5))
-        assert said.wait(60)
-        raise cl.CommonlawError("other", text="enough")
-
-    def say(line, **_):
-        lines.append(line)
-        if "choosing" in line:
-            said.set()
-
-    said, lines = Event(), []
-    monkeypatch.setattr(working, "INTERVAL", 0.01)
-    monkeypatch.setattr(working, "say", say)
-    monkeypatch.setattr("commonlaw.discover", discover)
-    run("discover", "--dataset", "linear-drag")
-    assert any(re.match(r"commonlaw: Discovering \.\.\. choosing terms \(.* 48 % done", line) for line in lines)
 
 
 @pytest.mark.parametrize("option", ["-v", "--verbose"])

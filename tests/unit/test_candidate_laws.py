@@ -55,13 +55,6 @@ def test_candidates_have_errors_of_the_kind_that_the_law_has(drops):
     assert other.predict(drops, return_std=True).std is not None
 
 
-def test_known_coefficients_stay_in_every_candidate(drops):
-    law = cl.discover(drops, order=2, library="poly:1", known={"1": -9.8})
-    one = law.terms.names.index("1")
-    for each in candidate_laws(law, drops):
-        assert (each.law.coefficients[:, 0, one] == -9.8).all()
-
-
 def test_equations_of_several_states_grow_one_after_the_other():
     times = np.linspace(0, 4, 25)
     truth = cl.Law.from_text("x' = -x; y' = -2 y")

@@ -56,7 +56,7 @@ assert not [name for name in {optional} if sys.modules[name]]
 
 @pytest.fixture(scope="module")
 def law_file(tmp_path_factory):
-    law = cl.discover(cl.datasets.linear_drag(noise=0.01, trials=1), order=2, library="terms:1,v*abs(v)")
+    law = cl.fit("x'' = a + b v abs(v)", cl.datasets.linear_drag(noise=0.01, trials=1))
     law.save(path := tmp_path_factory.mktemp("laws") / "law.json")
     return path
 

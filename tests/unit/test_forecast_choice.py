@@ -1,14 +1,11 @@
 """Where a law imitates few measurements, the one is taken that forecasts best what was left out."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 import commonlaw as cl
 from commonlaw.inference.result import predictive_choice
 from commonlaw.inference.result.interval_calibration import StandardizedErrors
-from commonlaw.likelihood import ErrorModel
 
 LEARNED = 9
 
@@ -60,12 +57,6 @@ def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(se
     assert np.mean(inside) > 0.85
 
 
-def test_a_law_whose_solutions_explain_the_measurements_and_forecast_as_they_say_stays(monkeypatch):
-    monkeypatch.setattr(predictive_choice, "_others", lambda *_: pytest.fail("other laws were asked"))
-    law = cl.discover(cl.datasets.linear_drag(noise=0.05, seed=1), order=2, library="poly:3")
-    assert law.structure == ("x'' = a + b v",)
-
-
 def errors(sizes: np.ndarray, reach: float) -> StandardizedErrors:
     return StandardizedErrors(np.arange(1.0, len(sizes) + 1), sizes[:, np.newaxis], np.full((len(sizes), 1), reach))
 
@@ -79,23 +70,3 @@ def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():
     assert (
         predictive_choice._score([errors(each, 1.0) for each in missed] + [errors(np.full(8, np.inf), 1.0)]) == -np.inf
     )
-
-
-def found_under(kind: ErrorModel, *, walks: bool, objects: int) -> SimpleNamespace:
-    trials = SimpleNamespace(objects=["a", "b", "c"][:objects])
-    return SimpleNamespace(
-        has_process_noise=walks or kind.of_law, has_few_measurements=False, problem=SimpleNamespace(trials=trials)
-    )
-
-
-@pytest.mark.parametrize("walks", [True, False])
-def test_a_law_that_errs_is_in_doubt_where_its_forecasts_diverge(walks):
-    own = ErrorModel() if walks else ErrorModel(force=np.ones(1), force_time=1.0)
-    one = found_under(own, walks=walks, objects=1)
-    assert predictive_choice._is_in_doubt(one, [errors(np.full(8, np.inf), 1.0)])
-    assert not predictive_choice._is_in_doubt(one, [errors(np.full(8, 3.0), 1.0)])  # One object may have met with chaos
-    several = found_under(own, walks=walks, objects=3)
-    assert predictive_choice._is_in_doubt(several, [errors(np.full(8, 3.0), 1.0)] * 3)
-    assert not predictive_choice._is_in_doubt(several, [errors(np.full(8, 0.5), 1.0)] * 3)
-    exact = found_under(ErrorModel(), walks=False, objects=1)
-    assert not predictive_choice._is_in_doubt(exact, [errors(np.full(8, np.inf), 1.0)])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.discovery import candidate_search
 from commonlaw.inference.search.input_interpolation import _left_out, supported_interpolation
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
 from commonlaw.likelihood import meshes
@@ -81,40 +80,6 @@ def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
     assert "the evidence for no other interpolation is strong" in step.reason
     with refused("unknown-name", kind="input_between", name="steps"):
         cl.TrajectoryLikelihood(input_between="steps")
-
-
-def test_a_latent_state_is_sought_once_under_the_interpolation_that_is_chosen(monkeypatch):
-    sought = []
-
-    def counted(pool, trials, **_):
-        sought.append(trials.schema.input_between)
-        return pool
-
-    monkeypatch.setattr(candidate_search, "with_latent_state", counted)
-    method = cl.TrajectoryLikelihood(unmeasured=1)
-    law = cl.discover(driven("held"), order=1, library="poly:1", method=method, cache=False)
-    assert law.structure == ("x' = a + b x + c u",)
-    assert sought == ["held"]
-
-
-@pytest.mark.parametrize(("library", "rounds"), [("auto", 1), ("terms:x,sqrt(K + u)", 2)])
-def test_richer_terms_are_sought_once_where_no_interpolation_of_inputs_leaves_no_lack_of_fit(
-    library, rounds, monkeypatch
-):
-    """Plain terms chose it before, but where richer ones are asked for."""
-    sought, driven_by_steps = [], driven("held")
-    late = driven_by_steps.with_trials(
-        [replace(each, inputs=np.roll(each.inputs, 1, axis=0)) for each in driven_by_steps]
-    )
-
-    def counted(pool, *_):
-        sought.append(pool.best.problem.trials.schema.input_between)
-        return pool
-
-    monkeypatch.setattr(candidate_search, "with_parametric_terms", counted)
-    monkeypatch.setattr(candidate_search, "with_latent_state", lambda pool, *_, **__: pool)
-    cl.discover(late, order=1, library=library, method=cl.TrajectoryLikelihood(**KNOWN, errors="white"), cache=False)
-    assert len(sought) == rounds
 
 
 WAVE, NOISE = np.sin(1.3 * TIMES), np.random.default_rng(3).standard_normal(81)

@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import commonlaw as cl
-from commonlaw import kernel as kernels
 from commonlaw.app.result import results
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.library import Terms
@@ -101,12 +100,6 @@ def test_a_fit_is_that_of_least_squares_by_scipy():
     for name, value, error in zip(TRUE, expected.x, errors, strict=False):
         assert values[name] == pytest.approx(value, abs=0.02 * error)
         assert own[name] == pytest.approx(error, rel=0.02)
-
-
-def test_both_ways_to_compute_give_the_same_law(law, monkeypatch):
-    monkeypatch.setenv(kernels.VARIABLE, "numpy")
-    again = cl.fit(EQUATIONS, motors(0.01), errors="white")
-    np.testing.assert_allclose(again.coefficients, law.coefficients, rtol=1e-6)
 
 
 @pytest.mark.parametrize("method", ["heyoka", "scipy"])

@@ -37,12 +37,6 @@ def test_laws_trials_and_forecasts_show_a_table_and_a_figure(law, drops):
     assert law.parameters.names[0] == "c"
 
 
-def test_wide_equations_and_tables_of_a_law_scroll_by_themselves(law):
-    shown = law._repr_html_()
-    assert shown.count('<div class="commonlaw-law">') == 2
-    assert ".commonlaw-law { max-width: 100%; overflow-x: auto; }" in shown
-
-
 def test_verdicts_and_residuals_are_pages_with_a_heading_sentences_and_a_table(law, drops):
     for value, title in ((law.assess(drops), "Verdict"), (law.residuals(drops), "Residuals")):
         shown = value._repr_html_()
@@ -126,9 +120,3 @@ def test_work_in_a_notebook_shows_one_bar_that_ends(shown):
     assert "&lt;b&gt;" in shown[0]
     del tell
     assert shown == ["<progress value='1'></progress> done (0 s)"]
-
-
-def test_a_search_ends_its_bar(shown, drops):
-    cl.discover(drops, order=2, library="poly:1")
-    assert len(shown) == 1
-    assert "done" in shown[0]

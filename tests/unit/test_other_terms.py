@@ -1,14 +1,12 @@
 """What else a law could be, where it has other terms with constants inside."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.special import lambertw
 
 import commonlaw as cl
-from commonlaw.inference.result.assembly import _is_same
 from commonlaw.law import Law, Provenance
 from commonlaw.law.alignment import with_constants_of
 
@@ -41,18 +39,6 @@ def test_a_law_in_other_words_is_not_counted_twice(law):
     """``a + b s/(K + s)`` is ``a + b - b K/(K + s)``."""
     said = [each.law.structure for each in law.models]
     assert ("s' = a + b s/(K + s)",) not in said
-
-
-def test_laws_are_the_same_by_their_states_whatever_other_processes_they_have():
-    def found(*processes, shift=0.0):
-        states = np.linspace(1.0, 2.0, 10)[:, np.newaxis] + shift
-        path = np.column_stack([states, *(own * states for own in processes)])
-        trials = SimpleNamespace(schema=SimpleNamespace(states=("s",)))
-        problem = SimpleNamespace(noise=np.array([0.1]), trials=trials)
-        return SimpleNamespace(size=2, estimates=[SimpleNamespace(states=[path])], problem=problem)
-
-    assert _is_same(found(), found(3.0, 4.0))
-    assert not _is_same(found(), found(3.0, shift=0.01))
 
 
 def test_intervals_and_draws_are_of_the_same_terms_and_constants(law):

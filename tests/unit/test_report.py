@@ -341,9 +341,3 @@ def test_folds_and_galleries_get_their_files_in_a_folder_too() -> None:
     gallery = Gallery((Picture("one", "One", heights),))
     files = contents(report_of(Fold("rest", (gallery, Table("drags", "Drags", FRAME)))))
     assert {"figures/one.svg", "figures/one.png", "tables/drags.csv"} <= {*files}
-
-
-@pytest.mark.parametrize(("latex", "dots"), [(r"\dot{x} = -k x", "˙"), (r"\ddot{x} = -g", "¨")])
-def test_dots_of_derivatives_are_drawn_larger_than_the_font_has_them(latex: str, dots: str) -> None:
-    assert f'<mo mathsize="150%">{dots}</mo>' in formula(latex)
-    assert formula(latex).count("mathsize") == 1

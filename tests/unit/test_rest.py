@@ -34,17 +34,6 @@ def test_wells_are_fitted_as_without_the_blanks_which_are_named():
     assert law.coefficients[:, 0, 0] == pytest.approx([*RATES.values()], abs=0.01)
 
 
-def test_a_law_is_found_as_without_the_blanks_and_used_with_them():
-    trials = plate(BLANKS)
-    law = cl.discover(trials)
-    assert law.structure == cl.discover(plate({})).structure
-    assert law.objects == tuple(RATES)
-    assert str(law.assess(trials)) == str(law.assess(plate({})))
-    again = cl.Law.from_json(law.to_json())
-    assert again.provenance.domain.at_rest == ("B1", "B2")
-    assert cl.refine(again, trials).objects == tuple(RATES)
-
-
 def test_coefficients_that_all_objects_share_are_fitted_to_blanks_too():
     assert cl.fit("x' = a x + b x^2", plate(BLANKS), universal=["a", "b"]).objects == (*RATES, "B1", "B2")
 

@@ -65,10 +65,3 @@ def test_objects_whose_trials_differ_are_named_and_no_others():
     (told,) = [each for each in other.diagnostics if each.kind == "trials differ"]
     assert "ball 2" in told.text
     assert "ball 1" not in told.text
-
-
-def test_trials_without_noise_do_not_differ_by_what_steps_of_a_law_leave_of_them():
-    rates = {"growth": (1.0, 0.8), "predation": (0.1, 0.08), "decline": (1.5, 1.2), "reproduction": (0.075, 0.06)}
-    law = cl.discover(cl.datasets.lotka_volterra(**rates, noise=0.0), library="poly:2", order=1)
-    assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
-    assert law.diagnostics == ()
