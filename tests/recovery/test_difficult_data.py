@@ -1,0 +1,50 @@
+"""Laws of data that mislead: large swings, many short trials, and measurements more exact than a mesh."""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+
+
+def _rates(_: float, z: np.ndarray) -> list[float]:
+    return [-1.1 * z[0] + 0.031 * z[0] * z[1], 0.0109 * z[1] ** 2 - 0.00054 * z[0] * z[1] ** 2]
+
+
+def test_few_samples_of_large_swings_are_not_all_taken_for_outliers():
+    generator, times = np.random.default_rng(22), np.arange(0.0, 13.0)
+    states = solve_ivp(_rates, (0, 12), [4.0, 30.0], t_eval=times, rtol=1e-9).y.T
+    noise = generator.uniform(2, 5)
+    states = np.abs(states + noise * generator.standard_normal(states.shape)).round(1) + 0.1
+    law = cl.discover(cl.Trials.from_arrays([times], [states], names=["x", "y"]), library="poly:3", order=1)
+    assert law.structure == ("x' = a x + b x y", "y' = c y^2 + d x y^2")
+
+
+def test_what_objects_have_in_common_is_found_among_many():
+    # From rest at one height, v^2 and x are nearly functions of each other, and many laws fit nearly as well
+    drag = -np.random.default_rng([1, 30]).uniform(0.1, 0.8, 30)
+    drops = cl.datasets.linear_drag(drag=tuple(drag), trials=1, noise=0.2, seed=1)
+    law = cl.discover(drops, order=2, library="poly:2")
+    assert law.structure == ("x'' = a + b v",)
+    errors = law.standard_errors[:, 0, law.terms.index("v")]
+    misses = (law.coefficients[:, 0, law.terms.index("v")] - drag) / errors
+    assert np.sqrt(np.mean(misses**2)) < 1.5
+
+
+def test_the_discretization_error_of_a_coarse_mesh_is_no_reason_for_richer_terms():
+    times, measured, told = np.linspace(0, 2, 140), [], []
+    for k, (s, r, b) in enumerate([(10.0, 28.0, 2.7), (9.6, 26.5, 2.5), (10.4, 28.8, 2.8)]):
+        start = [(-5.0, -2.0, 20.0), (3.0, 6.0, 25.0), (7.0, -1.0, 18.0)][k]
+        found = solve_ivp(
+            lambda _, y, s=s, r=r, b=b: [s * (y[1] - y[0]), y[0] * (r - y[2]) - y[1], y[0] * y[1] - b * y[2]],
+            (0, 2),
+            start,
+            t_eval=times,
+            method="LSODA",
+            rtol=1e-9,
+            atol=1e-11,
+        )
+        measured.append(found.y.T)
+    trials = cl.Trials.from_arrays([times] * 3, measured, object=["a", "b", "c"], names=["x", "y", "z"])
+    law = cl.discover(trials, order=1, cache=False, progress=told.append)
+    assert law.structure == ("x' = a x + b y", "y' = c x + d y + f x z", "z' = g z + h x y")
+    assert not any("proposing" in each for each in told)
