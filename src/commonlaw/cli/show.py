@@ -16,8 +16,9 @@ from commonlaw.text import in_line
 @click.option("--history", is_flag=True, help="Every choice on the way to the law, and why.")
 def show(law_path: str, latex: bool, name: str | None, average: bool, history: bool) -> None:
     """Print the law in LAW.json, and the 95 % intervals of its coefficients where they are known."""
+    import pandas as pd
+
     from commonlaw.law import Law
-    from commonlaw.law.tables import plausible_frame
 
     if name and average:
         raise click.UsageError("give --object or --average, not both")
@@ -31,7 +32,8 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
             print_frame(law.params)
         if law.uncertainty.other_laws:
             say("\nWhat the law could be, and how probable each is:\n")
-            print_frame(plausible_frame((share, each.structure) for share, each in law.models))
+            rows = [(share, "; ".join(each.structure)) for share, each in law.models]
+            print_frame(pd.DataFrame(rows, columns=["probability", "law"]))
         if law.provenance.domain.visited:
             say("\nRanges of what it has learned; nothing tells how good it is beyond:\n")
             print_frame(law.domain())

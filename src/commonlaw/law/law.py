@@ -495,15 +495,24 @@ class Law(ShownInNotebooks):
         CommonlawError
             If errors are asked for that are not known.
         """
-        from commonlaw.law.tables import coefficient_frame, letter_frame
+        import pandas as pd
 
         if errors:
             self.uncertainty.known_covariance()
         if self.provenance.equations:
-            known = self.parameters
-            return letter_frame(self.objects, known.names, known.values, known.errors, errors)
-        names = self.objects, self.left_hand_sides, self.terms.names
-        return coefficient_frame(*names, self.support, self.coefficients, self.standard_errors if errors else None)
+            keys = [("", name) for name in self.parameters.names]
+            values, deviations = self.parameters.values, self.parameters.errors
+        else:
+            keys = [(self.left_hand_sides[j], self.terms.names[k]) for j, k in np.argwhere(self.support)]
+            values, deviations = self.coefficients[:, self.support], self.standard_errors[:, self.support]
+        if errors:
+            keys = [key for equation, name in keys for key in ((equation, name), (equation, f"{name} ±"))]
+            values = np.stack([values, deviations], axis=2).reshape(len(values), -1)
+        columns: pd.Index[Any] = pd.MultiIndex.from_tuples(keys, names=["equation", "term"])
+        if self.provenance.equations or len(self.states) == 1:
+            kind = None if self.provenance.equations else "term"
+            columns = pd.Index([name for _, name in keys], dtype=object, name=kind)
+        return pd.DataFrame(values, index=pd.Index(self.objects, name="object"), columns=columns)
 
     # Comparison with other models, and how the law was found
 
@@ -666,10 +675,12 @@ class Law(ShownInNotebooks):
             return text.aligned(self._related.rows(LATEX, (*left, *constants), terms, digits, errors is not False))
         known = self._shown_errors(name := self._only(name), errors)
         if self.provenance.equations:
-            values = {latex_name(key): pair for key, pair in self._given_values(name, known).items()}
-            return text.latex_of_given(left, self.latex_structure(), values, digits)
+            values = [(latex_name(key), pair) for key, pair in self._given_values(name, known).items()]
+            return text.aligned([*zip(left, self.latex_structure(), strict=True), *text.latex_values(values, digits)])
         pairs = zip(constants, self._constants(name, known), strict=True)
-        return text.latex(left, self._factors(name), known, terms, digits, pairs, self.terms.have_constants)
+        rows = zip(left, self._factors(name), known, strict=True)
+        equations = text.latex_equations(rows, terms, digits, self.terms.have_constants)
+        return text.aligned([*equations, *text.latex_values(pairs, digits)])
 
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
         """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.

@@ -65,10 +65,6 @@ class Domain:
                 columns[name] = np.array(values)
         return cls({name: value_range(each) for name, each in columns.items()})
 
-    def with_horizon(self, horizon: float, judged: float) -> "Domain":
-        """Return the same with how far ahead forecasts are good, and how far ahead that was judged."""
-        return replace(self, horizon=horizon, judged=judged)
-
     def horizon_sentence(self, unit: str) -> str:
         """Return how far ahead forecasts are good, in words, given the unit of time."""
         upto, farthest = (f"{value or 0.0:.3g} {unit}".rstrip() for value in (self.horizon, self.judged))
@@ -247,4 +243,4 @@ class Provenance:
 
     def judged(self, horizon: float, longest: float) -> "Provenance":
         """Return the same for a law that was judged: it knows how far ahead its forecasts are good, of the longest."""
-        return replace(self, domain=self.domain.with_horizon(horizon, longest))
+        return replace(self, domain=replace(self.domain, horizon=horizon, judged=longest))

@@ -1,14 +1,14 @@
 """What a law says as tables, and how numbers of very many objects are spread."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.text import Written, probability_text, rounded
@@ -39,30 +39,6 @@ MEANINGS = {
 """What stands beside a table with one of these measures."""
 
 
-def coefficient_frame(
-    objects: Sequence[str],
-    equations: Sequence[str],
-    terms: Sequence[str],
-    support: Bools,
-    coefficients: Floats,
-    errors: Floats | None,
-) -> pd.DataFrame:
-    """Return the coefficients, objects by terms, see `Law.to_frame`; without errors there are no columns of them.
-
-    The support has the shape (equations, terms), coefficients and errors (objects, equations, terms).
-    """
-    keys = [(equations[j], terms[k]) for j, k in np.argwhere(support)]
-    values = coefficients[:, support]
-    if errors is not None:
-        keys = [key for equation, term in keys for key in ((equation, term), (equation, f"{term} ±"))]
-        values = np.stack([values, errors[:, support]], axis=2).reshape(len(values), -1)
-    if len(equations) == 1:
-        columns = pd.Index([term for _, term in keys], dtype=object, name="term")
-    else:
-        columns = pd.MultiIndex.from_tuples(keys, names=["equation", "term"])
-    return pd.DataFrame(values, index=pd.Index(objects, name="object"), columns=columns)
-
-
 def readable(frame: pd.DataFrame) -> pd.DataFrame:
     """Return a table with the digits that mean something: numbers as far as their errors let them be.
 
@@ -79,23 +55,6 @@ def readable(frame: pd.DataFrame) -> pd.DataFrame:
             continue
         shown[name] = pd.Series(map(Written, texts), frame.index, dtype=object).where(frame[name].notna(), Written())
     return shown
-
-
-def letter_frame(
-    objects: Sequence[str], letters: Sequence[str], values: Floats, errors: Floats, with_errors: bool
-) -> pd.DataFrame:
-    """Return what letters stand for, and if wanted their standard errors, objects by letters, see `Law.to_frame`.
-
-    Both arrays have the shape (objects, letters).
-    """
-    columns = {letter: values[:, i] for i, letter in enumerate(letters)}
-    if with_errors:
-        columns = {
-            f"{letter}{mark}": own[:, i]
-            for i, letter in enumerate(letters)
-            for mark, own in (("", values), (" ±", errors))
-        }
-    return pd.DataFrame(columns, index=pd.Index(objects, name="object"))
 
 
 def interval_frame(law: Any, level: float = 0.95, averaged: bool = True) -> pd.DataFrame:
@@ -152,11 +111,6 @@ def comparison_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     table = pd.concat(found, ignore_index=True)
     others = [name for name in table if name not in (*first, *last, "probability", *table["measure"].unique())]
     return table[[*first, *others, *last]]
-
-
-def plausible_frame(laws: Iterable[tuple[float, Sequence[str]]]) -> pd.DataFrame:
-    """Return a row for each law, given how probable it is and its equations."""
-    return pd.DataFrame([{"probability": share, "law": "; ".join(equations)} for share, equations in laws])
 
 
 def candidate_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:

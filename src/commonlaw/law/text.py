@@ -1,7 +1,7 @@
 """Numbers with their standard errors, and equations, as text and as LaTeX."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import chain, groupby
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import groupby
 from math import isfinite
 from string import ascii_lowercase
 from typing import NamedTuple
@@ -150,26 +150,20 @@ def equation(
     return f"{left} = {summed(_addends(coefficients, errors, names, digits, with_error, numbered), ' ')}"
 
 
-def latex(
-    lefts: Sequence[str],
-    coefficients: Floats,
-    errors: Floats,
-    terms: Sequence[str],
-    digits: int,
-    constants: Iterable[tuple[str, tuple[float, float]]] = (),
-    numbered: Sequence[bool] = (),
-) -> str:
-    """Return equations as an ``aligned`` block; left-hand sides and terms are LaTeX, arrays (equations, terms).
+def latex_equations(
+    rows: Iterable[tuple[str, Floats, Floats]], terms: Sequence[str], digits: int, numbered: Sequence[bool] = ()
+) -> Iterator[tuple[str, Iterable[Addend]]]:
+    """Yield equations for `aligned` from left-hand sides, coefficients and errors, see `equation`."""
+    for left, coefficients, errors in rows:
+        yield left, _addends(coefficients, errors, terms, digits, latex_with_error, numbered)
 
-    Constants with their values and errors follow in lines of their own; see `equation` for what is numbered.
-    """
-    rows = zip(lefts, coefficients, errors, strict=True)
-    equations = ((left, _addends(row, own, terms, digits, latex_with_error, numbered)) for left, row, own in rows)
-    values = (
-        (name, (Addend(value < 0, latex_with_error(abs(value), error, digits), "1"),))
-        for name, (value, error) in constants
-    )
-    return aligned(chain(equations, values))
+
+def latex_values(
+    values: Iterable[tuple[str, tuple[float, float]]], digits: int
+) -> Iterator[tuple[str, Iterable[Addend]]]:
+    """Yield lines for `aligned` from names with their values and standard errors."""
+    for name, (value, error) in values:
+        yield name, (Addend(value < 0, latex_with_error(abs(value), error, digits), "1"),)
 
 
 def aligned(rows: Iterable[tuple[str, Iterable[Addend]]]) -> str:
@@ -237,17 +231,6 @@ def written_structure(lefts: Sequence[str], rows: Iterable[Iterable[Addend]]) ->
 def numbered(value: float, error: float, digits: int) -> Callable[[bool], tuple[bool, str]]:
     """Return what `Equation.with_numbers` takes for a coefficient with its standard error."""
     return lambda factor: (value < 0, with_error(abs(value), error, digits, bracket=factor))
-
-
-def latex_of_given(
-    lefts: Sequence[str], rows: Iterable[Iterable[Addend]], letters: Mapping[str, tuple[float, float]], digits: int
-) -> str:
-    """Return equations with the values and standard errors of their letters as an ``aligned`` block."""
-    values = (
-        (name, (Addend(value < 0, latex_with_error(abs(value), error, digits), "1"),))
-        for name, (value, error) in letters.items()
-    )
-    return aligned(chain(zip(lefts, rows, strict=True), values))
 
 
 def free_letters(count: int, variables: Sequence[str]) -> tuple[str, ...]:
