@@ -44,10 +44,10 @@ def _draw_forecasts(heights: Axes, errors: Axes, law: cl.Law, forecast: cl.Forec
 
 
 def _draw_coefficients(axes: Axes, law: cl.Law, truth: cl.Law, term: str, name: str) -> None:
-    table = law.intervals()
+    table = law.params
     for y, row in enumerate(table[table["term"] == term].itertuples()):
         axes.plot([row.low, row.high], [y, y], color=COLORS[y], lw=2, solid_capstyle="round")
-        axes.plot(row.coefficient, y, "o", color=COLORS[y])
+        axes.plot(row.estimate, y, "o", color=COLORS[y])
         axes.plot(truth.to_frame().loc[row.object, term], y, "|", color="black", ms=16)
     axes.set(yticks=[], ylim=(len(law.objects) - 0.5, -0.5), xlabel=name, title="95 % intervals, | true")
 

@@ -200,5 +200,5 @@ _CHOICES = (
     "deviation of a force is in m/s², that of an error of the heights in m."
 )
 _EVIDENCE = (
-    "The list that the default method keeps with its law (`law.candidates()`), under the errors of the chosen law."
+    "The list that the default method keeps with its law (`law.comparison`), under the errors of the chosen law."
 )

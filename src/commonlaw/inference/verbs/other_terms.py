@@ -70,7 +70,7 @@ def candidate_laws(
     >>> import commonlaw as cl
     >>> drops = cl.datasets.linear_drag(noise=0.05)
     >>> law = cl.discover(drops, order=2, library="poly:1")
-    >>> [each.law.structure()[0] for each in candidate_laws(law, drops, most=3)]
+    >>> [each.law.structure[0] for each in candidate_laws(law, drops, most=3)]
     ["x'' = a", "x'' = a + b v", "x'' = a + b x + c v"]
     """
     found = candidates_in_turn(law, trials, most, progress)
@@ -118,7 +118,7 @@ def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool =
     >>> law = cl.discover(drops, order=2, library="poly:1")
     >>> law.terms.names
     ('1', 'x', 'v')
-    >>> candidate_law(law, drops, np.array([[True, True, False]])).law.structure()
+    >>> candidate_law(law, drops, np.array([[True, True, False]])).law.structure
     ("x'' = a + b x",)
     """
     if not np.any(support):
