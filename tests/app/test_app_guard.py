@@ -4,10 +4,8 @@ import asyncio
 
 import pytest
 
-from commonlaw.app import guard
-from commonlaw.app.guard import HEADERS, LARGEST, Guard, TooLargeError, TooSlowError
-from commonlaw.app.keys import Keys
-from commonlaw.app.lobby import Lobby
+from commonlaw.app import access
+from commonlaw.app.access import HEADERS, LARGEST, Guard, Keys, Lobby, TooLargeError, TooSlowError
 from commonlaw.app.server import hosts_at
 
 HOST = "127.0.0.1:8000"
@@ -91,7 +89,7 @@ def test_more_than_is_taken_ends_the_request_however_it_is_announced():
 
 
 def test_what_stands_still_on_its_way_ends_the_request(monkeypatch):
-    monkeypatch.setattr(guard, "PATIENCE", 0.01)
+    monkeypatch.setattr(access, "PATIENCE", 0.01)
     with pytest.raises(TooSlowError):
         answer(parts=[b"ta"], more=True)
 
@@ -137,7 +135,7 @@ def test_a_connection_waits_for_a_while_unless_it_is_let_through(monkeypatch):
         await asyncio.sleep(0.1)
         return [name for name, each in entered.items() if each.is_open]
 
-    monkeypatch.setattr("commonlaw.app.lobby._SECONDS", 0.01)
+    monkeypatch.setattr("commonlaw.app.access._SECONDS", 0.01)
     assert asyncio.run(wait()) == ["page"]
 
 

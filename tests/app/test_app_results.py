@@ -10,11 +10,10 @@ import pytest
 from scipy.stats import t as student
 
 import commonlaw as cl
-from commonlaw.app.preview import Sample, preview, sample_table, simulated
+from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
 from commonlaw.app.question import Columns, HoldOut, Question, Table, named
 from commonlaw.app.result import of_terms, results, support_of
-from commonlaw.app.searching import answer
-from commonlaw.app.suggested import Budget, suggested
+from commonlaw.app.sessions import answer
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.forecast import fitted
 from commonlaw.report.markup import formula, law_latex

@@ -2,11 +2,11 @@
 
 import pytest
 
-from commonlaw.cli import working
+from commonlaw.cli import command
 
 
 @pytest.fixture
 def run(monkeypatch, run):
     """Run the command, which says nothing of progress, however slow the machine."""
-    monkeypatch.setattr(working, "INTERVAL", 1e6)
+    monkeypatch.setattr(command, "INTERVAL", 1e6)
     return run

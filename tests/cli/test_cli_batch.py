@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.cli.batch import COLUMNS
-from commonlaw.cli.workers import in_processes
+from commonlaw.cli.discover import COLUMNS, in_processes
 
 QUICK = ["--order", "2", "--library", "poly:1", "--state", "x"]
 

@@ -18,7 +18,7 @@ pytestmark = [
 @pytest.fixture(autouse=True)
 def _workers(workers, monkeypatch):
     """Commands use the workers that are there, whatever the address."""
-    monkeypatch.setattr("commonlaw.cli.on_cluster.connected", lambda _: nullcontext(workers))
+    monkeypatch.setattr("commonlaw.cli.source.connected", lambda _: nullcontext(workers))
 
 
 def test_files_of_a_pattern_give_one_law(run, tmp_path):

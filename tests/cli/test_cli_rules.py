@@ -9,7 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.cli.command import Command
 from commonlaw.cli.main import commonlaw
-from commonlaw.cli.paths import ReadFile, ReadLaw, WrittenFigure, WrittenFile, WrittenTable
+from commonlaw.cli.options import ReadFile, ReadLaw, WrittenFigure, WrittenFile, WrittenTable
 
 DROPS = cl.datasets.linear_drag(noise=0.05, trials=3)
 

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
-from commonlaw.cli.paths import WrittenFile
+from commonlaw.cli.options import WrittenFile
 from tests.hostile import command_cases, law_cases, table_cases
 from tests.hostile.case import Case
 

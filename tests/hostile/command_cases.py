@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import click
 
 from commonlaw.cli.main import commonlaw
-from commonlaw.cli.paths import ReadFile, WrittenFile
+from commonlaw.cli.options import ReadFile, WrittenFile
 from tests.hostile.case import Case
 
 FILES = {"drops.csv": b"ball,drop,t,height\ngolf,1,0,5\ngolf,1,1,4\ngolf,1,2,2\n", "law.json": b"{}"}

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.cli.later import LaterSteps
+from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import Law, Uncertainty
 from commonlaw.law.io import law_bytes

@@ -1,20 +1,73 @@
-"""What a table holds, before a law is looked for, and what a law says of a start of one's own."""
+"""What the page is sent of a table, of its data checks, of a forecast, and of experiments."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from commonlaw.app.data_checks import cell_text, finding_kinds
-from commonlaw.app.question import Columns, Table, shown_roles
+from commonlaw.app.question import Columns, Table, in_page, shown_roles, text_in_page
 from commonlaw.app.result import Found, numbers
-from commonlaw.app.words import in_page, text_in_page
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.experiments import suggestions
 from commonlaw.forecast import forecast_from
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.law import Law
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.check import Finding, Report
+from commonlaw.trials.columns import Codes, Table as Cells
 from commonlaw.trials.roles import GUESSED
+
+_CASES, _AROUND = 12, 3
+"""Cases of the same kind that are shown, and rows before and after the one that is meant."""
+
+_Labels = tuple[str | None, str | None]
+"""Of an object and its trial."""
+
+
+def finding_kinds(check: Report, table: Cells, row_indices: Sequence[Codes]) -> list[dict[str, Any]]:
+    """Return the findings: for each kind its text, how many cases there are, and the first of them with their rows.
+
+    Parameters
+    ----------
+    check
+        What data checks found in the trials of a table.
+    table
+        Its cells.
+    row_indices
+        Of each trial the indices of the rows of its samples.
+    """
+    rows: dict[_Labels, Codes] = {
+        (each.object, each.trial): own for each, own in zip(check.trials, row_indices, strict=True)
+    }
+    return [
+        {"text": text_in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:_CASES]]}
+        for text, same in check.kinds().items()
+    ]
+
+
+def _case(found: Finding, table: Cells, rows: Mapping[_Labels, Codes]) -> dict[str, Any]:
+    """Return a finding with rows of its trial, each the number that it has in the file and its cells.
+
+    Which of the rows and columns is meant comes with it; neither if it is the trial as a whole.
+    """
+    own = rows.get((found.object, found.trial))
+    case: dict[str, Any] = {"text": text_in_page(found.text), "rows": [], "row": None, "column": None}
+    if own is None:
+        return case
+    sample, columns = found.sample or 0, table.columns.values()
+    first = max(0, sample - _AROUND)
+    shown = own[first : sample + _AROUND + 1].tolist()
+    case["rows"] = [[table.number(row), *(cell_text(column[row]) for column in columns)] for row in shown]
+    if found.sample is not None:
+        case |= {"row": sample - first, "column": found.column}
+    return case
+
+
+def cell_text(cell: Any) -> str:
+    """Return what is shown of a cell; nothing of an empty one."""
+    return "" if cell is None or cell != cell else str(cell)
+
 
 _ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 600
 """Rows that are shown, trials and samples of a trial that are drawn, and points of a curve."""
@@ -136,3 +189,39 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
         for j in range(len(law.states))
     ]
     return {"t": times.tolist(), "states": states, "outcome": str(trajectory.outcome or "")}
+
+
+_MAX_EXPERIMENT_TRIALS = 6
+"""Trials that experiments may have together."""
+
+
+class Budget(msgspec.Struct, forbid_unknown_fields=True):
+    """How many trials may be made."""
+
+    trials: int
+
+
+def suggested(found: Found, asked: Budget) -> dict[str, Any]:
+    """Return experiments for each purpose, with what they settle.
+
+    Raises
+    ------
+    CommonlawError
+        If the budget is none that the page offers, or nothing can be suggested.
+    """
+    if not 1 <= asked.trials <= _MAX_EXPERIMENT_TRIALS:
+        raise CommonlawError("design-budget", trials=asked.trials, limit=_MAX_EXPERIMENT_TRIALS)
+    made = suggestions(found.law, found.findings.training, asked.trials)
+    if not made:
+        raise CommonlawError("design-needs-uncertain-law")
+    return {
+        "suggestions": [
+            {
+                "purpose": text_in_page(each.purpose),
+                "experiments": [text_in_page(own.text) for own in each.design.experiments],
+                "trials": each.design.cost,
+                "settles": [text_in_page(own) for own in each.design.sentences],
+            }
+            for each in made
+        ]
+    }

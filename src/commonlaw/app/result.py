@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from commonlaw.app.words import text_in_page
+from commonlaw.app.question import text_in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast import Forecast, fitted

@@ -16,14 +16,11 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from commonlaw.app.guard import TooLargeError, TooSlowError
-from commonlaw.app.preview import Sample, preview, sample_table, simulated
-from commonlaw.app.question import Columns, Question, named
+from commonlaw.app.access import TooLargeError, TooSlowError
+from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
+from commonlaw.app.question import Columns, Question, in_page, named, text_in_page
 from commonlaw.app.result import Found
-from commonlaw.app.searching import Search
-from commonlaw.app.sessions import Sessions
-from commonlaw.app.suggested import Budget, suggested
-from commonlaw.app.words import in_page, text_in_page
+from commonlaw.app.sessions import Search, Sessions
 from commonlaw.app.working import prepare
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast

@@ -49,9 +49,7 @@ def serve(
         optional_import(package, "the app", "app")
     import uvicorn
 
-    from commonlaw.app.guard import Guard
-    from commonlaw.app.keys import Keys
-    from commonlaw.app.lobby import BACKLOG, Lobby, protocol
+    from commonlaw.app.access import BACKLOG, Guard, Keys, Lobby, protocol
     from commonlaw.app.routes import application
 
     sessions, lobby = Sessions(), Lobby()

@@ -14,7 +14,7 @@ from threading import Lock, Thread
 from time import time
 from typing import Any, Generic, TypeVar
 
-from commonlaw.app.words import in_page, text_in_page
+from commonlaw.app.question import in_page, text_in_page
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.shutdown import deaf_to_interrupts, end_with_parent
 
@@ -31,7 +31,7 @@ _TO_LEAVE = 1.0
 
 
 _HEAVY = (
-    "commonlaw.app.searching", "commonlaw.app.result", "commonlaw.discovery", "commonlaw.integration.lsoda", "pint",
+    "commonlaw.app.sessions", "commonlaw.app.result", "commonlaw.discovery", "commonlaw.integration.lsoda", "pint",
     "heyoka",
 )  # fmt: skip
 """What takes most of the time until a law is sought."""

@@ -3,9 +3,8 @@
 import click
 
 from commonlaw.cli.command import Commands
-from commonlaw.cli.options import in_options
+from commonlaw.cli.options import WrittenTable, in_options
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
-from commonlaw.cli.paths import WrittenTable
 from commonlaw.cli.source import Source, with_source
 from commonlaw.text import counted, in_line
 

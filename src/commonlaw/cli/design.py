@@ -4,13 +4,11 @@ from math import inf
 
 import click
 
-from commonlaw.cli.command import command
-from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.options import by_name, numbers
+from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.command import command, working
+from commonlaw.cli.options import ReadFile, WrittenFigure, WrittenFile, by_name, numbers
 from commonlaw.cli.output import print_json, say
-from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.source import Source, with_source
-from commonlaw.cli.working import working
 
 
 @command

@@ -1,15 +1,302 @@
-"""`commonlaw discover`: from a table to a law."""
+"""`commonlaw discover`: from a table to a law, or with --each from each of several tables to its own."""
 
-from commonlaw.cli.batch import Batch, table_bytes, with_batch
-from commonlaw.cli.by_stream import learned_by_stream
-from commonlaw.cli.command import command
-from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.learned import Learned, Outputs, with_outputs
-from commonlaw.cli.on_cluster import on_cluster_at, with_cluster
-from commonlaw.cli.question import Question, with_question
-from commonlaw.cli.source import Source, with_training_source
-from commonlaw.cli.working import working
-from commonlaw.runtime.progress import ProgressCallback, part
+import warnings
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from commonlaw.cli.artifacts import LaterSteps, table_bytes
+from commonlaw.cli.command import command, working
+from commonlaw.cli.method_options import Question, with_question
+from commonlaw.cli.options import ReadFile, WrittenTable, as_one, in_options, option
+from commonlaw.cli.output import print_table, say
+from commonlaw.cli.results import Learned, Outputs, learned_by_stream, with_outputs
+from commonlaw.cli.source import Source, guesses, on_cluster_at, with_cluster, with_training_source
+from commonlaw.diagnostics import marked
+from commonlaw.errors import CommonlawError
+from commonlaw.runtime.cluster import counting, current_cluster
+from commonlaw.runtime.parallel import threads
+from commonlaw.runtime.progress import ProgressCallback, Stage, part
+from commonlaw.runtime.shutdown import deaf_to_interrupts, end_with_parent
+from commonlaw.text import as_text, counted, shown
+
+if TYPE_CHECKING:
+    pass
+
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_CONTEXT = get_context("spawn")
+"""A forked process would have the locks of this one's threads, and none of these."""
+
+
+class _Worker:
+    """A process that does one piece of work after the other: what the first of them loads, the others have."""
+
+    def __init__(self, work: Callable[[Any], object]) -> None:
+        self.connection, other = _CONTEXT.Pipe()
+        self._process = _CONTEXT.Process(target=_serve, args=(other, work), daemon=True)
+        with deaf_to_interrupts():
+            self._process.start()
+        other.close()
+        self.number = -1
+
+    def take(self, number: int, piece: object) -> None:
+        """Begin a piece of work; it is told by `answer` if that cannot be."""
+        self.number = number
+        try:
+            self.connection.send(piece)
+        except OSError:  # Its process has ended
+            return
+
+    def answer(self) -> tuple[Any, str]:
+        """Return what the piece gave, or why there is nothing."""
+        try:
+            found: tuple[Any, str] = self.connection.recv()
+        except (EOFError, OSError):
+            self.end()
+            return None, f"its process ended by itself, with code {self._process.exitcode}: is there enough memory?"
+        return found
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it takes more work."""
+        return not self.connection.closed
+
+    def end(self) -> None:
+        """End it, whatever it does."""
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+
+def in_processes(
+    work: Callable[[T], R], pieces: Sequence[T], at_once: int
+) -> Generator[tuple[int, R | None, str], None, None]:
+    """Yield the number of each piece of work as soon as it is done, with what it gave or why there is nothing.
+
+    All processes end with this one, and when the generator is closed.
+
+    Parameters
+    ----------
+    work
+        What is done; it and the pieces must be possible to pickle.
+    pieces
+        What it is done with.
+    at_once
+        How many of them at the same time.
+    """
+    waiting = list(enumerate(pieces))[::-1]
+    idle: list[_Worker] = []
+    busy: dict[object, _Worker] = {}
+    try:
+        while waiting or busy:
+            while waiting and len(busy) < at_once:
+                worker = idle.pop() if idle else _Worker(work)
+                busy[worker.connection] = worker
+                worker.take(*waiting.pop())
+            for connection in wait([each.connection for each in busy.values()]):
+                worker = busy.pop(connection)
+                result, failure = worker.answer()
+                idle += [worker] if worker.is_alive else []
+                yield worker.number, result, failure
+    finally:
+        for worker in (*idle, *busy.values()):
+            worker.end()
+
+
+def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
+    """Do pieces of work as they come; the main function of a process."""
+    end_with_parent()
+    warnings.simplefilter("ignore")
+    with threads(1):  # The other processes have the other cores
+        while True:
+            try:
+                connection.send(_done(work, connection.recv()))
+            except (EOFError, OSError):
+                return
+
+
+def _done(work: Callable[[Any], object], piece: object) -> tuple[object, str]:
+    try:
+        return work(piece), ""
+    except Exception as error:  # A fault of ours or of others is no reason to lose what the others find
+        return None, in_words(error)
+
+
+def in_words(error: Exception) -> str:
+    """Return why a piece of work gave nothing."""
+    if isinstance(error, CommonlawError):
+        return error.sentence(marked)
+    if isinstance(error, MemoryError):
+        return "there is not enough memory for this: take fewer trials or a smaller library"
+    return f"{type(error).__name__}: {error}"
+
+
+Piece = tuple[Source, Question]
+
+COLUMNS = (
+    "file", "object", "equation", "term", "value", "standard error", "low", "high", "unit", "verdict", "error",
+)  # fmt: skip
+"""Of the table of all files, which has a row for each coefficient, or for a file without a law."""
+
+_several = partial(option, "Several files")
+
+_BATCH_OPTIONS = (
+    click.argument("more", nargs=-1, metavar="[MORE FILES]...", type=ReadFile()),
+    _several("--each", is_flag=True, help="Find a law in each FILE by itself, instead of one in a single FILE."),
+    _several(
+        "--out",
+        type=WrittenTable(),
+        metavar="RESULTS.csv",
+        help="With --each: write one table (.csv or .parquet) with a row for each coefficient of each file: its value, "
+        "standard error, 95 % interval and unit, the verdict on the law, or what was wrong with the file. With "
+        "a stream of files: a row for each coefficient of each object.",
+    ),
+    _several(
+        "--workers",
+        type=click.IntRange(1),
+        help="With --each: how many files are worked on at the same time.  [default: one for each core]",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class FileResult:
+    """What was found in a file: the form of the law, whether it can be used, the rows of the table, and guesses."""
+
+    law: str
+    usable: bool | None
+    rows: list[dict[str, object]]
+    guesses: list[str]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What is said of several files."""
+
+    more: tuple[str, ...]
+    each: bool
+    out: str | None
+    workers: int | None
+
+    def check(self, source: Source, given: Sequence[str], cluster: str | None, streams: bool) -> None:
+        """Refuse what does not go together; `given` are options that are for a single file."""
+        if not self.each:
+            if self.more:
+                raise click.UsageError(
+                    "several files: say --each to find a law in each of them, or put them into one table with a column "
+                    "that names the object (and one for the trial) to find the law that they share"
+                )
+            if self.workers or (self.out and not streams):
+                raise click.UsageError("--out and --workers go with --each: leave them out, or say --each")
+        elif cluster and self.workers:
+            raise click.UsageError("--workers is for this machine: leave it out, --cluster has the workers that it has")
+        elif not source.path or source.dataset:
+            raise click.UsageError("--each takes files: commonlaw discover a.csv b.csv --each --out results.csv")
+        elif given:
+            raise click.UsageError(f"{' and '.join(given)} for a single file: with --each, results go to --out")
+
+    def run(self, source: Source, question: Question, show: ProgressCallback) -> "BatchResults":
+        """Find the laws of all files, by the workers of a cluster if there is one."""
+        paths = [path for path in (source.path, *self.more) if path]
+        pieces = [(replace(source, path=str(Path(path).absolute())), question) for path in paths]
+        results: list[tuple[FileResult | None, str]] = [(None, "")] * len(paths)
+        with closing(self._ended(pieces, show)) as ended:
+            for number, found, failure in ended:
+                results[number] = found, in_options(failure)
+        return BatchResults(paths, results)
+
+    def _ended(self, pieces: Sequence[Piece], show: ProgressCallback) -> Generator[tuple[int, FileResult | None, str]]:
+        """Yield the number of each file as soon as it is done, with what was found or why nothing was."""
+        cluster = current_cluster()
+        if cluster is not None:
+            tell = counting(show, "files", len(pieces), cluster)
+            for done, (number, found, error) in enumerate(cluster.each(_found_in_file, pieces), start=1):
+                yield number, found, in_words(error) if error else ""
+                tell(done)
+            return
+        from joblib import cpu_count
+
+        at_once = min(self.workers or cpu_count(), len(pieces))
+        show(Stage(f"{at_once} processes for {len(pieces)} files", 0.0))
+        with closing(in_processes(_found_in_file, pieces, at_once)) as ended:
+            for done, each in enumerate(ended, start=1):
+                yield each
+                show(Stage(f"{done} of {len(pieces)} files", done / len(pieces)))
+
+
+@dataclass(frozen=True)
+class BatchResults:
+    """What was found in each file, or why nothing was."""
+
+    paths: Sequence[str]
+    found: Sequence[tuple[FileResult | None, str]]
+
+    def give(self, out: str | None, later: LaterSteps) -> None:
+        """Write the table, print a line for each file, and say in how many there is a law."""
+        later.write(out, lambda: self._table(str(out)))
+        words = {True: "can be used", False: "cannot be used", None: "could not be judged"}
+        print_table(
+            ["file", "law", "forecasts by it, or what is wrong"],
+            [
+                [path, each.law, words[each.usable]] if each else [path, "", failure]
+                for path, (each, failure) in zip(self.paths, self.found, strict=True)
+            ],
+        )
+        laws = sum(each is not None for each, _ in self.found)
+        say(f"\n{counted(laws, 'law')} in {counted(len(self.paths), 'file')}")
+        files = dict[str, list[str]]()
+        for path, (each, _) in zip(self.paths, self.found, strict=True):
+            for guess in each.guesses if each else ():
+                files.setdefault(guess, []).append(path)
+        later.end(
+            [f"in {shown(names)}: {guess}" for guess, names in files.items()],
+            reasons=() if laws else ("no file has a law",),
+        )
+
+    def _table(self, path: str) -> bytes:
+        import pandas as pd
+
+        rows: list[dict[str, object]] = []
+        for name, (each, failure) in zip(self.paths, self.found, strict=True):
+            file: dict[str, object] = {"file": as_text(name)}
+            rows += [file | row for row in each.rows] if each else [file | {"error": failure}]
+        return table_bytes(pd.DataFrame(rows, columns=COLUMNS), path)
+
+
+with_batch = as_one("batch", Batch, _BATCH_OPTIONS)
+"""Adds further files and the options for them to a command, which receives them as `batch`."""
+
+
+def _found_in_file(piece: Piece) -> FileResult:
+    """Return what is found in a file."""
+    from commonlaw.law.tables import coefficient_rows
+
+    source, question = piece
+    trials, later = source.load(), LaterSteps()
+    training = source.select(trials)
+    law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
+    verdict = later.take("the law was not judged", lambda: law.assess(trials, training), None)
+    said: dict[str, object] = {
+        "verdict": verdict.sentences[0] if verdict else None,
+        "error": "; ".join(later.failures) or None,
+    }
+    rows = coefficient_rows(law).to_dict(orient="records") or [{}]
+    return FileResult(
+        "; ".join(law.structure),
+        verdict.usable if verdict else None,
+        [{str(name): value for name, value in each.items()} | said for each in rows],
+        guesses(trials),
+    )
 
 
 @command

@@ -8,41 +8,41 @@ from io import StringIO
 import click
 
 from commonlaw import __version__
-from commonlaw.cli.command import Commands
-from commonlaw.cli.options import in_options
-from commonlaw.cli.output import say
-from commonlaw.cli.streams import standard_streams
+from commonlaw.cli.command import Commands, quick_command
+from commonlaw.cli.options import ReadFile, in_options
+from commonlaw.cli.output import say, standard_streams
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.shutdown import end_at_once
 
-_COMMANDS = (
-    "discover",
-    "fit",
-    "compare",
-    "refine",
-    "predict",
-    "explain",
-    "check",
-    "discrepancy",
-    "bounds",
-    "design",
-    "report",
-    "app",
-    "show",
-    "data",
-)
+_MODULES = {
+    "discover": "discover",
+    "fit": "fit",
+    "compare": "fit",
+    "refine": "fit",
+    "predict": "predict",
+    "explain": "show",
+    "check": "criticism",
+    "discrepancy": "criticism",
+    "bounds": "criticism",
+    "design": "design",
+    "report": "report",
+    "app": "main",
+    "show": "show",
+    "data": "data",
+}
+"""Modules of the commands, in the order of the help."""
 
 
 class _Commands(Commands):
     """A group whose commands are loaded when they are called, so that help and errors come at once."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_COMMANDS)
+        return list(_MODULES)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _COMMANDS:
+        if cmd_name not in _MODULES:
             return None
-        command = getattr(import_module(f"commonlaw.cli.{cmd_name}"), cmd_name)
+        command = getattr(import_module(f"commonlaw.cli.{_MODULES[cmd_name]}"), cmd_name)
         assert isinstance(command, click.Command)
         return command
 
@@ -100,3 +100,23 @@ def main() -> None:
         say(shown.getvalue().rstrip(), err=True)
         code = error.exit_code
     sys.exit(code or 0)
+
+
+@quick_command
+@click.argument("path", required=False, metavar="[FILE]", type=ReadFile())
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen at; 0 for any that is free.")
+@click.option("--browser/--no-browser", "open_browser", default=True, help="Whether to open a browser.")
+def app(path: str | None, port: int, open_browser: bool) -> None:
+    """Find laws in a browser, without code: open a table, choose, look, take away.
+
+    The page is served to you alone, on this machine, and needs no network. The address that is printed opens it in any
+    browser of yours as long as it runs. Ctrl-C ends it, and all that it does.
+
+    \b
+    Example:
+      commonlaw app drops.csv
+    """
+    from commonlaw.app import serve
+
+    opens = "The app opens" if open_browser else "Open the app"
+    serve(path, port, lambda to: say(f"{opens} in your browser; Ctrl-C ends it. For you alone: {to}"), open_browser)

@@ -1,14 +1,21 @@
-"""Options in groups, each under a heading of its own in the help of a command."""
+"""Options in groups, their values, and the files that they name: which a command reads, and which it writes."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import wraps
+from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
+from click.types import StringParamType
 
 from commonlaw.diagnostics import Dialect
+from commonlaw.errors import CommonlawError
+from commonlaw.runtime.files import check_targets
+from commonlaw.runtime.packages import optional_import
+from commonlaw.text import as_text, in_line
 
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
@@ -124,3 +131,145 @@ def number_or_text(text: str) -> float | str:
         return float(text)
     except ValueError:
         return text
+
+
+_EQUATION = re.compile(r"('|\]|/\s*d\s*\w+(\s*\^?\s*2)?)\s*=")
+"""The left-hand side of an equation: of ``x''``, ``x[k+1]``, ``dx/dt``."""
+
+
+class _File(StringParamType):
+    """A name of a file; a shell completes it."""
+
+    name = "file"
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Leave the names to the shell."""
+        return [CompletionItem(incomplete, type="file")]
+
+
+class ReadFile(_File):
+    """A file that is read, and that no option may have written over."""
+
+    def files(self, value: str) -> list[str]:
+        """Return the files that a value names."""
+        return [value]
+
+
+class ReadLaw(ReadFile):
+    """The file of a law, or else the text of one."""
+
+    def files(self, value: str) -> list[str]:
+        """Return the file if a value names one."""
+        return [value] if is_law_file(value) else []
+
+
+class ReadDataset(ReadFile):
+    """A data set with its options, some of which may name a file or a folder of files."""
+
+    def files(self, value: str) -> list[str]:
+        """Return what is in the folders that the options name."""
+        named = [Path(option) for option in re.findall(r"=([^:]+)", value)]
+        return [str(file) for each in named for file in ([each] if each.is_file() else _joined(each))]
+
+
+class WrittenFile(_File):
+    """A file that is written."""
+
+    def check(self, path: str) -> None:
+        """Refuse a name that says no format."""
+
+
+class WrittenFigure(WrittenFile):
+    """A figure that is written, in a format that is told by its name."""
+
+    def check(self, path: str) -> None:
+        """Refuse a name that says no format of figures."""
+        from commonlaw.plots import figure_format
+
+        figure_format(path)
+
+
+class WrittenTable(WrittenFile):
+    """A table that is written, as text or as Parquet."""
+
+    def check(self, path: str) -> None:
+        """Refuse a name that says no format of tables."""
+        if not path.endswith((".csv", ".parquet")):
+            raise CommonlawError("table-format", path=path)
+        if path.endswith(".parquet"):
+            optional_import("pyarrow.parquet", "writing Parquet files", "parquet")
+
+
+def is_law_file(value: str) -> bool:
+    """Whether a text that may be a law or the file of one is a file."""
+    return value.endswith((".json", ".parquet"))
+
+
+def _is_file(name: str) -> bool:
+    """Return whether a file has this name; of one that is too long none has."""
+    try:
+        return Path(name).is_file()
+    except OSError:
+        return False
+
+
+def check_order(values: Mapping[str, Any]) -> None:
+    """Refuse a table in the place of a law, and a law in that of a table.
+
+    Raises
+    ------
+    click.UsageError
+        If the value of an argument is plainly what another one takes.
+    """
+    law, equations, path = (str(values.get(name) or "") for name in ("law_path", "equations", "path"))
+    is_text = bool(_EQUATION.search(path)) and not values.get("dataset") and not _is_file(path)
+    if law and _is_file(law) and not is_law_file(law):
+        problem = f"{law} is a table, not a saved law"
+    elif equations and not _EQUATION.search(equations) and (is_text or _is_file(equations)):
+        problem = f"{equations} is a table, not an equation"
+    elif is_text and not equations:
+        problem = f"{path} is an equation, not a table"
+    elif path.endswith(".json"):
+        problem = f"{path} is a saved law, not a table"
+    else:
+        return
+    raise click.UsageError(in_line(problem) + ". Are the arguments swapped?" * ("path" in values))
+
+
+def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
+    """Refuse words that are no text in UTF-8; names of files may be any bytes."""
+    for each in params:
+        for text in (given for given in _values(values.get(str(each.name))) if isinstance(given, str)):
+            is_read = isinstance(each.type, ReadFile) and text in each.type.files(text)
+            if as_text(text) != text and not is_read and not isinstance(each.type, WrittenFile):
+                raise click.UsageError(f"{each.opts[0]}: '{in_line(text)}' is not text in UTF-8: write it so")
+
+
+def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
+    """Refuse files that are to be written and cannot, or must not, as they are read.
+
+    Raises
+    ------
+    CommonlawError
+        See `check_targets`; or if the name of a figure or table says no format.
+    """
+    inputs: list[str] = []
+    outputs: list[str] = []
+    for each in params:
+        texts = _values(values.get(str(each.name)))
+        if isinstance(each.type, ReadFile):
+            inputs += (file for text in texts for file in each.type.files(text))
+        elif isinstance(each.type, WrittenFile):
+            outputs += texts
+    check_targets(outputs, inputs)
+    for each in params:
+        if isinstance(each.type, WrittenFile) and values.get(str(each.name)) is not None:
+            each.type.check(values[str(each.name)])
+
+
+def _values(given: Any) -> list[Any]:
+    return [] if given is None else list(given) if isinstance(given, tuple) else [given]
+
+
+def _joined(folder: Path) -> list[Path]:
+    return [each for each in folder.iterdir() if each.is_file()] if folder.is_dir() else []

@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import numpy as np
 
-from commonlaw.cli.batch import table_bytes
-from commonlaw.cli.command import command
-from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.on_cluster import on_cluster_at, stream_of, with_cluster
+from commonlaw.cli.artifacts import LaterSteps, table_bytes
+from commonlaw.cli.command import command, working
+from commonlaw.cli.options import ReadFile, WrittenFigure, WrittenFile, WrittenTable
 from commonlaw.cli.output import print_frame, print_json, say
-from commonlaw.cli.paths import ReadFile, WrittenFigure, WrittenFile, WrittenTable
-from commonlaw.cli.source import Source, with_source
-from commonlaw.cli.working import working
+from commonlaw.cli.source import Source, on_cluster_at, stream_of, with_cluster, with_source
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import check_memory
 from commonlaw.text import r_squared_text

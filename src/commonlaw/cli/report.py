@@ -6,15 +6,12 @@ from functools import partial
 
 import click
 
-from commonlaw.cli.command import command
-from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.on_cluster import on_cluster_at, stream_of, with_cluster
-from commonlaw.cli.options import in_options, option
+from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.command import command, working
+from commonlaw.cli.method_options import Question, with_question
+from commonlaw.cli.options import ReadFile, WrittenFile, in_options, option
 from commonlaw.cli.output import say
-from commonlaw.cli.paths import ReadFile, WrittenFile
-from commonlaw.cli.question import Question, with_question
-from commonlaw.cli.source import Source, guesses, with_training_source
-from commonlaw.cli.working import working
+from commonlaw.cli.source import Source, guesses, on_cluster_at, stream_of, with_cluster, with_training_source
 from commonlaw.runtime.progress import part
 from commonlaw.text import as_text
 

@@ -1,10 +1,15 @@
-"""`commonlaw show`: print a saved law."""
+"""`commonlaw show` and `explain`: a saved law, and what decides its coefficients."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
 
 import click
 
-from commonlaw.cli.command import quick_command
-from commonlaw.cli.output import print_frame, print_history, say
-from commonlaw.cli.paths import ReadFile
+from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.command import command, quick_command, working
+from commonlaw.cli.options import ReadFile, WrittenFigure, WrittenFile
+from commonlaw.cli.output import parameter_columns, print_frame, print_history, print_json, print_table, say
 from commonlaw.text import in_line
 
 
@@ -47,3 +52,89 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
         return
     for each in law.objects:
         say(f"% {in_line(each)}\n{law.to_latex(each)}")
+
+
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
+@click.option(
+    "--property",
+    "names",
+    metavar="NAMES",
+    multiple=True,
+    help="Properties that coefficients may follow, commas between several; repeat for more; '' for none.  [default: "
+    "all numbers that the law knows of its objects]",
+)
+@click.option(
+    "--properties",
+    "table",
+    metavar="FILE",
+    type=ReadFile(),
+    help="A table with the objects' properties, a row for each, if the law does not know them.",
+)
+@click.option(
+    "--save", type=WrittenFile(), metavar="EXPLAINED.json", help="Write the law with what decides its coefficients."
+)
+@click.option(
+    "--plot",
+    type=WrittenFigure(),
+    metavar="FIGURE",
+    help="Write a figure of coefficients against properties (.png, .svg, .pdf).",
+)
+@click.option("--latex", is_flag=True, help="Print LaTeX.")
+@click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def explain(
+    law_path: str,
+    names: tuple[str, ...],
+    table: str | None,
+    save: str | None,
+    plot: str | None,
+    latex: bool,
+    history: bool,
+    as_json: bool,
+) -> None:
+    """Say what in LAW.json is universal, what follows the objects' properties, and what is each object's own.
+
+    A coefficient is the same for all objects, a factor times powers of their properties (0.25 diameter^2/mass), an
+    affine function of these where signs differ, or each object's own about a typical value. Evidence decides.
+
+    \b
+    Examples:
+      commonlaw explain law.json --property diameter,mass
+      commonlaw explain law.json --properties balls.csv --save explained.json
+    """
+    from commonlaw.law import Law
+    from commonlaw.trials.properties import given_properties
+
+    law = Law.load(law_path)
+    with working("Explaining ..."):
+        if table:
+            found = given_properties(table, law.schema.object, law.objects)
+            schema = replace(law.schema, units={**law.schema.units, **found.units})
+            law = replace(law, properties=found.values, schema=schema)
+        has_properties = any(law.properties.values())
+        law = law.explain(_listed(names) if names or has_properties else [])
+        later = LaterSteps()
+        later.write_law(save, law)
+        later.draw(plot, lambda plots: plots.plot_relations(law))
+    if as_json:
+        relations = law.relations().to_dict(orient="records")
+        print_json({"law": json.loads(law.to_json()), "equations": list(law.equations()), "relations": relations})
+    elif latex:
+        say(law.to_latex())
+    else:
+        say(f"{law}\n")
+        print_frame(law.relations().dropna(axis=1, how="all"))
+        if law.provenance.equations and law.parameters.names:
+            columns = parameter_columns(law)
+            say(f"\nParameters of {'; '.join(law.provenance.equations)}:\n")
+            print_table(list(columns), zip(*columns.values(), strict=True))
+        if history:
+            print_history(law)
+    notes = () if has_properties else ("no property of the objects is known: give a table of them, --properties FILE",)
+    later.end((*notes, *law.diagnostics), silent=as_json or latex)
+
+
+def _listed(texts: Sequence[str]) -> list[str] | None:
+    """Return the names in texts with commas between them; None if there is no text."""
+    return [name for text in texts for part in text.split(",") if (name := part.strip())] if texts else None

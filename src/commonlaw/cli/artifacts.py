@@ -1,6 +1,7 @@
 """What follows a result: no later step costs what was found."""
 
 from collections.abc import Callable, Iterable, Sequence
+from io import BytesIO
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
@@ -10,8 +11,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.runtime.files import write_whole
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from commonlaw.law import Law
     from commonlaw.plots import Figure
+
 
 T = TypeVar("T")
 
@@ -84,3 +88,12 @@ class LaterSteps:
         print_notes([*notes, *(each for each in self.failures if each not in reasons)])
         if refused := [*self._unwritten, *reasons]:
             raise CommonlawError("several", messages=refused)
+
+
+def table_bytes(frame: "pd.DataFrame", path: str) -> bytes:
+    """Return a table in the format that the name of its file says."""
+    if path.endswith(".csv"):
+        return frame.to_csv(index=False).encode()
+    content = BytesIO()
+    frame.to_parquet(content, index=False)
+    return content.getvalue()

@@ -1,7 +1,8 @@
-"""What commands say of a law that they learned: on the terminal, in files, as JSON."""
+"""What commands print and write of a fitted law, how it forecasts, and how it compares with others."""
 
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -9,10 +10,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.cli.comparing import print_compared
-from commonlaw.cli.later import LaterSteps
-from commonlaw.cli.many_objects import print_spread
-from commonlaw.cli.options import as_one, option
+from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.options import WrittenFigure, WrittenFile, as_one, option
 from commonlaw.cli.output import (
     parameter_columns,
     print_columns,
@@ -22,10 +21,11 @@ from commonlaw.cli.output import (
     print_table,
     say,
 )
-from commonlaw.cli.paths import WrittenFigure, WrittenFile
-from commonlaw.cli.source import Source
-from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.cli.source import Source, few_trials, stream_of
+from commonlaw.errors import CommonlawError
+from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import counted, in_line, r_squared
+from commonlaw.trials import TrialStream
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +35,84 @@ if TYPE_CHECKING:
     from commonlaw.plots import Figure
     from commonlaw.trials import Trials, TrialStream
     from commonlaw.verdict import Findings, ManyFindings
+
+
+_STRANGEST = 10
+
+
+def print_spread(law: "Law", heads: list[str]) -> None:
+    """Print letter values of the coefficients, under these heads, and the objects farthest from the medians.
+
+    Nothing of a law that has none.
+    """
+    from commonlaw.law.tables import letter_values, strangest
+
+    if not heads:
+        return
+    values, errors = law.parameters.values, law.parameters.errors
+    print_frame(letter_values(dict(zip(heads, values.T, strict=True)), "object"))
+    say(f"\nThe {_STRANGEST} objects farthest from the medians, in standard deviations of a normal spread:\n")
+    rows: list[list[object]] = []
+    for i, *rest in zip(*strangest(values, heads, _STRANGEST), strict=True):
+        own = zip(values[i].tolist(), np.nan_to_num(errors[i]).tolist(), strict=True)
+        rows.append([law.objects[i], *own, *rest])
+    print_table([law.schema.object, *heads, "farthest in", "by"], rows)
+
+
+_SETTINGS = ("noise", "errors", "huber_threshold", "n_jobs")
+"""Settings of a fit that a comparison shares."""
+
+
+def compared(laws: "Mapping[str, Law]", training: "Trials", settings: Mapping[str, Any]) -> "pd.DataFrame":
+    """Return the evidence of laws beside each other, under the settings that they were fitted with."""
+    from commonlaw.inference import compare
+
+    return compare(laws, training, **{name: settings[name] for name in _SETTINGS if name in settings})
+
+
+def print_compared(frame: "pd.DataFrame") -> None:
+    """Print the evidence of laws beside each other, and what its numbers mean."""
+    from commonlaw.law.tables import MEANINGS
+
+    say("\nEvidence from the same measurements, the most probable law first:\n")
+    print_frame(frame)
+    say(f"\n{MEANINGS['2 log B']}.")
+    say("More coefficients cost evidence by themselves. The probability holds if one of these laws is true.")
+
+
+def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), starts: Container[str] = ()) -> "Trials":
+    """Return the trials, their columns in the roles that equations and other laws give them.
+
+    States of equations whose starts are known have no column.
+    """
+    from commonlaw.library.equation import split_equations
+
+    schemas = [each.schema for each in laws]
+    if not equations:
+        return source.load(schemas[0])
+    trials, asked = source.load(), split_equations(equations[0])
+    states = tuple(each.state for each in asked if each.state not in starts)
+    if source.dataset or source.states:
+        return trials
+    if trials.schema.wide and len(states) == 1:
+        return replace(source, wide=source.wide or states[0]).load()
+    taken = {name for schema in schemas for name in schema.inputs}
+    others = [name for name in (*trials.schema.states, *trials.schema.inputs) if name not in states]
+    inputs = tuple(name for name in others if name in taken or any(_occurs(name, each) for each in equations))
+    if {*states} == {*trials.schema.states} and {*inputs} == {*trials.schema.inputs}:
+        return trials
+    try:
+        return replace(source, states=states, inputs=source.inputs or inputs).load()
+    except CommonlawError as error:
+        name = error.parameters.get("name")
+        if name not in states or error.parameters.get("kind") != "column":
+            raise
+        raise CommonlawError("column-of-latent-state", error=error, name=name) from None
+
+
+def _occurs(name: str, equations: str) -> bool:
+    return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", equations) is not None
+
 
 _output = partial(option, "Output")
 
@@ -325,3 +403,24 @@ def _true_value(truth: "Law", name: str, equation: int, term: str) -> float:
     if term not in truth.terms.names:
         return 0.0
     return float(truth.coefficients[truth.index(name)][equation, truth.terms.index(term)])
+
+
+def learned_by_stream(
+    source: Source,
+    outputs: Outputs,
+    show: ProgressCallback,
+    find: "Callable[[TrialStream, ProgressCallback], Law]",
+    explain: "Callable[[Law, LaterSteps], Law]" = lambda law, _: law,
+) -> tuple[Learned, LaterSteps]:
+    """Find a law in files; it is checked by forecasts of all that is held out, or else of a few trials."""
+    show("listing the files")
+    stream, later = stream_of(source), LaterSteps()
+    training = source.select(stream)
+    law = find(training, part(show, 0.05, 0.9))
+    outputs.keep(law, later)
+    law = explain(law, later)
+    few = few_trials(training)
+    if source.holds_out:
+        return Learned.check_by_stream(law, source.held_out(stream), training, few, show, later), later
+    show("checking the law by forecasts of a few trials")
+    return Learned.check(law, source, few, few, bool(outputs.plot), later, stream), later

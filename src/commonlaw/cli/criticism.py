@@ -1,0 +1,265 @@
+"""`commonlaw check`, `discrepancy` and `bounds`: what a saved law leaves unexplained."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.command import command, working
+from commonlaw.cli.options import ReadFile, WrittenFigure, WrittenFile, numbers
+from commonlaw.cli.output import print_frame, print_json, say
+from commonlaw.cli.source import Source, on_cluster_at, stream_of, with_cluster, with_source
+from commonlaw.errors import CommonlawError
+
+if TYPE_CHECKING:
+    from commonlaw.discrepancy import StreamResiduals
+    from commonlaw.discrepancy.function import Discrepancy
+    from commonlaw.discrepancy.residual_tests import Pattern
+    from commonlaw.law import Law
+
+
+_STRANGEST = 10
+"""Objects that are shown themselves."""
+
+
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
+@with_source
+@click.option(
+    "--save",
+    type=WrittenFile(),
+    metavar="RESIDUALS.csv",
+    help="Write measured and fitted states, and residuals over noise; of files a row for each object and state.",
+)
+@click.option(
+    "--plot", type=WrittenFigure(), metavar="FIGURE", help="Write a figure of the residuals (.png, .svg, .pdf)."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@with_cluster
+def check(
+    law_path: str, source: Source, save: str | None, plot: str | None, as_json: bool, cluster: str | None
+) -> None:
+    """Say how well LAW.json fits FILE: what its trajectories leave of the measurements, and which patterns that has.
+
+    Each trial's start is fitted, the coefficients stay. Residuals are compared with the noise, and held against time,
+    states, rates, inputs and each other; tests look for memory, growing scatter, and errors that are not normal. Of a
+    folder of Parquet files, or a pattern in quotes, all trials are tested together, file by file, and objects whose
+    residuals are larger than the noise are named.
+
+    \b
+    Example:
+      commonlaw check law.json drops.csv --plot residuals.png
+      commonlaw check law.parquet 'runs/*.parquet' --save objects.csv --cluster local:4
+    """
+    from commonlaw.law import Law
+
+    law = Law.load(law_path)
+    if cluster or source.is_stream:
+        _check_stream(law, source, save, plot, as_json, cluster)
+        return
+    with working("Checking ..."):
+        trials = source.chosen(law.schema)
+        found = law.residuals(trials)
+        later = LaterSteps()
+        later.write(save, lambda: found.to_frame().to_csv(index=False).encode())
+        later.draw(plot, lambda plots: plots.plot_residuals(found))
+    if as_json:
+        print_json({"patterns": _patterns_document(found.patterns)})
+    else:
+        print_frame(found.tests().drop(columns="meaning"))
+        say(f"\n{found}")
+    later.end(found.trials.notes, silent=as_json)
+
+
+def _check_stream(
+    law: "Law", source: Source, save: str | None, plot: str | None, as_json: bool, cluster: str | None
+) -> None:
+    """Check the trials of files, one file after the other or by workers."""
+    from commonlaw.discrepancy import check_stream
+
+    source.check_streams()
+    if plot:
+        raise click.UsageError("--plot with a stream of files: leave it out, or check single files")
+    later = LaterSteps()
+    with working("Checking ...") as show, on_cluster_at(cluster, show):
+        found = check_stream(law, source.select(stream_of(source, law.schema)), progress=show)
+        later.write(save, lambda: found.objects.to_csv(index=False).encode())
+    if as_json:
+        objects = found.objects.to_dict(orient="records")
+        print_json({"patterns": _patterns_document(found.patterns), "objects": objects})
+    else:
+        _show_stream(found)
+    later.end(silent=as_json)
+
+
+def _patterns_document(patterns: "Sequence[Pattern]") -> list[dict[str, object]]:
+    return [asdict(each) | {"significant": each.significant} for each in patterns]
+
+
+def _show_stream(found: "StreamResiduals") -> None:
+    """Print patterns, letter values of what residuals of objects are over noise, and the largest."""
+    from commonlaw.law.tables import letter_values
+
+    print_frame(found.tests().drop(columns="meaning"))
+    say(f"\n{found}")
+    columns = ("size over noise", "correlation of neighbours")
+    for state, own in found.objects.groupby("state", sort=False):
+        say(f"\nResiduals of {state}, by object:\n")
+        print_frame(letter_values({name: own[name].to_numpy() for name in columns}, "object"))
+    say("\nThe largest:\n")
+    print_frame(found.objects.sort_values("size over noise", ascending=False, kind="stable")[:_STRANGEST])
+
+
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
+@with_source
+@click.option(
+    "--of",
+    metavar="COORDINATE",
+    help="What it is a function of: a state, its rate, an input, time, or an expression of these and of properties, "
+    "'abs(v)*diameter/1.5e-5'.  [default: the variable of largest evidence]",
+)
+@click.option("--times", metavar="TERM", default="1", help="What the function is multiplied with, 'v*abs(v)/mass'.")
+@click.option("--equation", metavar="STATE", help="The state in whose equation it is.  [default: by evidence]")
+@click.option(
+    "--zero-at",
+    metavar="VALUE",
+    default="auto",
+    help="Where the function is zero, so that the law alone holds there; 'none' for nowhere, auto for zero where that "
+    "was visited or nearly.",
+)
+@click.option(
+    "--noise",
+    metavar="STATE=VALUE",
+    multiple=True,
+    help="Known standard deviation of a state's measurement noise; repeat for each state.  [default: estimated]",
+)
+@click.option(
+    "--save",
+    type=WrittenFile(),
+    metavar="WITH.json",
+    help="Write the law with its discrepancy, for predict --discrepancy.",
+)
+@click.option(
+    "--plot",
+    type=WrittenFigure(),
+    metavar="FIGURE",
+    help="Write a figure of the function and its band (.png, .svg, .pdf).",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def discrepancy(
+    law_path: str,
+    source: Source,
+    of: str | None,
+    times: str,
+    equation: str | None,
+    zero_at: str,
+    noise: tuple[str, ...],
+    save: str | None,
+    plot: str | None,
+    as_json: bool,
+) -> None:
+    """Find what LAW.json leaves unexplained in FILE, as a smooth function that all objects share.
+
+    The function is fitted together with the law's coefficients. Evidence says whether there is any; a table says which
+    terms would do the same.
+
+    \b
+    Examples:
+      commonlaw discrepancy law.json drops.csv --of v --plot discrepancy.png
+      commonlaw discrepancy law.json drops.csv --of "abs(v)*diameter/1.5e-5" --times "v*abs(v)*diameter^2/mass"
+    """
+    from commonlaw.law import Law
+
+    law = Law.load(law_path)
+    with working("Seeking a discrepancy ..."):
+        trials = source.chosen(law.schema)
+        levels = numbers("--noise", noise) if noise else None
+        found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=_zero(zero_at), noise=levels)
+        later = LaterSteps()
+        later.write_law(save, found.law)
+        later.draw(plot, lambda plots: plots.plot_discrepancy(found))
+    if as_json:
+        print_json(_document(found))
+    else:
+        _show(found)
+    later.end((*trials.notes, *found.law.diagnostics), silent=as_json)
+
+
+def _zero(text: str) -> float | Literal["auto"] | None:
+    if text == "auto":
+        return "auto"
+    if text == "none":
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise CommonlawError("zero-at", text=text) from None
+
+
+def _show(found: "Discrepancy[Law]") -> None:
+    say(f"{found}\n")
+    print_frame(found.to_frame(10))
+    say("\nTerms that would say the same, and 2 log B for each against the smooth function:\n")
+    print_frame(found.terms_frame())
+    if len(found.compared) > 1:
+        say("\nFunctions of these were compared, 2 log B against the law alone:\n")
+        print_frame(found.coordinates_frame())
+    say(f"\nThe law beside it:\n\n{found.law}")
+
+
+def _document(found: "Discrepancy[Law]") -> dict[str, object]:
+    frames = {"function": found.to_frame(), "terms": found.terms_frame(), "compared": found.coordinates_frame()}
+    return {
+        "claimed": found.claimed,
+        "equation": found.equation,
+        "coordinate": found.basis.coordinate,
+        "times": found.basis.times,
+        "evidence": found.evidence,
+        "zero at": found.zero_at,
+        "holds nothing of": list(found.holds_nothing_of),
+        "shares": found.shares,
+        **{name: frame.to_dict(orient="records") for name, frame in frames.items()},
+        "law": json.loads(found.law.to_json()),
+    }
+
+
+@command
+@click.argument("law_path", metavar="LAW.json", type=ReadFile())
+@with_source
+@click.option("--term", "terms", metavar="TERM", multiple=True, help="A term, v^2; repeat for more.  [default: all]")
+@click.option("--level", type=float, default=0.95, help="Probability of the bounds and intervals.")
+@click.option("--save", type=WrittenFile(), metavar="BOUNDS.csv", help="Write the table.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def bounds(
+    law_path: str, source: Source, terms: tuple[str, ...], level: float, save: str | None, as_json: bool
+) -> None:
+    """Say how large coefficients of terms that are not in LAW.json could be, without FILE showing it.
+
+    Each term is fitted beside those of the law. A bound is what the size of the coefficient stays below at 95 %, and
+    beside it stands what the term then adds to the equation at most.
+
+    \b
+    Examples:
+      commonlaw bounds law.json drops.csv
+      commonlaw bounds law.json drops.csv --term "v^2" --term "x"
+    """
+    from commonlaw.inference import bounds as found_by
+    from commonlaw.law import Law
+
+    law = Law.load(law_path)
+    with working("Fitting ...") as show:
+        trials = source.chosen(law.schema)
+        found = found_by(law, trials, terms or None, level=level, progress=show)
+        frame = found.to_frame()
+        later = LaterSteps()
+        later.write(save, lambda: frame.to_csv(index=False).encode())
+    if as_json:
+        print_json({"bounds": frame.to_dict(orient="records"), "sentences": list(found.sentences)})
+    else:
+        print_frame(frame)
+        say(f"\n{found}")
+    later.end(trials.notes, silent=as_json)
