@@ -19,6 +19,7 @@ from sphinx.util.docutils import SphinxDirective
 from sphinx.util.math import get_node_equation_number
 
 import commonlaw
+from commonlaw.cli.command import ALL_OPTIONS
 from commonlaw.cli.main import commonlaw as command
 from commonlaw.report.markup import formula
 
@@ -131,7 +132,7 @@ def _check_names(app: Sphinx) -> None:
 
 
 class CommandHelp(SphinxDirective):
-    """Shows what ``--help`` prints for every command."""
+    """Shows what ``--help-all`` prints for every command."""
 
     def run(self) -> list[nodes.Node]:
         """Return the texts."""
@@ -140,6 +141,7 @@ class CommandHelp(SphinxDirective):
     def _shown(self, path: tuple[str, ...], found: click.Command) -> list[nodes.Node]:
         name = " ".join(path)
         context = click.Context(found, info_name=name, max_content_width=88, terminal_width=88)
+        context.meta[ALL_OPTIONS] = True
         return [nodes.rubric(name, name), nodes.literal_block(text := found.get_help(context), text, language="none")]
 
 

@@ -263,8 +263,18 @@ def test_wrong_usage_ends_with_2(run, arguments, message):
     assert message in err
 
 
-def test_the_help_of_discover_groups_options_by_method(run):
+def test_the_short_help_of_discover_lists_the_options_of_every_day(run):
     _, out, _ = run("discover", "--help")
+    listed = re.findall(r"^  (--[a-z-]+)", out.partition("\nTable:")[2], re.MULTILINE)
+    assert listed == [
+        "--schema", "--object", "--trial", "--time", "--state", "--hold-out", "--order", "--library", "--save",
+        "--plot", "--help-all",
+    ]  # fmt: skip
+    assert "more options: commonlaw discover --help-all" in out
+
+
+def test_the_help_of_discover_groups_options_by_method(run):
+    _, out, _ = run("discover", "--help-all")
     heads = [line.rstrip(":") for line in out.splitlines() if line.endswith(":") and not line.startswith(" ")]
     assert heads == [
         "Table",

@@ -65,6 +65,16 @@ def _lines(words: Callable[[], str]) -> Iterator[None]:
 _OTHERS = "Options"
 """The heading of options that have none."""
 
+ALL_OPTIONS = f"{__name__}.all_options"
+"""Set in the `meta` of a context whose help lists all options."""
+
+
+def _show_all_options(context: click.Context, _: click.Parameter, value: bool) -> None:
+    if value:
+        context.meta[ALL_OPTIONS] = True
+        say(context.get_help())
+        context.exit()
+
 
 class Refusal(click.ClickException):
     """An error that a user can mend, in the words of the command that ran, with the code of its message."""
@@ -85,13 +95,22 @@ class Command(click.Command):
     """A command that neither drops what it is given nor writes over what it reads.
 
     An option counts each time that it is given, or is refused where it has one value; so is what is no text. Files
-    that are to be written and cannot be, or are read too, are refused before anything is done. The help lists options
-    by their headings; those without one come last. A command that works can be asked to say at what.
+    that are to be written and cannot be, or are read too, are refused before anything is done. The help lists everyday
+    options by their headings, ``--help-all`` all of them. A command that works can be asked to say at what.
     """
 
     def __init__(self, *args: Any, works: bool = True, **settings: Any) -> None:
         super().__init__(*args, **settings)
         self.params += [verbose_option()] if works else []
+        text = "Show this message with all options and exit."
+        self._help_all = click.Option(
+            ["--help-all"], is_flag=True, is_eager=True, expose_value=False, callback=_show_all_options, help=text
+        )
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the parameters, with ``--help-all`` where the short help leaves some out."""
+        params = super().get_params(ctx)
+        return params if all(getattr(each, "everyday", True) for each in params) else [*params, self._help_all]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments; an option of one value that is given twice is wrong usage."""
@@ -116,12 +135,17 @@ class Command(click.Command):
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings."""
         options = [each for each in self.get_params(ctx) if isinstance(each, click.Option)]
+        count = len(options)
+        if not ctx.meta.get(ALL_OPTIONS):
+            options = [each for each in options if getattr(each, "everyday", True)]
         headings = dict.fromkeys(getattr(each, "group", _OTHERS) for each in options)
         for heading in sorted(headings, key=_OTHERS.__eq__):
             own = (each for each in options if getattr(each, "group", _OTHERS) == heading)
             records = [record for each in own if (record := each.get_help_record(ctx)) is not None]
             with formatter.section(heading):
                 formatter.write_dl(records)
+        if len(options) < count:
+            formatter.write(f"\n{count - len(options)} more options: {ctx.command_path} --help-all\n")
 
 
 class Commands(click.Group):

@@ -3,9 +3,10 @@
 import click
 
 from commonlaw.cli.command import Commands
-from commonlaw.cli.options import WrittenTable, in_options
+from commonlaw.cli.options import WrittenFile, WrittenTable, in_options
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
-from commonlaw.cli.source import Source, with_source
+from commonlaw.cli.source import Source, with_source, written_schema
+from commonlaw.runtime.files import write_whole
 from commonlaw.text import counted, in_line
 
 
@@ -23,8 +24,14 @@ def data() -> None:
     "state, 1 for several]",
 )
 @click.option("--library", metavar="SPEC", help="Their candidate terms, as in discover.  [default: poly:3]")
+@click.option(
+    "--save",
+    metavar="SCHEMA.toml",
+    type=WrittenFile(),
+    help="Write the roles of the columns and how the table is read, for --schema of all commands.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def check(source: Source, order: int | None, library: str | None, as_json: bool) -> None:
+def check(source: Source, order: int | None, library: str | None, save: str | None, as_json: bool) -> None:
     """Say what is in FILE, what data checks find, and what --clip would cut.
 
     Where trials visit little more than one curve, variables stand in for each other on it, and laws in the one and in
@@ -32,10 +39,13 @@ def check(source: Source, order: int | None, library: str | None, as_json: bool)
 
     \b
     Example:
-      commonlaw data check drops.csv --object ball --trial drop --time t --state height
+      commonlaw data check drops.csv --object ball --trial drop --time t --state height --save schema.toml
+      commonlaw discover drops.csv --schema schema.toml --order 2
     """
     trials = source.chosen()
     report = trials.check(order=order, library=library)
+    if save:
+        write_whole(save, written_schema(source, trials))
     if as_json:
         print_json(report.to_dict())
         return
@@ -48,6 +58,8 @@ def check(source: Source, order: int | None, library: str | None, as_json: bool)
         say(in_line(f"Data check: {in_options(line)}"))
     if not report.findings:
         say("The data checks found nothing.")
+    if save:
+        say(f"Wrote {save}")
     print_notes(trials.notes)
 
 

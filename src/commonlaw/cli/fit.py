@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     "Table",
     "--start",
     "starts",
+    everyday=True,
     metavar="STATE=VALUE",
     multiple=True,
     help="Where trials start in a state that nobody measured, in their first sample: a number, a property of the "
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 @option(
     "Table",
     "--universal",
+    everyday=True,
     metavar="LETTER",
     multiple=True,
     help="A coefficient of the equations that all objects have in common; repeat for more.",

@@ -250,6 +250,7 @@ class _Order(click.IntRange):
 _LAW_OPTIONS = (
     _law(
         "--order",
+        everyday=True,
         type=_Order(0, 2),
         metavar="ORDER",
         default="auto",
@@ -259,6 +260,7 @@ _LAW_OPTIONS = (
     ),
     _law(
         "--library",
+        everyday=True,
         metavar="SPEC",
         default="auto",
         help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), families with constants inside such as "

@@ -21,11 +21,11 @@ Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
 
 class GroupedOption(click.Option):
-    """An option that stands under a heading."""
+    """An option that stands under a heading; the short help lists only everyday ones."""
 
-    def __init__(self, *args: Any, group: str, **settings: Any) -> None:
+    def __init__(self, *args: Any, group: str, everyday: bool = False, **settings: Any) -> None:
         super().__init__(*args, **settings)
-        self.group = group
+        self.group, self.everyday = group, everyday
 
 
 def option(group: str, *names: str, **settings: Any) -> Decorator:

@@ -19,12 +19,21 @@ from commonlaw.text import as_text
 @command
 @with_training_source
 @with_question
-@option("Output", "--out", metavar="REPORT.html", type=WrittenFile(), default="report.html", help="The page to write.")
-@option("Output", "--save", metavar="LAW.json", type=WrittenFile(), help="Write the law that is found.")
+@option(
+    "Output",
+    "--out",
+    everyday=True,
+    metavar="REPORT.html",
+    type=WrittenFile(),
+    default="report.html",
+    help="The page to write.",
+)
+@option("Output", "--save", everyday=True, metavar="LAW.json", type=WrittenFile(), help="Write the law that is found.")
 @option(
     "Output",
     "--law",
     "law_path",
+    everyday=True,
     metavar="LAW.json",
     type=ReadFile(),
     help="A saved law to report on; nothing is learned then.",

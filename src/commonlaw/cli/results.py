@@ -117,10 +117,11 @@ def _occurs(name: str, equations: str) -> bool:
 _output = partial(option, "Output")
 
 _OPTIONS = (
-    _output("--save", metavar="LAW.json", type=WrittenFile(), help="Write the law."),
+    _output("--save", metavar="LAW.json", everyday=True, type=WrittenFile(), help="Write the law."),
     _output(
         "--plot",
         metavar="FIGURE",
+        everyday=True,
         type=WrittenFigure(),
         help="Write a figure of the law and its fit, with the residuals (.png, .svg, .pdf).",
     ),

@@ -1,6 +1,8 @@
 """Where trials come from: options of a table, and files that a cluster goes through."""
 
+import json
 import re
+import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -10,10 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+import msgspec
 
 from commonlaw.cli.options import ReadDataset, ReadFile, as_one, by_name, number_or_text, option, pairs
+from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
 from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.runtime.reading import checked_file, read_file
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.dates import DateOrder
@@ -30,6 +35,8 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", Trials, TrialStream)
 
+MAX_SCHEMA_BYTES = 2**20
+
 _table = partial(option, "Table")
 _columns = partial(_table, metavar="COLUMN", multiple=True)
 
@@ -41,11 +48,24 @@ _OPTIONS = (
         type=ReadDataset(),
         help="A data set instead of a file, with its options: linear-drag:noise=0.1:seed=3 (see: commonlaw data list).",
     ),
-    _table("--object", metavar="COLUMN", help="Column that names the object; '' if there is none."),
+    _table(
+        "--schema",
+        metavar="SCHEMA.toml",
+        type=ReadFile(),
+        everyday=True,
+        help="Roles of columns and how the table is read, as written by commonlaw data check --save; other "
+        "options take precedence.",
+    ),
+    _table("--object", metavar="COLUMN", everyday=True, help="Column that names the object; '' if there is none."),
     _table("--object-name", metavar="NAME", help="Name of the object, if no column names it.  [default: the file's]"),
-    _table("--trial", metavar="COLUMN", help="Column that labels the trial of an object; '' if there is none."),
-    _table("--time", metavar="COLUMN", help="Column of times."),
-    _columns("--state", "states", help="Column of a measured state; repeat for more."),
+    _table(
+        "--trial",
+        metavar="COLUMN",
+        everyday=True,
+        help="Column that labels the trial of an object; '' if there is none.",
+    ),
+    _table("--time", metavar="COLUMN", everyday=True, help="Column of times."),
+    _columns("--state", "states", everyday=True, help="Column of a measured state; repeat for more."),
     _columns("--input", "inputs", help="Column of a measured input; repeat for more."),
     _table(
         "--noise-column",
@@ -110,6 +130,7 @@ _HELD_OUT = (
         "--hold-out",
         metavar="NAME=VALUE",
         multiple=True,
+        everyday=True,
         help="Learn nothing from trials that fit, written as for --where, and check the law on them; ball=Golf Ball "
         "holds an object out.",
     ),
@@ -125,6 +146,7 @@ class Source:
 
     path: str | None
     dataset: str | None
+    schema: str | None
     object: str | None
     object_name: str | None
     trial: str | None
@@ -145,6 +167,14 @@ class Source:
     clip: bool
     hold_out: tuple[str, ...] = ()
     learn_until: float | None = None
+
+    def __post_init__(self) -> None:
+        """Take what no option gives from the file of ``--schema``."""
+        if self.schema:
+            for name, value in read_schema(self.schema).items():
+                if getattr(self, name) in (None, ()):
+                    object.__setattr__(self, name, value)
+            object.__setattr__(self, "schema", None)
 
     @property
     def name(self) -> str:
@@ -304,6 +334,75 @@ class Source:
             sheet=self.sheet,
         )
         return without_notes_on(schema.doses if schema else (), trials)
+
+
+class _TableSchema(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+    """Roles of the columns of a table and how it is read, as a TOML file holds them."""
+
+    object: str | None = None
+    object_name: str | None = None
+    trial: str | None = None
+    time: str | None = None
+    states: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    noise_columns: dict[str, str] = {}
+    properties: tuple[str, ...] = ()
+    units: dict[str, str] = {}
+    wide: str | None = None
+    restarts: Restarts | None = None
+    missing: tuple[str, ...] = ()
+    decimal: DecimalMark | None = None
+    dates: DateOrder | None = None
+    sheet: str | None = None
+
+
+def read_schema(path: str) -> dict[str, Any]:
+    """Return the options that a schema file gives, by field of `Source`.
+
+    Raises
+    ------
+    CommonlawError
+        If it is not TOML, or has other keys or values.
+    """
+    try:
+        document = tomllib.loads(read_file(checked_file(path, MAX_SCHEMA_BYTES)).decode())
+        schema = msgspec.convert(document, _TableSchema)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, msgspec.ValidationError) as error:
+        raise CommonlawError("table-schema", path=path, problem=error) from None
+    found = {name: value for name, value in msgspec.structs.asdict(schema).items() if name in document}
+    for name in {"noise_columns", "units"} & found.keys():
+        found[name] = tuple(f"{column}={value}" for column, value in found[name].items())
+    if found.get("noise_columns") == ():
+        found["noise_columns"] = ("",)
+    return found
+
+
+def written_schema(source: Source, trials: Trials) -> bytes:
+    """Return the schema file of a table: its columns in the roles that they have in its trials, and how it is read."""
+    schema = trials.schema
+    found: dict[str, Any] = {"time": schema.time}
+    if schema.wide:
+        (state,) = schema.measured
+        found["wide"] = source.wide or join_header(state, schema.units.get(state, ""))
+    else:
+        found |= {"object": schema.object, "trial": schema.trial, "states": schema.measured, "inputs": schema.inputs}
+        found |= {"properties": property_names(trials.properties), "noise_columns": schema.noise_columns}
+    found |= {
+        name: getattr(source, name) for name in ("object_name", "restarts", "missing", "decimal", "dates", "sheet")
+    }
+    found |= {name: "" for name in ("object", "trial") if getattr(source, name) == ""}
+    found["units"] = by_name("--unit", source.units)
+    kept = {name: value for name, value in found.items() if value or value == ""}
+    kept |= {"noise_columns": {}} if source.noise_columns == ("",) else {}
+    return "".join(f"{name} = {_toml(value)}\n" for name, value in kept.items()).encode()
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_toml(name)} = {_toml(each)}" for name, each in value.items()) + "}"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return f"[{', '.join(map(_toml, value))}]"
 
 
 def guesses(trials: Trials) -> list[str]:
