@@ -24,13 +24,9 @@ from .discovery import (
     discover as discover,
     fit as fit,
 )
-from .discrepancy import StreamResiduals as StreamResiduals, check_stream as check_stream
 from .errors import CommonlawError as CommonlawError
 from .experiments import Design as Design, design as design
-from .forecast import (
-    Forecast as Forecast,
-    forecast_stream as forecast_stream,
-)
+from .forecast import Forecast as Forecast
 from .formulation import (
     DiscreteForm as DiscreteForm,
     LeastSquaresProblem as LeastSquaresProblem,
@@ -70,6 +66,11 @@ from .solvers import (
     ConstrainedSolver as ConstrainedSolver,
     Lasso as Lasso,
     StepwiseSelection as StepwiseSelection,
+)
+from .stream import (
+    StreamResiduals as StreamResiduals,
+    check_stream as check_stream,
+    forecast_stream as forecast_stream,
 )
 from .trials import (
     Schema as Schema,

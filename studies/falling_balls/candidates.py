@@ -11,7 +11,7 @@ from commonlaw.formulation import law_variables
 from commonlaw.library import Terms, Variables, parse_library, term_unit
 from commonlaw.plots import plot_library
 from commonlaw.report import Picture, Section, Table, Text, Verdict
-from commonlaw.trials.units import parse_unit
+from commonlaw.trials.headers import parse_unit
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.printed import printed_table
 from studies.falling_balls.settings import LIBRARY, LIBRARY_BALL, LIBRARY_DROP

@@ -9,8 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Schema, Trial, Trials
-from commonlaw.trials.headers import join_header, split_header
-from commonlaw.trials.identifiers import label, plain
+from commonlaw.trials.headers import join_header, label, plain, split_header
 
 _TEXT = st.text(st.characters(categories=["L", "N", "P", "S", "Zs"], include_characters="\n"), min_size=1, max_size=8)
 _LABELS = _TEXT.map(label).filter(bool)

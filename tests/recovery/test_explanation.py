@@ -7,7 +7,7 @@ import commonlaw as cl
 from commonlaw.inference.result import approximation
 from commonlaw.inference.result.approximation import effective_count, gain
 from commonlaw.outcomes import OutcomeKind
-from commonlaw.trials.starts import with_starts
+from commonlaw.trials.transformations import with_starts
 
 GAIN, TIME, DELAY = 0.6, 150.0, 20.0
 

@@ -12,7 +12,7 @@ from commonlaw.inference.search.setup import on_log_scale
 from commonlaw.integration import InitialValueProblem, VectorField, simulate
 from commonlaw.library import Terms, Variables, parse_library
 from commonlaw.plots import plot_forecast
-from commonlaw.trials.logarithms import with_logarithms
+from commonlaw.trials.transformations import with_logarithms
 from tests.refusals import refused
 
 TIMES = np.linspace(0, 12, 40)

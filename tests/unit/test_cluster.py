@@ -217,7 +217,7 @@ def test_a_scheduler_that_stops_is_an_error_in_words(tmp_path):
     file = tmp_path / "scheduler.json"
     with subprocess.Popen([sys.executable, *words, "--scheduler-file", file], stderr=subprocess.DEVNULL) as scheduler:
         try:
-            while not file.exists():
+            while not (file.exists() and file.read_text()):
                 time.sleep(0.05)
             with connected(json.loads(file.read_text())["address"]) as client:
                 work = Cluster(client).each(partial(slow_square, 0), range(5))

@@ -16,7 +16,7 @@ from commonlaw import kernel as kernels
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.law.parse import read_equations
 from commonlaw.law.text import with_error
-from commonlaw.trials.units import parse_unit
+from commonlaw.trials.headers import parse_unit
 from tests.refusals import refused
 
 ENZYMES = {"a": (1.0, 0.5), "b": (2.0, 3.0)}

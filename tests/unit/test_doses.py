@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
-from commonlaw.trials.doses import with_doses
+from commonlaw.trials.transformations import with_doses
 from tests.refusals import refused
 
 WHITE = {"errors": "white", "huber_threshold": np.inf, "partial_pooling": False}

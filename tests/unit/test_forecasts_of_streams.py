@@ -9,7 +9,8 @@ from commonlaw.law.script import Source, script
 from commonlaw.law.tables import letter_values, strangest
 from commonlaw.report.document import Picture, Table
 from commonlaw.report.law_report import all_objects
-from commonlaw.verdict import find, find_by_stream
+from commonlaw.stream import find_by_stream
+from commonlaw.verdict import find
 from tests.refusals import refused
 
 ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x"]}

@@ -11,7 +11,7 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime import reading
 from commonlaw.runtime.reading import check_size, check_text, checked_file, read_file, read_json
-from commonlaw.trials.sources import read_table
+from commonlaw.trials.files import read_table
 from tests.refusals import refused
 
 VALUES = st.recursive(

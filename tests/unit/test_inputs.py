@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from commonlaw.integration import Inputs, base, simulation
+from commonlaw.integration import Inputs, problem, simulation
 from commonlaw.law import Law, Uncertainty
 from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
@@ -126,7 +126,7 @@ def test_a_short_pulse_is_not_stepped_over(method, how):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_many_samples_of_an_input_are_worth_many_steps(method, monkeypatch):
-    monkeypatch.setattr(base, "MAX_STEPS", 20)
+    monkeypatch.setattr(problem, "MAX_STEPS", 20)
     law, times = driven_law(1), np.arange(60.0)
     for values, far in ((np.sin([times, 2 * times]).T, True), (np.ones((60, 2)), False)):
         trials = Trials((Trial("tank", "1", times, np.ones(60), values),), law.schema)

@@ -14,7 +14,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.integration import Event, InitialValueProblem, Inputs, VectorField, simulate, simulation
-from commonlaw.integration.initial_value_problem import OutputOptions
+from commonlaw.integration.problem import OutputOptions
 from commonlaw.library import Terms, Variables, parse_term
 from tests.refusals import refused
 
@@ -284,7 +284,7 @@ def test_many_objects_give_what_each_gives_alone_also_from_threads(method):
 
 def test_objects_of_one_law_share_what_is_compiled():
     if "heyoka" in METHODS:
-        from commonlaw.integration.heyoka.compiled import compiled
+        from commonlaw.integration.heyoka import compiled
 
         law = cl.datasets.truth_of("lotka-volterra")
         compiled.cache_clear()
@@ -347,7 +347,7 @@ def test_short_runs_do_not_wait_for_a_compiler(monkeypatch):
 
 def test_a_grid_ends_where_all_but_a_rounding_error_of_the_time_is_done():
     """heyoka keeps the time to twice the digits: it may have a step left where the time is the last one."""
-    heyoka, integrator = pytest.importorskip("heyoka"), import_module("commonlaw.integration.heyoka.integrator")
+    heyoka, integrator = pytest.importorskip("heyoka"), import_module("commonlaw.integration.heyoka")
     stepper = SimpleNamespace(state=np.array([1.0]), time=0.0)
 
     def propagate_grid(grid, max_steps):

@@ -11,7 +11,7 @@ from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import Law, Uncertainty
 from commonlaw.law.io import law_bytes
-from commonlaw.trials.parquet import parquet_bytes, parquet_columns
+from commonlaw.trials.export import parquet_bytes, parquet_columns
 from tests.refusals import refused
 
 LAW = cl.datasets.linear_drag.truth()

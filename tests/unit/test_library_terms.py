@@ -17,7 +17,7 @@ from commonlaw.library import (
     parse_term,
     term_unit,
 )
-from commonlaw.trials.units import parse_unit
+from commonlaw.trials.headers import parse_unit
 from tests.refusals import refused
 
 XV = Variables(("x", "v"))

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 import commonlaw as cl
 from commonlaw.trials import Trial
-from commonlaw.trials.logarithms import with_logarithms
+from commonlaw.trials.transformations import with_logarithms
 from tests.refusals import refused
 
 TIMES = np.array([0.0, 5.0, 12.0, 20.0, 35.0, 60.0, 90.0])

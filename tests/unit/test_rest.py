@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.outcomes import OutcomeKind
-from commonlaw.trials.rest import objects_at_rest
+from commonlaw.trials.transformations import objects_at_rest
 
 TIMES = np.linspace(0, 12, 40)
 RATES = {"A1": 0.9, "A2": 1.1, "A3": 1.3}

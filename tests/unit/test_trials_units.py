@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from commonlaw.trials import Trials
-from commonlaw.trials.units import known_unit, registry
+from commonlaw.trials.headers import known_unit, registry
 
 
 @pytest.mark.parametrize("unit", ["cells", "individuals", "CFU", "OD", "IU", "counts", "people", "copies"])
@@ -30,7 +30,7 @@ def test_counts_take_no_unit_of_physics_away(unit, name):
 
 def test_units_can_be_compared_where_several_threads_use_them_first():
     program = (
-        "from concurrent.futures import ThreadPoolExecutor as Pool; from commonlaw.trials.units import registry;"
+        "from concurrent.futures import ThreadPoolExecutor as Pool; from commonlaw.trials.headers import registry;"
         "print(len({id(each) for each in Pool(8).map(lambda _: registry(), range(8))}))"
     )
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "1\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.trials.conversion import Conversion, in_units
+from commonlaw.trials.transformations import Conversion, in_units
 from tests.refusals import refused
 
 
@@ -135,7 +135,7 @@ def test_what_has_no_unit_stays_as_it_is(law, drops):
 
 def test_logarithms_are_shifted():
     trials = cl.Trials.from_arrays([0.0, 1.0], [2.0, 3.0], names=["N"], units={"N": "mg/L"})
-    from commonlaw.trials.logarithms import with_logarithms
+    from commonlaw.trials.transformations import with_logarithms
 
     one = with_logarithms(in_units(trials, {"N": "g/L"}), ["N"])
     other = in_units(with_logarithms(trials, ["N"]), {"N": "g/L"})

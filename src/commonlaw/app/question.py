@@ -13,9 +13,9 @@ from commonlaw.trials import Trials
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.columns import Table as Cells
 from commonlaw.trials.dates import DateOrder
+from commonlaw.trials.files import name_of_table, table_in
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.roles import ColumnRoles, Reading, named_roles
-from commonlaw.trials.sources import name_of_table, table_in
 from commonlaw.trials.tables import Rows, column_roles_of, rows_of
 from commonlaw.trials.wide import quantity
 

@@ -15,10 +15,10 @@ from commonlaw.cli.source import Source, on_cluster_at, stream_of, with_cluster,
 from commonlaw.errors import CommonlawError
 
 if TYPE_CHECKING:
-    from commonlaw.discrepancy import StreamResiduals
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Pattern
     from commonlaw.law import Law
+    from commonlaw.stream import StreamResiduals
 
 
 _STRANGEST = 10
@@ -78,7 +78,7 @@ def _check_stream(
     law: "Law", source: Source, save: str | None, plot: str | None, as_json: bool, cluster: str | None
 ) -> None:
     """Check the trials of files, one file after the other or by workers."""
-    from commonlaw.discrepancy import check_stream
+    from commonlaw.stream import check_stream
 
     source.check_streams()
     if plot:

@@ -15,7 +15,7 @@ from commonlaw.cli.results import Learned, Outputs, compared, learned_by_stream,
 from commonlaw.cli.source import Source, on_cluster_at, stream_of, with_cluster, with_source, with_training_source
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import Stage, part
-from commonlaw.trials.doses import without_notes_on
+from commonlaw.trials.transformations import without_notes_on
 
 if TYPE_CHECKING:
     import pandas as pd

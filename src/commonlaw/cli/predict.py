@@ -168,8 +168,8 @@ def _forecast_stream(
     how: dict[str, Any],
 ) -> None:
     """Forecast the trials of files, one file after the other or by workers, and say how far off that is."""
-    from commonlaw.forecast import forecast_stream
     from commonlaw.law.tables import letter_values
+    from commonlaw.stream import forecast_stream
 
     later = LaterSteps()
     with working("Forecasting ...") as show, on_cluster_at(cluster, show):

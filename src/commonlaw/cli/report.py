@@ -61,8 +61,9 @@ def report(
     from commonlaw.law.script import Source as Table
     from commonlaw.report import check_packages, law_report, to_page
     from commonlaw.report.document import Report
+    from commonlaw.stream import find_by_stream
     from commonlaw.trials import Trials, TrialStream
-    from commonlaw.verdict import find, find_by_stream
+    from commonlaw.verdict import find
 
     if save and law_path:
         raise click.UsageError("--save writes the law that is found, and with --law none is looked for: leave one out")

@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from commonlaw.law import Law
     from commonlaw.law.parameters import Coefficient
     from commonlaw.plots import Figure
+    from commonlaw.stream import ManyFindings
     from commonlaw.trials import Trials, TrialStream
-    from commonlaw.verdict import Findings, ManyFindings
+    from commonlaw.verdict import Findings
 
 
 _STRANGEST = 10
@@ -191,7 +192,8 @@ class Learned:
         later: LaterSteps,
     ) -> "Learned":
         """Return a law with what forecasts of all that was held out of a stream say; `few` were learned from."""
-        from commonlaw.verdict import Findings, find_by_stream
+        from commonlaw.stream import find_by_stream
+        from commonlaw.verdict import Findings
 
         found = later.take("the law was not checked", lambda: find_by_stream(law, held_out, show, training), None)
         findings = Findings(law, few, few) if found is None else replace(found.few, law=found.law)

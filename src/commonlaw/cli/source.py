@@ -22,11 +22,11 @@ from commonlaw.runtime.reading import checked_file, read_file
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.dates import DateOrder
-from commonlaw.trials.doses import without_notes_on
+from commonlaw.trials.files import read_table
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import join_header
 from commonlaw.trials.roles import GUESSED
-from commonlaw.trials.sources import read_table
+from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:

@@ -5,9 +5,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.datasets import exact
-from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.experiment import PerObject, Seed, fixed, measure, numbers, objects, sample_times
+from commonlaw.datasets.dataset import (
+    DE_SILVA_2020,
+    Dataset,
+    PerObject,
+    Seed,
+    exact_heights,
+    exact_law,
+    fixed,
+    measure,
+    numbers,
+    objects,
+    sample_times,
+)
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -67,13 +77,13 @@ def _truth(drag: PerObject, gravity: float, quadratic: PerObject) -> "Law":
     balls = objects("Ball", drag=drag, quadratic=quadratic)
     terms = ["1", "v", "v**2"] if any(square for _, square in balls.values()) else ["1", "v"]
     rows = {name: [[gravity, *ball][: len(terms)]] for name, ball in balls.items()}
-    return exact.law(_SCHEMA, terms, rows, rates=["v"])
+    return exact_law(_SCHEMA, terms, rows, rates=["v"])
 
 
 def _drop(name: str, drag: float, quadratic: float, gravity: float, height: float, times: Floats) -> Floats:
     """Return the heights of a drop without noise, m, shape (n, 1)."""
     if quadratic:
-        return exact.heights(lambda v: gravity + drag * v + quadratic * v**2, height, times, name)
+        return exact_heights(lambda v: gravity + drag * v + quadratic * v**2, height, times, name)
     from scipy.special import hyp1f1
 
     return np.asarray(height + gravity * times**2 / 2 * hyp1f1(1.0, 3.0, drag * times))[:, np.newaxis]

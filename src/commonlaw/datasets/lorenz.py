@@ -5,9 +5,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.datasets import exact
-from commonlaw.datasets.dataset import Dataset
-from commonlaw.datasets.experiment import NormalSource, PerObject, Seed, measure, objects, sample_times
+from commonlaw.datasets.dataset import (
+    Dataset,
+    NormalSource,
+    PerObject,
+    Seed,
+    exact_law,
+    exact_path,
+    measure,
+    objects,
+    sample_times,
+)
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -50,7 +58,7 @@ def _load(
     """
     times = sample_times(samples, rate)
     systems = objects("System", sigma=sigma, rho=rho, beta=beta)
-    paths = {name: exact.path(_derivatives, _start, row, times, name) for name, row in systems.items()}
+    paths = {name: exact_path(_derivatives, _start, row, times, name) for name, row in systems.items()}
     return measure(paths, _SCHEMA, times, trials, noise, seed)
 
 
@@ -60,7 +68,7 @@ def _truth(sigma: PerObject, rho: PerObject, beta: PerObject) -> "Law":
         name: [[-s, s, 0.0, 0.0, 0.0], [r, -1.0, 0.0, 0.0, -1.0], [0.0, 0.0, -b, 1.0, 0.0]]
         for name, (s, r, b) in objects("System", sigma=sigma, rho=rho, beta=beta).items()
     }
-    return exact.law(_SCHEMA, ["x", "y", "z", "x*y", "x*z"], rows)
+    return exact_law(_SCHEMA, ["x", "y", "z", "x*y", "x*z"], rows)
 
 
 def _derivatives(coefficients: tuple[float, ...], y: Floats) -> list[float]:

@@ -5,9 +5,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.datasets import exact
-from commonlaw.datasets.dataset import Dataset
-from commonlaw.datasets.experiment import NormalSource, PerObject, Seed, measure, objects, sample_times
+from commonlaw.datasets.dataset import (
+    Dataset,
+    NormalSource,
+    PerObject,
+    Seed,
+    exact_law,
+    exact_path,
+    measure,
+    objects,
+    sample_times,
+)
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -50,7 +58,7 @@ def _load(
     """
     times = sample_times(samples, rate)
     pairs = _pairs(growth=growth, predation=predation, decline=decline, reproduction=reproduction)
-    paths = {name: exact.path(_derivatives, _start, rates, times, name) for name, rates in pairs.items()}
+    paths = {name: exact_path(_derivatives, _start, rates, times, name) for name, rates in pairs.items()}
     return measure(paths, _SCHEMA, times, trials, noise, seed)
 
 
@@ -58,7 +66,7 @@ def _truth(growth: PerObject, predation: PerObject, decline: PerObject, reproduc
     """Return the law of these pairs of species."""
     pairs = _pairs(growth=growth, predation=predation, decline=decline, reproduction=reproduction)
     rows = {name: [[a, 0.0, -b], [0.0, -c, d]] for name, (a, b, c, d) in pairs.items()}
-    return exact.law(_SCHEMA, ["x", "y", "x*y"], rows)
+    return exact_law(_SCHEMA, ["x", "y", "x*y"], rows)
 
 
 def _derivatives(rates: tuple[float, ...], y: Floats) -> list[float]:

@@ -4,9 +4,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.datasets import exact
-from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.experiment import Seed, fixed, measure, numbers, sample_times
+from commonlaw.datasets.dataset import (
+    DE_SILVA_2020,
+    Dataset,
+    Seed,
+    exact_law,
+    exact_trajectory,
+    fixed,
+    measure,
+    numbers,
+    sample_times,
+)
 from commonlaw.trials import Schema, Trials
 
 if TYPE_CHECKING:
@@ -40,13 +48,13 @@ def _load(samples: int = 500, step: float = 0.01, noise: float = 0.0, seed: Seed
         If an option cannot be, such as a negative noise.
     """
     times = sample_times(samples, 1 / numbers("step", step, positive=True)[0])
-    path = fixed(exact.trajectory(lambda _, y: np.asarray(_MATRIX @ y**3), _START, times, _NAME))
+    path = fixed(exact_trajectory(lambda _, y: np.asarray(_MATRIX @ y**3), _START, times, _NAME))
     return measure({_NAME: path}, _SCHEMA, times, 1, noise, seed)
 
 
 def _truth() -> "Law":
     """Return the law of the oscillator."""
-    return exact.law(_SCHEMA, ["x**3", "y**3"], {_NAME: _MATRIX.tolist()})
+    return exact_law(_SCHEMA, ["x**3", "y**3"], {_NAME: _MATRIX.tolist()})
 
 
 nonlinear_oscillator = Dataset(

@@ -5,9 +5,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.datasets import exact, sphere_drag
-from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
-from commonlaw.datasets.experiment import PerObject, Seed, fixed, measure, numbers, objects, sample_times
+from commonlaw.datasets import sphere_drag
+from commonlaw.datasets.dataset import (
+    DE_SILVA_2020,
+    Dataset,
+    PerObject,
+    Seed,
+    exact_heights,
+    exact_law,
+    fixed,
+    measure,
+    numbers,
+    objects,
+    sample_times,
+)
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
 from commonlaw.trials import Schema, Trials
 
@@ -96,7 +107,7 @@ def _truth(radius: PerObject, mass: PerObject, viscosity: float, gravity: float,
         viscous, pressure = scale * sphere_drag.STOKES, scale * sphere_drag.PRESSURE * slope
         inertial = viscous * sphere_drag.INERTIA * slope**sphere_drag.EXPONENT
         rows[name] = [[gravity, viscous, inertial, *(pressure if each == size else 0.0 for each in radii)]]
-    return exact.law(_SCHEMA, terms, rows, rates=["v"])
+    return exact_law(_SCHEMA, terms, rows, rates=["v"])
 
 
 def _drop(
@@ -107,7 +118,7 @@ def _drop(
     def acceleration(v: float) -> float:
         return gravity - float(np.sign(v) * sphere_drag.drag_force(abs(v), 2 * radius, *fluid)) / mass
 
-    return exact.heights(acceleration, height, times, name)
+    return exact_heights(acceleration, height, times, name)
 
 
 def _balls(radius: PerObject, mass: PerObject, viscosity: float, density: float) -> dict[str, tuple[float, ...]]:

@@ -184,10 +184,7 @@ def _in_windows(values: Floats, k: int, window: int) -> Floats:
 
 
 def _lagrange(offsets: list[Floats], values: list[Floats], order: int) -> Floats:
-    """Return the derivative at zero, shape (d, m), of the polynomials through `values` at `offsets`.
-
-    There is one entry for each node of the window, of shape (d, m) and (m,) for m samples.
-    """
+    """Return the derivative at zero, shape (d, m), of the polynomials through `values` at `offsets`."""
     derivative = np.zeros_like(values[0])
     for k, value in enumerate(values):
         powers = np.zeros((order + 1, value.shape[1]))  # of the node's Lagrange polynomial, as far as they are wanted

@@ -68,7 +68,15 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
     [0.103, 0.0]
     """
     t, x = np.asarray(times, dtype=np.float64), np.asarray(states, dtype=np.float64)
-    _check(t, x)
+    if t.ndim != 1 or x.ndim != 2 or len(x) != len(t):
+        raise CommonlawError("shapes-of-times-and-states", times=t.shape, states=x.shape)
+    need_samples(len(t), _LEAST, "estimates of the noise")
+    wrong = np.flatnonzero(~(np.isfinite(t) & np.isfinite(x).all(axis=1)))
+    if len(wrong):
+        raise CommonlawError("value-not-finite", sample=wrong[0] + 1)
+    late = np.flatnonzero(np.diff(t) <= 0)
+    if len(late):
+        raise CommonlawError("times-not-increasing", sample=late[0] + 2)
     highest = min(_HIGHEST, len(t) // 4)
     by_order = enumerate(differences(t, x, highest), start=1)
     estimates = np.array([[_scale(column, order) for column in each.T] for order, each in by_order])
@@ -106,18 +114,6 @@ def noise_degrees_of_freedom(samples: int) -> float:
     if samples < _LEAST:
         return 0.0
     return (samples - _TYPICAL_ORDER) / noise_correlation(_TYPICAL_ORDER)
-
-
-def _check(times: Floats, states: Floats) -> None:
-    if times.ndim != 1 or states.ndim != 2 or len(states) != len(times):
-        raise CommonlawError("shapes-of-times-and-states", times=times.shape, states=states.shape)
-    need_samples(len(times), _LEAST, "estimates of the noise")
-    wrong = np.flatnonzero(~(np.isfinite(times) & np.isfinite(states).all(axis=1)))
-    if len(wrong):
-        raise CommonlawError("value-not-finite", sample=wrong[0] + 1)
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if len(late):
-        raise CommonlawError("times-not-increasing", sample=late[0] + 2)
 
 
 def differences(times: Floats, states: Floats, highest: int) -> Iterator[Floats]:
@@ -163,10 +159,7 @@ def without_outliers(differences: Floats, order: int) -> Bools:
 
 
 def _smallest_that_agrees(estimates: Floats, count: float) -> Indices:
-    """Return for each state the smallest order whose estimate agrees with those of all higher ones, shape (d,).
-
-    The estimates, shape (orders, d), are of order 1, 2, ... and each from `count` differences.
-    """
+    """Return for each state the smallest order whose estimate agrees with those of all higher ones, shape (d,)."""
     chosen: Indices = np.full(estimates.shape[1], len(estimates))
     for k in range(len(estimates) - 1, 0, -1):
         slack = [1 + _AGREE * _standard_error(k, j, count) for j in range(k + 1, len(estimates) + 1)]

@@ -147,10 +147,7 @@ def _remembered(spline: RobustSpline, known: bytes, values: bytes, times: bytes)
 
 
 def _without_spikes(times: Floats, values: Floats) -> Indices:
-    """Return the indices of the values that are left when spikes are taken out, the largest first.
-
-    A spike is in the middle of the largest difference, and those around are a tenth of it at most without the value.
-    """
+    """Return the indices of the values that are left when spikes are taken out, the largest first."""
     kept = np.arange(len(times))
     while len(kept) >= _FEW:
         every, order, _ = _differences(times[kept], values[kept])
@@ -167,11 +164,7 @@ def _without_spikes(times: Floats, values: Floats) -> Indices:
 
 
 def _outlyingness(times: Floats, values: Floats) -> Floats:
-    """Return how many scales the differences that a value is in are from zero at most, shape (n,).
-
-    Differences of all orders count in which the state leaves little: low ones tell most of neighbours that are outliers
-    both, and of the first and the last value. Where the state hides the noise, nothing at the ends is strange.
-    """
+    """Return how many scales the differences that a value is in are from zero at most, shape (n,)."""
     from scipy.ndimage import maximum_filter1d
 
     outlyingness = np.zeros(len(times))

@@ -117,22 +117,18 @@ def cross_validated(steps: Floats, state: Floats) -> float:
     """Return the strength, in units of the mean step cubed, with the least generalised cross-validation score."""
     digest = blake2b(steps.tobytes() + state.tobytes(), digest_size=32).digest()
     if digest not in _strengths:
-        found = _least_score(steps, state)
+        from scipy.optimize import minimize_scalar
+
+        systems, grid = _Systems.of(steps), _grid(len(state))
+        traces = _traces(steps.tobytes())
+        best = int(np.argmin([_score(each, systems, state, trace) for each, trace in zip(grid, traces, strict=True)]))
+        bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        found = float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
         while len(_strengths) >= _KEPT:
             _strengths.pop(next(iter(_strengths)), None)
         _strengths[digest] = found
         return found
     return _strengths[digest]
-
-
-def _least_score(steps: Floats, state: Floats) -> float:
-    from scipy.optimize import minimize_scalar
-
-    systems, grid = _Systems.of(steps), _grid(len(state))
-    traces = _traces(steps.tobytes())
-    best = int(np.argmin([_score(each, systems, state, trace) for each, trace in zip(grid, traces, strict=True)]))
-    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    return float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
 
 
 def _grid(samples: int) -> Floats:

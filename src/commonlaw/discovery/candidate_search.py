@@ -37,7 +37,7 @@ from commonlaw.runtime.progress import ProgressCallback, announce, check_memory,
 from commonlaw.solvers import parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials
-from commonlaw.trials.logarithms import with_logarithms
+from commonlaw.trials.transformations import with_logarithms
 
 _FACTORS, _ARRAYS = 6, 20
 """Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""

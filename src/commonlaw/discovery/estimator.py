@@ -34,7 +34,7 @@ from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.text import shown
 from commonlaw.trials import Trial, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
-from commonlaw.trials.rest import objects_at_rest, outcome_of_rest, without_objects
+from commonlaw.trials.transformations import objects_at_rest, outcome_of_rest, without_objects
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -16,7 +16,7 @@ from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import LawOfPart, law_of_all, outcomes_of_constants, refine, with_constants_found
+from commonlaw.inference import fitted_by_parts, outcomes_of_constants, refine, with_constants_found
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.parse import GivenEquations, read_equations
@@ -27,13 +27,11 @@ from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
 from commonlaw.outcomes import Outcome, OutcomeKind, note
-from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
-from commonlaw.runtime.progress import ProgressCallback, on_terminal, unannounced
+from commonlaw.runtime.cluster import on_cluster, refuse_client
+from commonlaw.runtime.progress import ProgressCallback, on_terminal, silent
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.trials.doses import with_doses
-from commonlaw.trials.rest import objects_at_rest, outcome_of_rest, without_objects
-from commonlaw.trials.starts import with_starts
+from commonlaw.trials.transformations import objects_at_rest, outcome_of_rest, with_doses, with_starts, without_objects
 from commonlaw.trials.trial import Start, property_names
 
 if TYPE_CHECKING:
@@ -267,22 +265,14 @@ def _of_stream(
     if given.terms.constants or given.order == 0:
         what = "a law in discrete time is" if given.order == 0 else "constants inside of terms are"
         raise CommonlawError("not-file-by-file", what=what)
-    one = partial(_of_part, equations, {"errors": "white", **settings})
+    settings_of_part = {"errors": "white", **settings, "partial_pooling": False, "progress": silent}
+    one, parts = partial(fit, equations, **settings_of_part), stream.parts or (stream,)
     with on_cluster(client):
-        fitted = done_in_parts(one, stream.parts or (stream,), "fitting objects", progress or on_terminal())
-    law = law_of_all(fitted)
+        law = fitted_by_parts([one] * len(parts), parts, progress or on_terminal())
     values = {"partial_pooling": partial_pooling, **settings}
     made = (call(fit, values, "cl.fit", repr(equations), "trials"),)
     provenance = replace(law.provenance, calls=made)
     return replace(law, provenance=provenance).pool(None, partial_pooling)
-
-
-def _of_part(equations: str | Sequence[str], settings: dict[str, Any], part: TrialStream) -> LawOfPart:
-    """Return what a law's coefficients are for the objects of a part."""
-    trials = part.read()
-    with unannounced():
-        law = fit(equations, trials, partial_pooling=False, progress=lambda _: None, **settings)
-    return LawOfPart.of(law, trials)
 
 
 def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:

@@ -11,8 +11,7 @@ from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Schema, Trial, Trials
-from commonlaw.trials.conversion import Conversion
-from commonlaw.trials.measured_rates import rates_in_words, without_rates
+from commonlaw.trials.transformations import Conversion, rates_in_words, without_rates
 from commonlaw.trials.trial import with_typical
 
 _FEWEST_WEIGHTS, _SAMPLES_A_WEIGHT = 8, 10

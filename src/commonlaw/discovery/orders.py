@@ -14,7 +14,7 @@ from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order
 from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Schema, Trials, TrialStream
-from commonlaw.trials.measured_rates import rates_in_words, without_rates
+from commonlaw.trials.transformations import rates_in_words, without_rates
 
 Given = TypeVar("Given")
 Found = TypeVar("Found")

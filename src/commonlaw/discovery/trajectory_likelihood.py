@@ -8,7 +8,6 @@ from typing import ClassVar
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.fit_options import FitOptions
-from commonlaw.discovery.many_objects import Fitting, law_of_parts
 from commonlaw.discovery.method import AbstractMethod, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.pipeline import law_of_best_order
@@ -17,6 +16,7 @@ from commonlaw.law import Law
 from commonlaw.library import order_of_each
 from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.stream.proposals import Fitting, law_of_parts
 from commonlaw.trials import Trials, TrialStream
 
 
@@ -109,7 +109,13 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         return law_of_parts(
             trials,
             partial(_found_in, replace(self, errors=errors, covariance="likelihood", partial_pooling=False), structure),
-            Fitting(self.noise, errors, self.huber_threshold, self.covariance, self.seed),
+            Fitting(
+                noise=self.noise,
+                errors=errors,
+                huber_threshold=self.huber_threshold,
+                covariance=self.covariance,
+                seed=self.seed,
+            ),
             structure.universal_in,
             self.partial_pooling,
             progress,

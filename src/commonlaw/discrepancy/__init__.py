@@ -1,7 +1,6 @@
 """What a law leaves unexplained: residuals and their patterns, and functions that all objects share."""
 
 from commonlaw.discrepancy.find import discrepancy
-from commonlaw.discrepancy.many_objects import StreamResiduals, check_stream
 from commonlaw.discrepancy.residuals import residuals
 
-__all__ = ["StreamResiduals", "check_stream", "discrepancy", "residuals"]
+__all__ = ["discrepancy", "residuals"]

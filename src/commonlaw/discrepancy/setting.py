@@ -23,7 +23,7 @@ from commonlaw.library.grammar import columns_in, evaluate, read, with_names, wr
 from commonlaw.library.notation import quoted
 from commonlaw.likelihood import NotPositiveError, fit
 from commonlaw.trials import Trials
-from commonlaw.trials.property_inputs import with_property_inputs
+from commonlaw.trials.transformations import with_property_inputs
 from commonlaw.trials.trial import property_names
 
 _NEAR_ZERO = 0.25

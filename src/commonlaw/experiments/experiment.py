@@ -7,12 +7,11 @@ from typing import TypeGuard
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
-from commonlaw.spacing import evenly_spaced
 from commonlaw.text import counted
 
 Value = float | str | tuple[float, ...]

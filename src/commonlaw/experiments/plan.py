@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
@@ -14,7 +14,6 @@ from commonlaw.experiments.search import MAX_REPEATS, MIN_RELATIVE_GAIN, SETTLED
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.text import with_error
 from commonlaw.runtime.notebooks import ShownInNotebooks
-from commonlaw.spacing import evenly_spaced
 from commonlaw.text import counted
 
 if TYPE_CHECKING:

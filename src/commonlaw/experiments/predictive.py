@@ -6,7 +6,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.experiment import Experiment, Range
 from commonlaw.experiments.gaussian import Gaussian
@@ -14,7 +14,6 @@ from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
 from commonlaw.library import highest_columns
-from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 
 _CONVERGED_DEVIANCE = 1.0

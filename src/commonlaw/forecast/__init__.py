@@ -1,7 +1,6 @@
 """Laws forecast trials: where each trial starts, its trajectory, and how far off it may be."""
 
 from commonlaw.forecast.forecast import Forecast
-from commonlaw.forecast.many_objects import forecast_stream
 from commonlaw.forecast.prediction import fitted, forecast_from, predict, simulate_law
 
-__all__ = ["Forecast", "fitted", "forecast_from", "forecast_stream", "predict", "simulate_law"]
+__all__ = ["Forecast", "fitted", "forecast_from", "predict", "simulate_law"]

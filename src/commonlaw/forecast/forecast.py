@@ -17,7 +17,7 @@ from commonlaw.outcomes import Outcome
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.logarithms import as_measured, natural
+from commonlaw.trials.transformations import as_measured, natural
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,7 +13,7 @@ from commonlaw.law.law import Law
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.trials import Schema, Trials
-from commonlaw.trials.conversion import Conversion
+from commonlaw.trials.transformations import Conversion
 from commonlaw.trials.trial import Property
 
 _NODES = 20

@@ -21,9 +21,7 @@ from commonlaw.law.alignment import matched, matched_times
 from commonlaw.library import Terms
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.doses import MOMENT
-from commonlaw.trials.logarithms import with_logarithms
-from commonlaw.trials.property_inputs import with_property_inputs
+from commonlaw.trials.transformations import MOMENT, with_logarithms, with_property_inputs
 
 
 def with_remarks(law: Law, forecast: Forecast) -> Forecast:

@@ -9,7 +9,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.hierarchy import Dimensions
 from commonlaw.library import Order, Terms, order_of_each, term_unit, units_of_constants, with_rates
 from commonlaw.trials import Schema
-from commonlaw.trials.units import parse_unit, registry
+from commonlaw.trials.headers import parse_unit, registry
 
 if TYPE_CHECKING:
     import pint

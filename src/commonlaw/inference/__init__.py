@@ -35,7 +35,7 @@ from commonlaw.inference.search.setup import as_followed, error_kinds
 from commonlaw.inference.settings import MAX_SAMPLES
 from commonlaw.inference.verbs.absent_terms import bounds
 from commonlaw.inference.verbs.adaptation import adapt
-from commonlaw.inference.verbs.chunks import LawOfPart, law_of_all, typical
+from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.inference.verbs.comparison import compare, compare_by_parts, written_alike
 from commonlaw.inference.verbs.other_terms import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
 from commonlaw.inference.verbs.refinement import refine
@@ -50,7 +50,6 @@ __all__ = [
     "CovarianceKind",
     "ErrorKind",
     "Fit",
-    "LawOfPart",
     "Pool",
     "Score",
     "adapt",
@@ -70,8 +69,8 @@ __all__ = [
     "explained_on_finer_mesh",
     "explains_whole_trials",
     "fit_supports",
+    "fitted_by_parts",
     "known_noise",
-    "law_of_all",
     "levels_in_words",
     "may_be_of_first_order",
     "may_be_of_lower_order",

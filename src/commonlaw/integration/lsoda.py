@@ -9,10 +9,18 @@ from scipy.integrate import LSODA, DenseOutput, OdeSolution
 from scipy.optimize import brentq
 
 from commonlaw.array_types import Floats
-from commonlaw.integration.base import FAR, AbstractIntegrator, Function, most_steps, state_scale
 from commonlaw.integration.event import EventFunctions, occurrences
-from commonlaw.integration.initial_value_problem import InitialValueProblem, OutputOptions
-from commonlaw.integration.trajectory import Trajectory, diverged
+from commonlaw.integration.problem import (
+    FAR,
+    AbstractIntegrator,
+    Function,
+    InitialValueProblem,
+    OutputOptions,
+    Trajectory,
+    diverged,
+    most_steps,
+    state_scale,
+)
 from commonlaw.integration.variational import sensitivities
 from commonlaw.runtime.packages import quiet
 
@@ -177,10 +185,7 @@ def solve(
 
 
 def _size_reached(rhs: RightHandSide, start: Floats, time: float, until: float, tolerance: float, size: float) -> float:
-    """Return the size of the states until the first sample, at most that which their first rates let expect.
-
-    Over many periods of an oscillation, say, states come nowhere near what their rates times the time would make.
-    """
+    """Return the size of the states until the first sample, at most that which their first rates let expect."""
     reached = np.max(np.abs(start))
     while size * _TOLERANCES > reached:
         steps = _steps(rhs, start, time, np.array([until]), tolerance, _TOLERANCES * tolerance * size)

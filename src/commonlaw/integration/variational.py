@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.integration.initial_value_problem import InitialValueProblem
+from commonlaw.integration.problem import InitialValueProblem
 
 _ROOT = np.sqrt(6)
 _NODES = np.array([(4 - _ROOT) / 10, (4 + _ROOT) / 10, 1.0])

@@ -12,12 +12,16 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law
 from commonlaw.library.parametric import free_name
 from commonlaw.trials import Schema, Trials
-from commonlaw.trials.conversion import Conversion, in_units
-from commonlaw.trials.doses import with_doses
 from commonlaw.trials.headers import find_name
-from commonlaw.trials.measured_rates import without_rates
-from commonlaw.trials.rest import objects_at_rest, without_objects
-from commonlaw.trials.starts import with_starts
+from commonlaw.trials.transformations import (
+    Conversion,
+    in_units,
+    objects_at_rest,
+    with_doses,
+    with_starts,
+    without_objects,
+    without_rates,
+)
 from commonlaw.trials.trial import as_numbers
 
 if TYPE_CHECKING:

@@ -39,7 +39,7 @@ from commonlaw.library import Order, Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.reading import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
 from commonlaw.trials import Schema
-from commonlaw.trials.parquet import parquet_bytes, parquet_columns
+from commonlaw.trials.export import parquet_bytes, parquet_columns
 from commonlaw.trials.trial import ObjectProperties, nearest
 
 VERSION = 4

@@ -14,7 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.outcomes import Outcome
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.logarithms import natural
+from commonlaw.trials.transformations import natural
 from commonlaw.trials.trial import property_names, value_range
 
 _BEYOND = 0.1

@@ -10,7 +10,7 @@ from commonlaw.library.grammar import columns_in, constant, evaluate, tree_of
 from commonlaw.library.term import Term
 from commonlaw.library.terms import Terms
 from commonlaw.library.variables import Variables
-from commonlaw.trials.units import check_unit, parse_unit, registry
+from commonlaw.trials.headers import check_unit, parse_unit, registry
 
 if TYPE_CHECKING:
     import pint

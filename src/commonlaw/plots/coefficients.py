@@ -17,7 +17,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import unknown
 from commonlaw.law import Law
 from commonlaw.law.text import with_error
@@ -36,7 +36,6 @@ from commonlaw.plots.style import (
     styled,
     unit_text,
 )
-from commonlaw.spacing import evenly_spaced
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
 _FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}

@@ -27,7 +27,7 @@ from commonlaw.plots.style import (
     styled,
 )
 from commonlaw.trials import Trial
-from commonlaw.trials.units import parse_unit
+from commonlaw.trials.headers import parse_unit
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -22,9 +22,10 @@ from commonlaw.report.page import Page
 from commonlaw.report.write import check_packages, to_page
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.progress import on_terminal
+from commonlaw.stream import ManyFindings, find_by_stream
 from commonlaw.text import counted, r_squared_text
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.verdict import Findings, ManyFindings, find, find_by_stream
+from commonlaw.verdict import Findings, find
 
 if TYPE_CHECKING:
     from distributed import Client

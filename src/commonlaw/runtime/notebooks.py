@@ -47,14 +47,10 @@ class ProgressBar:
         """Show a step."""
         content = f"<progress></progress> {escape(in_line(step))} ({monotonic() - self._began:.0f} s)"
         if self._handle is None:
-            self._handle = _displayed(content)
+            self._handle = resolve_name("IPython.display:display")(_html(content), display_id=True)
             finalize(self, _end, self._handle, self._began)
         else:
             self._handle.update(_html(content))
-
-
-def _displayed(content: str) -> Any:
-    return resolve_name("IPython.display:display")(_html(content), display_id=True)
 
 
 def _html(content: str) -> Any:

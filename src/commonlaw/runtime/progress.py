@@ -22,6 +22,10 @@ _TOLD = 0.1
 ProgressCallback = Callable[[str], None]
 
 
+def silent(step: str) -> None:
+    """Take a step of work and show nothing."""
+
+
 class Stage(str):
     """The text of a step of work, and the share of the whole that is done when it begins."""
 

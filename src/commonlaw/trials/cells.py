@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.trials.units import known_unit
+from commonlaw.trials.headers import known_unit
 
 DecimalMark = Literal[".", ","]
 

@@ -16,10 +16,8 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted
 from commonlaw.trials.cells import Notation, Numerals, Unreadable, is_meant_as_number, is_missing, numerals
-from commonlaw.trials.headers import find_name, split_headers
-from commonlaw.trials.identifiers import plain
+from commonlaw.trials.headers import find_name, known_unit, plain, split_headers
 from commonlaw.trials.trial import nearest
-from commonlaw.trials.units import known_unit
 
 if TYPE_CHECKING:
     import narwhals as nw

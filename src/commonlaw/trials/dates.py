@@ -83,7 +83,9 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
     partner = _partner(table, name, others)
     if partner is not None:
         days, clock = (partner, name) if is_clock(table.columns[name]) else (name, partner)
-        stamps = _stamps(table, days, order) + _seconds_of_day(table, clock)
+        import pandas as pd
+
+        stamps = _stamps(table, days, order) + pd.to_timedelta(_durations(table, clock, "h:mm"), unit="s")
         table = replace(table, columns={key: own for key, own in table.columns.items() if key != partner})
         note = f"{days} and {clock}: taken together as time in"
     elif is_clock(column):
@@ -177,12 +179,6 @@ def _with_clock(table: Table, name: str, order: DateOrder | None) -> Table:
     return _with_times(table, name, values, "s", f"{name}: taken as time in seconds since 0:00:00{after}")
 
 
-def _seconds_of_day(table: Table, name: str) -> "pd.Series[Any]":
-    import pandas as pd
-
-    return pd.Series(pd.to_timedelta(_durations(table, name, "h:mm"), unit="s"))
-
-
 def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
     """Return times of day, or durations, in seconds, shape (n,), NaN where a cell is empty."""
     cells, present = _cells(table.columns[name])
@@ -238,7 +234,20 @@ def _stamps(table: Table, name: str, order: DateOrder | None) -> "pd.Series[Any]
     import pandas as pd
 
     cells, present = _cells(table.columns[name])
-    _refuse_mixed_offsets(table, name, cells, present)
+    # Where some dates have an offset from UTC and others none, it is not known what is meant
+    rows = np.flatnonzero(present)
+    offset = np.array([_has_offset(cell) for cell in cells[rows]])
+    if offset.any() and not offset.all():
+        aware, naive = int(rows[offset][0]), int(rows[~offset][0])
+        raise CommonlawError(
+            "dates-with-and-without-offset",
+            where=table.source,
+            column=name,
+            aware=str(cells[aware]),
+            aware_row=table.locate(aware),
+            naive=str(cells[naive]),
+            naive_row=table.locate(naive),
+        )
     texts = _in_iso_order(table, name, cells, present, order)
     stamps = pd.Series(pd.to_datetime(texts, format="ISO8601", utc=True, errors="coerce"))
     wrong = np.flatnonzero(np.asarray(stamps.isna()) & present)
@@ -269,7 +278,11 @@ def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order:
     local = {cell: each for cell, each in parts.items() if each is not None}
     if not local:
         return cells
-    possible = [each for each in ("dmy", "mdy", "ymd") if all(_is_possible(own, each) for own in local.values())]
+    possible = [
+        each
+        for each in ("dmy", "mdy", "ymd")
+        if all(each in own.orders and _is_valid(own, each) for own in local.values())
+    ]
     if order in ("dmy", "mdy", "ymd"):
         possible = [order] if all(_is_valid(own, order) for own in local.values()) else []
     if len(possible) == 2 and all(_iso(own, possible[0]) == _iso(own, possible[1]) for own in local.values()):
@@ -335,30 +348,9 @@ def _is_valid(parts: _Parts, order: str) -> bool:
     return True
 
 
-def _is_possible(parts: _Parts, order: str) -> bool:
-    return order in parts.orders and _is_valid(parts, order)
-
-
 def _iso(parts: _Parts, order: str) -> str:
     year, month, day = _date(parts, order)
     return f"{year:04}-{month:02}-{day:02}{parts.rest}"
-
-
-def _refuse_mixed_offsets(table: Table, name: str, cells: Column, present: Bools) -> None:
-    """Refuse dates of which some have an offset from UTC and others none: nobody knows which one is meant."""
-    rows = np.flatnonzero(present)
-    offset = np.array([_has_offset(cell) for cell in cells[rows]])
-    if offset.any() and not offset.all():
-        aware, naive = int(rows[offset][0]), int(rows[~offset][0])
-        raise CommonlawError(
-            "dates-with-and-without-offset",
-            where=table.source,
-            column=name,
-            aware=str(cells[aware]),
-            aware_row=table.locate(aware),
-            naive=str(cells[naive]),
-            naive_row=table.locate(naive),
-        )
 
 
 def _has_offset(cell: object) -> bool:
@@ -368,10 +360,7 @@ def _has_offset(cell: object) -> bool:
 
 
 def _cells(column: Column) -> tuple[Column, Bools]:
-    """Return cells without blanks around them, None where they are empty, and which are not; none of numbers.
-
-    Numbers that are dates such as 20200331, nearly all of them, are written as these.
-    """
+    """Return cells without blanks around them, None where they are empty, and which are not; none of numbers."""
     import pandas as pd
 
     if column.dtype.kind != "O":
@@ -384,10 +373,7 @@ def _cells(column: Column) -> tuple[Column, Bools]:
 
 
 def _compact(values: Floats) -> tuple[Column, Bools] | None:
-    """Return numbers as dates in text, and which are there; None if not even half of them are such as 20200331.
-
-    Of numbers by chance, one of 28 is a date; counts from one on, to more than 31, are not.
-    """
+    """Return numbers as dates in text, and which are there; None if not even half of them are such as 20200331."""
     import pandas as pd
 
     numbers, codes = np.unique(values[np.isfinite(values)], return_inverse=True)

@@ -1,21 +1,181 @@
-"""Trials as tables again: frames, CSV and Parquet files."""
+"""Trials as frames, CSV and Parquet files, which keep the roles of their columns."""
 
+import io
+import json
 import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
 from commonlaw.runtime.files import write_whole
-from commonlaw.trials.columns import Column
-from commonlaw.trials.headers import join_header
-from commonlaw.trials.parquet import write_parquet
+from commonlaw.runtime.packages import optional_import
+from commonlaw.runtime.reading import LARGEST_FILE, MOST_CELLS, check_size, checked_file, read_json
+from commonlaw.trials.columns import Column, Table, frame_table
+from commonlaw.trials.headers import check_unit, join_header
 from commonlaw.trials.trial import Property, Trial, TrialData, property_names
-from commonlaw.trials.units import check_unit
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+
+_METADATA = b"commonlaw"  # the key under which a file keeps the roles of its columns
+
+_BATCH = 65_536
+"""Rows that are unpacked at a time."""
+
+
+class _Roles(TypedDict, total=False):
+    """Names of columns by role."""
+
+    object: str
+    trial: str
+    time: str
+    states: list[str]
+    inputs: list[str]
+    noise_columns: dict[str, str]
+    properties: list[str]
+
+
+class _Kept(TypedDict, total=False):
+    """What a file says of its columns itself."""
+
+    roles: _Roles
+    notes: tuple[str, ...]
+
+
+def parquet_table(source: str, content: bytes) -> Table:
+    """Return the table in a Parquet file, without columns of lists and bytes."""
+    arrow, _ = _arrow("reading Parquet files")
+    with _whole(source):
+        file = _file(arrow.BufferReader(content))
+        check_size(source, file.metadata.num_rows, file.metadata.num_columns)
+        data = arrow.Table.from_batches(_unpacked(source, file), arrow.schema(_flat(file)))
+        kept = _kept(source, file.schema_arrow.metadata)
+        return replace(frame_table(data, source), roles=_roles(kept), notes=kept.get("notes", ()))
+
+
+def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, Any]]:
+    """Return a Parquet file to read batches of rows from, and the names of its columns by role."""
+    arrow, _ = _arrow("streaming Parquet files")
+    try:
+        file = _file(checked_file(path, np.inf))
+    except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise CommonlawError("not-parquet", path=path, error=error) from None
+    check_size(str(path), 1, file.metadata.num_columns)
+    return file, _roles(_kept(str(path), file.schema_arrow.metadata))
+
+
+def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
+    """Yield the tables in so many rows of a Parquet file after the other, or in fewer, as memory allows."""
+    arrow, _ = _arrow("streaming Parquet files")
+    with _whole(str(path)):
+        file, _ = opened(path)
+        for batch in _batches(file, min(rows, MOST_CELLS // max(1, file.metadata.num_columns))):
+            yield frame_table(arrow.Table.from_batches([batch]))
+
+
+def write_parquet(
+    path: str | os.PathLike[str], columns: Mapping[str, Column], roles: Mapping[str, object], notes: Sequence[str]
+) -> None:
+    """Write columns, empty where they are NaN or None, with their roles and notes."""
+    kept = json.dumps({"roles": roles, "notes": notes}).encode()
+    write_whole(path, parquet_bytes(columns, {_METADATA: kept}))
+
+
+def parquet_bytes(columns: Mapping[str, Column | Sequence[object]], metadata: Mapping[bytes, bytes]) -> bytes:
+    """Return a Parquet file of columns, empty where they are NaN or None."""
+    arrow, parquet = _arrow("writing Parquet files")
+    table = arrow.table({name: arrow.array(column, from_pandas=True) for name, column in columns.items()})
+    content = io.BytesIO()
+    parquet.write_table(table.replace_schema_metadata(dict(metadata)), content)
+    return content.getvalue()
+
+
+def parquet_columns(source: str, content: bytes) -> tuple[dict[str, list[Any]], dict[bytes, bytes]]:
+    """Return the cells of a Parquet file by column, None where they are empty, and its metadata.
+
+    Raises
+    ------
+    CommonlawError
+        If it is damaged, or larger than what is held in memory.
+    """
+    arrow, _ = _arrow("reading Parquet files")
+    with _whole(source):
+        file = _file(arrow.BufferReader(content))
+        check_size(source, file.metadata.num_rows, file.metadata.num_columns)
+        data = arrow.Table.from_batches(_unpacked(source, file), arrow.schema(_flat(file)))
+        columns = {name: column.to_pylist() for name, column in zip(data.column_names, data.columns, strict=True)}
+        return columns, dict(file.schema_arrow.metadata or {})
+
+
+def _arrow(feature: str) -> tuple[Any, Any]:
+    return optional_import("pyarrow", feature, "parquet"), optional_import("pyarrow.parquet", feature, "parquet")
+
+
+@contextmanager
+def _whole(source: str) -> Iterator[None]:
+    """Refuse a file that turns out to be damaged while it is read."""
+    arrow, _ = _arrow("reading Parquet files")
+    try:
+        yield
+    except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise CommonlawError("parquet-damaged", source=source, error=error) from error
+
+
+def _file(where: Any) -> "pq.ParquetFile":
+    """Return a Parquet file whose texts are read as dictionaries: a few bytes can stand for a text in every row."""
+    _, parquet = _arrow("reading Parquet files")
+    file = parquet.ParquetFile(where)
+    columns = map(file.schema.column, range(len(file.schema)))
+    texts = [each.path for each in columns if each.physical_type == "BYTE_ARRAY"]
+    return parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts)
+
+
+def _flat(file: "pq.ParquetFile") -> list["pa.Field[Any]"]:
+    """Return the columns of a file that hold neither lists nor bytes, which a few bytes can stand for without end."""
+    types = _arrow("reading Parquet files")[0].types
+    return [
+        each for each in file.schema_arrow if not (types.is_nested(each.type) or types.is_fixed_size_binary(each.type))
+    ]
+
+
+def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
+    """Yield so many rows after the other."""
+    found = 0
+    for batch in file.iter_batches(batch_size=rows, columns=[field.name for field in _flat(file)]):
+        batch.validate(full=True)  # Texts may be numbers of entries that a damaged dictionary does not have
+        found += len(batch)
+        yield batch
+    if found != file.metadata.num_rows:
+        raise OSError(f"{found} of {file.metadata.num_rows} rows are there")
+
+
+def _unpacked(source: str, file: "pq.ParquetFile") -> Iterator["pa.RecordBatch"]:
+    """Yield the rows of a file in batches, as far as memory holds them."""
+    size = 0
+    for batch in _batches(file, _BATCH):
+        size += batch.nbytes
+        if size > LARGEST_FILE:
+            raise CommonlawError("parquet-too-large", source=source, limit=LARGEST_FILE)
+        yield batch
+
+
+def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:
+    try:
+        return read_json((metadata or {}).get(_METADATA, b"{}"), _Kept)
+    except CommonlawError as error:
+        raise CommonlawError("parquet-metadata", where=source, metadata=_METADATA.decode(), error=error) from None
+
+
+def _roles(kept: _Kept) -> dict[str, Any]:
+    return dict(kept.get("roles", {}))
 
 
 def to_frame(data: TrialData) -> "pd.DataFrame":

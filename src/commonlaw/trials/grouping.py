@@ -231,10 +231,7 @@ def _numbered(times: Floats, groups: Sequence[Group]) -> tuple[Floats, Codes, Co
 
 
 def _tells_apart(table: Table, name: str, times: Floats, owners: Codes, rows: Codes, *, repeated: bool = False) -> bool:
-    """Say whether times increase among rows of a group that have the same cell in a column, at least two each.
-
-    They may be the same where measurements may be `repeated`.
-    """
+    """Say whether times increase among rows of a group that have the same cell in a column, at least two each."""
     try:
         codes = table.encoded(name)[0][rows]
     except CommonlawError:
@@ -249,11 +246,7 @@ def _tells_apart(table: Table, name: str, times: Floats, owners: Codes, rows: Co
 def _refuse_twice(
     table: Table, cells: Cells, rows: Codes, group: Group, groups: Sequence[Group], *, may_be_apart: bool
 ) -> None:
-    """Refuse a group in which a time is there twice, but for repeated measurements; its `rows` are sorted by time.
-
-    These have not all the same values, no column tells them apart, and they stand below each other, unless they are
-    said to be of one trial.
-    """
+    """Refuse a group in which a time is there twice, but for repeated measurements; its `rows` are sorted by time."""
     own = cells[0][rows]
     measured = np.asarray(np.isfinite(cells[1][rows]).any(axis=1))
     twice = np.flatnonzero((own[1:] == own[:-1]) & measured[1:])

@@ -1,12 +1,159 @@
-"""Column headers that carry a unit: ``height [m]``, ``Height (m)`` or, beside a time ``t/s``, ``height/m``."""
+"""Names and units: in headers of columns, of objects and trials, however they are written."""
 
+import math
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
+from functools import cache, lru_cache
+from threading import Lock
+from tokenize import TokenError
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.trials.identifiers import plain
-from commonlaw.trials.units import check_unit, known_unit
+
+if TYPE_CHECKING:
+    import pint
+
+
+def plain(text: str) -> str:
+    r"""Return a text without outer blanks, its letters composed (Unicode's form NFC).
+
+    >>> plain(" Cafe\N{COMBINING ACUTE ACCENT}") == "Caf\N{LATIN SMALL LETTER E WITH ACUTE}"
+    True
+    """
+    return unicodedata.normalize("NFC", text).strip()
+
+
+def label(value: object) -> str:
+    """Return the text by which an object or a trial is known: 1, 1.0, "1" and "1.0" are the same label.
+
+    A value that is missing (None, NaN) has an empty one.
+
+    >>> label(1.0), label(" 1.0"), label("Golf Ball"), label("v1.0"), label(None)
+    ('1', '1', 'Golf Ball', 'v1.0', '')
+    """
+    if not isinstance(value, str) and _is_missing(value):
+        return ""
+    if isinstance(value, float | np.floating) and float(value).is_integer():
+        return str(int(value))
+    return _text_label(str(value))
+
+
+@lru_cache(maxsize=1024)
+def _text_label(text: str) -> str:
+    text = plain(text)
+    return text.split(".")[0] if re.fullmatch(r"[+-]?\d+\.0*", text) else text
+
+
+def several_spellings(what: str, spellings: dict[str, list[str]]) -> tuple[str, ...]:
+    """Return a note for each label, of objects say, that is written in several ways."""
+    return tuple(
+        f"{what} {name!r} is written in {len(ways)} ways, taken as one: {', '.join(map(ascii, ways))}"
+        for name, ways in spellings.items()
+        if len(ways) > 1
+    )
+
+
+def _is_missing(value: object) -> bool:
+    """Say whether a value is None, NaN, or one of those of pandas, which are named after what they are."""
+    is_nan = isinstance(value, float | np.floating) and math.isnan(value)
+    return value is None or is_nan or type(value).__name__ in ("NAType", "NaTType")
+
+
+# Names, signs of degree, percent, powers and products. All else, and towers of powers, would only keep pint busy.
+_UNIT = re.compile(r"[\w°%µΩ·⁻⁰¹²³⁴⁵⁶⁷⁸⁹./*^()\- ]{1,80}")
+_BROKEN = re.compile("(?<=[⁰¹²³⁴⁵⁶⁷⁸⁹])⋅(?=[⁰¹²³⁴⁵⁶⁷⁸⁹])")
+"""The point in a power, as pint writes it and does not read it."""
+_TOWER = re.compile(r"(\*\*|\^).*(\*\*|\^)[^/* ]*(\*\*|\^)|\d{5}")
+
+
+_LOADING = Lock()
+
+_COUNTS = (
+    "cell", "individual", "animal", "plant", "person = _ = people", "host", "colony = _ = colonies",
+    "copy = _ = copies", "event", "spike", "photon", "colony_forming_unit = CFU = cfu",
+    "plaque_forming_unit = PFU = pfu",
+    "international_unit = IU", "relative_fluorescence_unit = RFU", "relative_light_unit = RLU",
+    "optical_density = OD = OD600",
+)  # fmt: skip
+"""What biologists count in, each with its symbol and other names: numbers without a dimension, as pint's own count."""
+
+
+def registry() -> "pint.UnitRegistry[float]":
+    """Return the one registry of units, loaded at the first call: units of two registries cannot be compared."""
+    with _LOADING:
+        return _registry()
+
+
+@cache
+def _registry() -> "pint.UnitRegistry[float]":
+    import pint
+
+    made: pint.UnitRegistry[float] = pint.UnitRegistry()
+    for count in _COUNTS:
+        name, *others = count.split(" = ")
+        made.define(" = ".join([name, "count", *others]))
+    return made
+
+
+@cache
+def parse_unit(text: str) -> "pint.Unit":
+    """Return the unit that a text stands for; of a number that is an empty one, as pint writes it.
+
+    Raises
+    ------
+    CommonlawError
+        If pint does not know the unit; the message has the nearest name that it knows.
+
+    Examples
+    --------
+    >>> print(parse_unit("m/s^2"), parse_unit("m⁰⋅⁵"), parse_unit("dB/s"), parse_unit(""), sep=", ")
+    meter / second ** 2, meter ** 0.5, decibel / second, dimensionless
+    """
+    unit = known_unit(text) if text else registry().dimensionless
+    if unit is None:
+        raise _unknown_unit(text)
+    return unit
+
+
+def check_unit(text: str, where: str) -> str:
+    """Return a unit's text without outer blanks; refuse one, of ``"column 'height'"`` say, that pint does not read."""
+    if known_unit(text) is None:
+        raise _unknown_unit(text).at(where)
+    return text.strip()
+
+
+@cache
+def known_unit(text: str) -> "pint.Unit | None":
+    """Return the unit that a text stands for, or None if pint knows none."""
+    import pint
+
+    text = _BROKEN.sub(".", text)
+    if not text.strip() or not _UNIT.fullmatch(text) or _TOWER.search(text):
+        return None
+    # pint knows no differences of logarithms, and lets errors of its tokenizer and of arithmetic on exponents through
+    for as_delta in (True, False):
+        with suppress(pint.PintError, TokenError, ArithmeticError, AssertionError, KeyError, TypeError, ValueError):
+            unit = registry().parse_units(text, as_delta=as_delta)
+            registry().get_dimensionality(unit)
+            return unit
+    return None
+
+
+def _unknown_unit(text: str) -> CommonlawError:
+    """Return the error for an unknown unit, about that one of its words that pint does not know."""
+    words = re.findall(r"[^\W\d_]+", text)
+    word = next((each for each in words if known_unit(each) is None), text)
+    near = get_close_matches(word, [name for name in registry() if len(name) > 2], n=1)
+    hint = f" (did you mean {near[0]!r}?)" if near else ""
+    whole = "" if word == text else f" in {text!r}"
+    return CommonlawError("unit-unknown", unit=word, whole=whole, hint=hint)
+
 
 _SQUARE = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
 _ROUND = re.compile(r"(.*?\S)(\s*)\(((?:[^()]|\([^()]*\))*)\)", re.DOTALL)
@@ -79,10 +226,7 @@ def joined_units(
 
 
 def _with_brackets(headers: Sequence[str]) -> list[str]:
-    """Return headers such as ``U/V``, a quantity over its unit, as ``U [V]`` if that of the time, ``t/s``, is one.
-
-    A header alone may be a ratio.
-    """
+    """Return headers such as ``U/V``, a quantity over its unit, as ``U [V]`` if that of the time, ``t/s``, is one."""
     times = [known_unit(found[1]) for header in headers if (found := _TIME_PER_UNIT.fullmatch(header.strip()))]
     if not any(unit is not None and dict(unit.dimensionality) == {"[time]": 1} for unit in times):
         return list(headers)

@@ -10,8 +10,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table, frame_table
-from commonlaw.trials.identifiers import label, several_spellings
-from commonlaw.trials.sources import read_table
+from commonlaw.trials.files import read_table
+from commonlaw.trials.headers import label, several_spellings
 from commonlaw.trials.trial import Property, property_names
 
 _FEW = 0.1

@@ -11,7 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.dates import holds_dates, is_clock, is_time
-from commonlaw.trials.units import known_unit
+from commonlaw.trials.headers import known_unit
 
 
 def _vocabulary(text: str) -> frozenset[str]:
@@ -160,10 +160,7 @@ def _rises(table: Table, name: str) -> bool:
 
 
 def _is_even(table: Table, name: str, names: Sequence[str]) -> bool:
-    """Say whether a column goes up by equal steps, to its last digit, as sampled times do and measurements do not.
-
-    It may begin anew. Counts of rows are no times where another column goes up throughout.
-    """
+    """Say whether a column goes up by equal steps, to its last digit, as sampled times do and measurements do not."""
     if not table.is_numeric(name) or len(table) < _FEWEST_EVEN or is_called(name, _ROW_NUMBER):
         return False
     values = readable(table, name)
@@ -416,11 +413,7 @@ def _span(values: Floats) -> float:
 
 
 def _is_held(values: Floats) -> bool:
-    """Say whether a trial of values stays at levels and jumps between them, or has single pulses.
-
-    Most neighbours are equal, and most levels are kept for two samples. Of more than three levels most jumps pass over
-    one: what a coarse sensor measures goes from a level to the next.
-    """
+    """Say whether a trial of values stays at levels and jumps between them, or has single pulses."""
     levels, ranks = np.unique(values, return_inverse=True)
     jumps = np.diff(ranks)
     kept = np.diff(np.flatnonzero(np.concatenate([[1], jumps, [1]])))

@@ -13,18 +13,17 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import done_in_parts
-from commonlaw.runtime.progress import check_memory, on_terminal
+from commonlaw.runtime.progress import ProgressCallback, check_memory, on_terminal
 from commonlaw.runtime.reading import MOST_CELLS
 from commonlaw.text import counted
-from commonlaw.trials.choosing import Named, Until, all_begin_later, all_fit, labels, name_of
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import refuse_dates
-from commonlaw.trials.parquet import batch_tables, opened
+from commonlaw.trials.export import batch_tables, opened
 from commonlaw.trials.repeats import joined
 from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured
-from commonlaw.trials.trials import Trials
+from commonlaw.trials.trials import Named, Trials, Until, labels, name_of
 
 _ROWS = 100_000
 """Rows of a file that are held at a time, besides those of the trial that is not complete yet."""
@@ -107,7 +106,7 @@ class TrialStream:
         """
         chosen, rest = self._divided(object, trial)
         if not rest.parts:
-            raise all_fit()
+            raise CommonlawError("split-one-sided")
         return chosen, rest
 
     def until(self, time: float) -> "TrialStream":
@@ -121,7 +120,7 @@ class TrialStream:
         parts = self.parts or (self,)
         begun = done_in_parts(partial(_begins, time), parts, "looking for trials", on_terminal())
         if not any(begun):
-            raise all_begin_later(self.schema, time)
+            raise CommonlawError("trials-begin-later", time_name=self.schema.time, time=time)
         return self._of([TrialStream(self.schema, _Kept(each, Until(time))) for each in compress(parts, begun)])
 
     def joined(self, other: "TrialStream") -> "TrialStream":
@@ -237,6 +236,15 @@ class _Kept:
         """Return the trials in memory, with the properties of their objects."""
         trials = self.stream.read()
         return trials.with_trials([kept for each in trials if (kept := self.keep(each)) is not None])
+
+
+def objects_of_parts(parts: Sequence[TrialStream], progress: ProgressCallback) -> list[tuple[str, ...]]:
+    """Return the names of the objects of each part."""
+    return done_in_parts(_objects, parts, "listing objects", progress)
+
+
+def _objects(part: TrialStream) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(trial.object for trial in part))
 
 
 def as_one(parts: Sequence[Trials]) -> Trials:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.trials.identifiers import label, plain
+from commonlaw.trials.headers import label, plain
 from commonlaw.trials.repeats import Repeats, inputs_of_times, merged
 
 Property = float | str
@@ -172,7 +172,20 @@ class Trial:
             object.__setattr__(self, name, values)
         self._check()
         if not unknown:
-            self._check_noise()
+            if self.noise.shape != self.states.shape:
+                raise CommonlawError(
+                    "deviations-shape", where=self.label, given=self.noise.shape, expected=self.states.shape
+                )
+            lacking = np.isnan(self.noise) & np.isfinite(self.states) & self.known_noise
+            bad = np.argwhere(lacking | (self.noise <= 0) | np.isinf(self.noise))
+            if len(bad):
+                raise CommonlawError(
+                    "deviation-not-positive",
+                    where=self.label,
+                    state=bad[0][1] + 1,
+                    value=self.noise[tuple(bad[0])],
+                    sample=bad[0][0] + 1,
+                )
         if (np.diff(self.times) == 0).any():
             self._merge()
 
@@ -284,22 +297,6 @@ class Trial:
         if largest > _EXTREME or smallest < 1 / _EXTREME:
             what = f"times up to {largest:.3g}" if largest > _EXTREME else f"a time step of {smallest:.3g}"
             raise CommonlawError("times-too-large", trial=self.label, times=what)
-
-    def _check_noise(self) -> None:
-        if self.noise.shape != self.states.shape:
-            raise CommonlawError(
-                "deviations-shape", where=self.label, given=self.noise.shape, expected=self.states.shape
-            )
-        lacking = np.isnan(self.noise) & np.isfinite(self.states) & self.known_noise
-        bad = np.argwhere(lacking | (self.noise <= 0) | np.isinf(self.noise))
-        if len(bad):
-            raise CommonlawError(
-                "deviation-not-positive",
-                where=self.label,
-                state=bad[0][1] + 1,
-                value=self.noise[tuple(bad[0])],
-                sample=bad[0][0] + 1,
-            )
 
 
 class NoSuchTrialError(CommonlawError, IndexError):

@@ -1,7 +1,7 @@
 """The collection of trials that everything downstream takes."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pkgutil import resolve_name
@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
-from commonlaw.trials.arrays import trials_from_arrays
 from commonlaw.trials.check import Report, check, clipped
-from commonlaw.trials.choosing import Until, all_begin_later, all_fit, labels, listed, name_of
 from commonlaw.trials.export import to_csv, to_frame, to_parquet
+from commonlaw.trials.headers import label
 from commonlaw.trials.roles import Reading
-from commonlaw.trials.tables import read_trials, trials_from_frame
+from commonlaw.trials.tables import read_trials, trials_from_arrays, trials_from_frame
 from commonlaw.trials.trial import (
     ObjectProperties,
     PropertyTable,
@@ -34,6 +33,47 @@ from commonlaw.trials.trial import (
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+@dataclass(frozen=True)
+class Named:
+    """Keeps trials whose ``object`` and ``trial`` are among the names given for each role, or all `others`."""
+
+    names: dict[str, frozenset[str]]
+    others: bool = False
+
+    def __call__(self, trial: Trial) -> Trial | None:
+        return trial if self.fits(trial) != self.others else None
+
+    def fits(self, trial: Trial) -> bool:
+        """Return whether a trial has these names."""
+        return all(name_of(trial, role) in own for role, own in self.names.items())
+
+
+@dataclass(frozen=True)
+class Until:
+    """Keeps the samples up to a time, and nothing of trials that begin later."""
+
+    time: float
+
+    def __call__(self, trial: Trial) -> Trial | None:
+        stop = int(np.searchsorted(trial.times, self.time, side="right"))
+        return trial.cut(stop) if stop else None
+
+
+def name_of(trial: Trial, role: str) -> str:
+    """Return the name of a trial, or of its object."""
+    return trial.object if role == "object" else trial.name
+
+
+def labels(wanted: object) -> list[str]:
+    """Return the labels of a name, or of several."""
+    return [label(each) for each in listed(wanted)]
+
+
+def listed(value: object) -> list[Any]:
+    """Return a list of values, or one of a single value, which may be a text."""
+    return list(value) if isinstance(value, Iterable) and not isinstance(value, str) else [value]
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +294,7 @@ class Trials(ShownInNotebooks):
         """
         kept = [each for each in map(Until(time), self.trials) if each is not None]
         if not kept:
-            raise all_begin_later(self.schema, time)
+            raise CommonlawError("trials-begin-later", time_name=self.schema.time, time=time)
         return self.with_trials(kept)
 
     def clip_irregular(self, tolerance: float | None = None) -> "Trials":
@@ -375,7 +415,7 @@ class Trials(ShownInNotebooks):
         inside = {id(each) for each in chosen}
         rest = [each for each in self.trials if id(each) not in inside]
         if not rest:
-            raise all_fit()
+            raise CommonlawError("split-one-sided")
         return chosen, self.with_trials(rest)
 
     def _test(self, name: str, wanted: object) -> Callable[[Trial], bool]:

@@ -13,11 +13,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.differentiation import noise_level
 from commonlaw.inference import settings
 from commonlaw.likelihood import MAX_MESH_SAMPLES
-from commonlaw.spacing import evenly_spaced
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
 

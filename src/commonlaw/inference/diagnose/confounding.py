@@ -27,7 +27,7 @@ from commonlaw.formulation import column_scales, law_variables
 from commonlaw.inference import settings
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.trials import Trials
-from commonlaw.trials.logarithms import natural
+from commonlaw.trials.transformations import natural
 
 Columns = tuple[int, ...]
 """Variables, by their columns."""

@@ -11,8 +11,8 @@ from commonlaw.law.law import Law
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.conversion import Conversion
-from commonlaw.trials.units import parse_unit, registry
+from commonlaw.trials.headers import parse_unit, registry
+from commonlaw.trials.transformations import Conversion
 
 _ABOUT_ZERO = (OutcomeKind.SCALE, OutcomeKind.START)
 _NOISES = 2

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.likelihood import Estimate, fit as fitted_states, linearize
 from commonlaw.outcomes import Outcome, note
-from commonlaw.spacing import evenly_spaced
 from commonlaw.text import shown
 
 

@@ -11,14 +11,13 @@ from functools import cached_property
 
 import numpy as np
 
-from commonlaw.array_types import Floats, Indices
+from commonlaw.array_types import Floats, Indices, evenly_spaced
 from commonlaw.inference import settings
 from commonlaw.inference.fit.lack_of_fit import values_along
 from commonlaw.inference.fit.parameter_grid import Banks, along
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, order_of_each
 from commonlaw.likelihood import Estimate, Mesh
-from commonlaw.spacing import evenly_spaced
 
 
 @dataclass(frozen=True, eq=False)

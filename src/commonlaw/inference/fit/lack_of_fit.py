@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.heteroscedasticity import growth
@@ -17,7 +17,6 @@ from commonlaw.integration import InitialValueProblem, Inputs, OutputOptions, Ve
 from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import Estimate, Mesh, jacobians
 from commonlaw.runtime.progress import unannounced
-from commonlaw.spacing import evenly_spaced
 
 
 @dataclass(frozen=True)

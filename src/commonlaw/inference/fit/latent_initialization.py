@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import scales_of_starts
@@ -20,9 +20,8 @@ from commonlaw.inference.fit.parameter_grid import combined, values_of_each
 from commonlaw.inference.fit.structural_identifiability import may_be_mixed, may_be_rescaled, may_be_shifted
 from commonlaw.library import Terms, order_of_each, with_rates
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
-from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.logarithms import natural
+from commonlaw.trials.transformations import natural
 
 
 def visited_besides(trials: Trials, estimates: Sequence[Estimate]) -> dict[str, tuple[float, float]]:

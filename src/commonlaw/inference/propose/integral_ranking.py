@@ -14,14 +14,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from commonlaw.array_types import Floats, Indices
+from commonlaw.array_types import Floats, Indices, evenly_spaced
 from commonlaw.inference import settings
 from commonlaw.inference.fit.integral_form import Course, Match, gains
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, Ratio, TiedTerms
 from commonlaw.likelihood import Estimate
 from commonlaw.runtime.parallel import in_parallel
-from commonlaw.spacing import evenly_spaced
 
 _T = TypeVar("_T")
 

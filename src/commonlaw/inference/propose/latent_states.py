@@ -31,7 +31,7 @@ from commonlaw.library.parametric import free_name, parametric_term, terms_of_fa
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.trials import Trials
-from commonlaw.trials.starts import with_starts
+from commonlaw.trials.transformations import with_starts
 from commonlaw.trials.trial import property_names
 
 _NAME = "u"

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference import settings
@@ -33,7 +33,6 @@ from commonlaw.likelihood import HUBER_THRESHOLD, Estimate
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.parallel import in_parallel, threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
-from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trials
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_with
@@ -20,7 +20,6 @@ from commonlaw.law import Law
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.uncertainty import Widening
 from commonlaw.runtime.progress import unannounced
-from commonlaw.spacing import evenly_spaced
 from commonlaw.trials import Trial, Trials
 
 

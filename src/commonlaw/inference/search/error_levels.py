@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor, spread_within
 from commonlaw.inference.fit.annealing import to_scale
@@ -15,7 +15,6 @@ from commonlaw.inference.fit.newton import minimum
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
 from commonlaw.likelihood import AboutEstimates, ErrorKind, ErrorModel, NotPositiveError
-from commonlaw.spacing import evenly_spaced
 
 
 def with_errors_of_kind(fit: Fit, kind: ErrorKind) -> Fit:

@@ -22,7 +22,7 @@ from commonlaw.library import Terms
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ErrorKind, Prior
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
-from commonlaw.trials.logarithms import with_logarithms
+from commonlaw.trials.transformations import with_logarithms
 
 
 def as_followed(trials: Trials, logarithmic: Sequence[str], input_between: str) -> Trials:

@@ -1,7 +1,7 @@
 """Laws that are fitted part by part, each object in one part: what parts come to, and the law of all objects."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.provenance import Domain
 from commonlaw.likelihood import ErrorModel
-from commonlaw.trials import Trials
+from commonlaw.runtime.cluster import done_in_parts
+from commonlaw.runtime.progress import ProgressCallback, unannounced
+from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.trial import ObjectProperties
 
 
@@ -98,6 +100,19 @@ def law_of_all(parts: Sequence[LawOfPart]) -> Law:
         provenance=replace(law.provenance, domain=Domain(visited), outcomes=(), alternatives=()),
         properties={name: own for each in parts for name, own in each.properties.items()},
     )
+
+
+def fitted_by_parts(
+    fits: Sequence[Callable[[Trials], Law]], parts: Sequence[TrialStream], progress: ProgressCallback
+) -> Law:
+    """Return the law of the objects of all parts; each part has a function that fits its trials, and can be pickled."""
+    return law_of_all(done_in_parts(_fitted, list(zip(fits, parts, strict=True)), "fitting objects", progress))
+
+
+def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> LawOfPart:
+    trials = piece[1].read()
+    with unannounced():
+        return LawOfPart.of(piece[0](trials), trials)
 
 
 def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:

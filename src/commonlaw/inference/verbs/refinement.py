@@ -6,7 +6,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.forecast.many_objects import objects_of_parts
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import CovarianceKind, fitted_law, residual_freedom, total_freedom
@@ -24,17 +23,18 @@ from commonlaw.inference.result.history import (
 from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import begin_search, fit_terms
 from commonlaw.inference.search.setup import FitSetup
-from commonlaw.inference.verbs.chunks import LawOfPart, law_of_all, typical
+from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
-from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.parallel import threads
-from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, unannounced
+from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, silent
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials.stream import objects_of_parts
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -199,16 +199,7 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
     names = objects_of_parts(parts, part(progress, 0.0, 0.1))
     laws = [light.select(own) if known.issuperset(own) else typical(law, own) for own in names]
-    pieces = list(zip(laws, parts, strict=True))
-    fitted = done_in_parts(partial(_fitted, how), pieces, "fitting objects", part(progress, 0.1, 1.0))
-    found = law_of_all(fitted)
+    fits = [partial(how.refined, own, alike=False, progress=silent) for own in laws]
+    found = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
     step = Step("coefficients", counted(len(parts), "file"), "each object is fitted to its trials, file by file")
     return replace(found, provenance=replace(found.provenance, history=(*law.history, step)))
-
-
-def _fitted(how: _Fit, piece: tuple[Law, TrialStream]) -> LawOfPart:
-    """Return what a law's coefficients are for the objects of a part."""
-    law, trials = piece[0], piece[1].read()
-    with unannounced():
-        found = how.refined(law, trials, False, lambda _: None)
-    return LawOfPart.of(found, trials)

@@ -19,16 +19,17 @@ from commonlaw.discrepancy.residual_tests import (
 )
 from commonlaw.discrepancy.residuals import noise_of, noise_squares, refuse_discrete_time, untested
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.many_objects import laws_of_parts
 from commonlaw.law import Law
 from commonlaw.runtime.cluster import done_in_parts, on_cluster
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, unannounced
+from commonlaw.stream.forecasts import laws_of_parts
 from commonlaw.text import counted
 from commonlaw.trials import TrialStream
 
 if TYPE_CHECKING:
     import pandas as pd
     from distributed import Client
+
 
 _LISTED, _NOISE = 0.1, 0.2
 """Shares of the time after which objects are listed, and the noise is known. They are only shown."""

@@ -1,5 +1,9 @@
-"""Workbooks, read by a process of its own: a sheet with a value in its last cell would take all memory."""
+"""Files as tables, by what they hold and not by what they are called; workbooks are read by a separate process.
 
+A sheet with a value in its last cell would take all memory.
+"""
+
+import os
 import pickle
 import subprocess
 import sys
@@ -8,10 +12,12 @@ from typing import Any
 
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.runtime.packages import optional_import
-from commonlaw.runtime.reading import check_size
+from commonlaw.runtime.reading import BYTE_ORDER_MARK, check_size, read_file, unpacked
 from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.trials import workbook_process
 from commonlaw.trials.columns import Table, column_of, filled_table
+from commonlaw.trials.export import parquet_table
+from commonlaw.trials.text import text_table
 
 _SECONDS = 30
 """What reading a workbook may take."""
@@ -73,3 +79,32 @@ def _sheets_table(source: str, sheets: dict[str, Rows]) -> Table:
     if many and "object" not in {title.strip().casefold() for title in titles}:
         titles, columns = [*titles, "object"], [*columns, column_of(names)[0]]
     return filled_table(source, titles, columns, loose=loose, locate=locations.__getitem__, number=numbers.__getitem__)
+
+
+def read_table(path: str | os.PathLike[str], sheet: str | None = None) -> Table:
+    """Return the table in a file: text with separators, Parquet, or a workbook, each of which may be compressed."""
+    return table_in(Path(path).name, read_file(path), sheet)
+
+
+def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:
+    """Return the table in the content of a file that has this name in messages."""
+    content = unpacked(name, content)
+    if not content.removeprefix(BYTE_ORDER_MARK).strip():
+        raise CommonlawError("table-empty", name=name)
+    if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        return workbook_table(name, content, sheet)
+    if sheet is not None:
+        raise CommonlawError("sheet-of-text", name=name, sheet=sheet)
+    if content.startswith(b"PAR1"):
+        return parquet_table(name, content)
+    return text_table(name, content)
+
+
+def name_of_table(path: str | os.PathLike[str]) -> str:
+    """Return the name of a file without its suffix, and without that of a compressed one.
+
+    >>> name_of_table("runs/cup.csv.gz"), name_of_table("cup.2.csv")
+    ('cup', 'cup.2')
+    """
+    file = Path(path)
+    return (Path(file.stem) if file.suffix.casefold() in (".gz", ".bz2", ".xz") else file).stem

@@ -1,25 +1,24 @@
-"""Laws of more objects than one fit holds: proposed by groups of objects, judged by all, fitted part by part."""
+"""The law of a stream of many objects: proposed by groups of them, chosen by its evidence over all."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import TypedDict
 
-from commonlaw.array_types import Bools
+from commonlaw.array_types import Bools, evenly_spaced
 from commonlaw.forecast.population import with_pooled_forecasts
 from commonlaw.inference import (
     CovarianceKind,
     ErrorKind,
-    LawOfPart,
     compare_by_parts,
-    law_of_all,
+    fitted_by_parts,
     refine,
     typical,
     written_alike,
 )
 from commonlaw.law import Law, Step
 from commonlaw.runtime.cluster import done_in_parts
-from commonlaw.runtime.progress import ProgressCallback, part, unannounced
-from commonlaw.spacing import evenly_spaced
+from commonlaw.runtime.progress import ProgressCallback, part, silent, unannounced
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
 
@@ -30,8 +29,7 @@ _PROPOSED, _JUDGED = 0.2, 0.4
 """Shares of the time after which laws are proposed, and judged. They are only shown."""
 
 
-@dataclass(frozen=True)
-class Fitting:
+class Fitting(TypedDict):
     """How parts are fitted: keyword arguments of `refine`, the first three of `compare`, too."""
 
     noise: Mapping[str, float] | None
@@ -84,8 +82,7 @@ def law_of_parts(
     if len(proposed) > 1:
         best, step = _judged(parts, proposed, fitting, part(progress, _PROPOSED, _JUDGED))
         steps.append(step)
-    fitted = done_in_parts(partial(_fitted, best, fitting), parts, "fitting objects", part(progress, _JUDGED, 1.0))
-    law = law_of_all(fitted)
+    law = fitted_by_parts([partial(_fitted, best, fitting)] * len(parts), parts, part(progress, _JUDGED, 1.0))
     provenance = replace(
         best.provenance, domain=law.provenance.domain, outcomes=(), alternatives=(), history=(*best.history, *steps)
     )
@@ -106,26 +103,13 @@ def _judged(
 ) -> tuple[Law, Step]:
     """Return the law of largest evidence over all parts, and what is said of that."""
     names = {"; ".join(structure): law for structure, law in proposed.items()}
-    settings = {"noise": fitting.noise, "errors": fitting.errors, "huber_threshold": fitting.huber_threshold}
+    settings = {name: fitting[name] for name in ("noise", "errors", "huber_threshold")}
     frame = compare_by_parts(names, parts, settings, progress)
     (first, second), evidence = frame["law"][:2], frame["2 log B"][1]
     reason = f"2 log B = {evidence:.4g} for it over {second}, summed over {counted(len(parts), 'part')}"
     return names[first], Step("support", first, reason)
 
 
-def _fitted(law: Law, fitting: Fitting, part: TrialStream) -> LawOfPart:
-    """Return what a law's coefficients are for the objects of a part."""
-    trials = part.read()
-    with unannounced():
-        found = refine(
-            typical(law, trials.objects),
-            trials,
-            noise=fitting.noise,
-            errors=fitting.errors,
-            huber_threshold=fitting.huber_threshold,
-            covariance=fitting.covariance,
-            seed=fitting.seed,
-            partial_pooling=False,
-            progress=lambda _: None,
-        )
-    return LawOfPart.of(found, trials)
+def _fitted(law: Law, fitting: Fitting, trials: Trials) -> Law:
+    """Return a law fitted to the objects of a part, each of which begins as the typical one."""
+    return refine(typical(law, trials.objects), trials, **fitting, partial_pooling=False, progress=silent)

@@ -1,0 +1,193 @@
+"""An initial value problem, what every integrator makes of it, and the trajectory."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.integration.event import Event, Occurrences
+from commonlaw.integration.vector_field import VectorField
+from commonlaw.outcomes import Outcome, note
+
+
+@dataclass(frozen=True, eq=False)
+class InitialValueProblem:
+    """One object, from where it starts, at the times where its states are wanted.
+
+    Parameters
+    ----------
+    field
+        Its right-hand side.
+    initial
+        States at the first time, shape (d,).
+    times
+        Increasing, shape (n,).
+    where
+        What is integrated, for outcomes and errors: ``"Golf Ball, trial 1"``.
+
+    Raises
+    ------
+    CommonlawError
+        If the initial states or the times are not finite, or the times do not increase.
+    """
+
+    field: VectorField
+    initial: Floats
+    times: Floats
+    where: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "initial", np.asarray(self.initial, dtype=np.float64))
+        object.__setattr__(self, "times", np.ascontiguousarray(self.times, dtype=np.float64))
+        check_start(self.initial, self.times, self.where)
+
+    @property
+    def start(self) -> float:
+        """The first time."""
+        return float(self.times[0])
+
+    @cached_property
+    def stops(self) -> Floats:
+        """Where an input changes its course, in the span of the times, and the last time."""
+        knots = self.times[:0] if self.field.inputs is None else self.field.inputs.knots
+        return np.append(knots[(knots > self.times[0]) & (knots < self.times[-1])], self.times[-1])
+
+
+@dataclass(frozen=True)
+class OutputOptions:
+    """What is asked of an integration; see `simulate`.
+
+    Raises
+    ------
+    CommonlawError
+        If the tolerance is not between 0 and 1.
+    """
+
+    tolerance: float = 1e-8
+    events: tuple[Event, ...] = ()
+    dense: bool = False
+    sensitivities: bool = False
+    limit: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.tolerance < 1:
+            raise CommonlawError("tolerance-range", tolerance=self.tolerance)
+
+
+def check_start(initial: Floats, times: Floats, where: str) -> None:
+    """Refuse initial states and times that cannot be integrated."""
+    index = f"{where}: " if where else ""
+    if not np.all(np.isfinite(initial)):
+        raise CommonlawError("initial-state-not-finite", index=index, initial=initial)
+    if times.ndim != 1 or not len(times) or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
+        raise CommonlawError("forecast-times-not-increasing", index=index)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """States of one object over time.
+
+    Parameters
+    ----------
+    times
+        Shape (n,).
+    states
+        Followed by the rates of those of second order, shape (n, D); NaN after a divergence or a terminal event.
+    outcome
+        None when the whole span was integrated, or all of it up to a terminal event.
+    ended
+        When the trajectory diverged or a terminal event ended it; None when it went on to the last time.
+    events
+        What happened, one entry for each event that was asked for.
+    sensitivities
+        Derivatives of the states by the parameters of the vector field, in its order, and then by the initial states,
+        shape (n, states, parameters + states), if they were asked for.
+    dense
+        The states at any times within reach, from shape (m,) to shape (m, states), if they were asked for.
+    method
+        Which back end integrated it, and if it was not the first choice why: ``"heyoka"``,
+        ``"scipy (abs has no Taylor series at 0)"``.
+    """
+
+    times: Floats
+    states: Floats
+    outcome: Outcome | None = None
+    ended: float | None = None
+    events: tuple[Occurrences, ...] = ()
+    sensitivities: Floats | None = None
+    dense: Callable[[Floats], Floats] | None = None
+    method: str = "scipy"
+
+    def at(self, times: ArrayLike) -> Floats:
+        """Return the states at any times of the span, shape (m, states); NaN after a divergence or terminal event.
+
+        Raises
+        ------
+        CommonlawError
+            If dense output was not asked for, or a time is outside the span.
+        """
+        wanted = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        if self.dense is None:
+            raise CommonlawError("trajectory-not-dense")
+        if not np.all((wanted >= self.times[0]) & (wanted <= self.times[-1])):
+            raise CommonlawError("trajectory-span", first=self.times[0], last=self.times[-1])
+        within = wanted <= (self.times[-1] if self.ended is None else self.ended)
+        states = np.full((len(wanted), self.states.shape[1]), np.nan)
+        states[within] = self.dense(wanted[within])
+        return states
+
+
+def diverged(time: float, why: str, where: str, how: str = "ran away") -> Outcome:
+    """Return the outcome of a trajectory that ran away, or that no number of steps can follow on."""
+    return note("diverged", where, end=how, time=time, reason=why)
+
+
+Function = Callable[[float, Floats], Floats]
+
+MAX_STEPS = 100_000
+_STEPS_TO_STOP = 100
+FAR = 1e10
+"""A state this many times larger than the initial states and their change over the first sample counts as infinite."""
+
+
+class AbstractIntegrator(ABC):
+    """A back end: it integrates one initial value problem after another."""
+
+    @abstractmethod
+    def integrate(self, problem: InitialValueProblem) -> Trajectory:
+        """Return the trajectory of a problem; a divergence is its outcome, and nothing but an outcome."""
+
+
+def most_steps(stops: Floats) -> int:
+    """Return how many steps a trajectory may take: each stop, where inputs change their course, allows for more."""
+    return MAX_STEPS + _STEPS_TO_STOP * (len(stops) - 1)
+
+
+def state_scale(initial: Floats, rates: Function, times: Floats) -> float:
+    """Return the size of the initial states and of their change over the first sample.
+
+    What rests at zero has the size that it would get in the whole span by the rates at one of ten times in it, as
+    when an input sets it going.
+    """
+    span = times[-1] - times[0]
+    size = np.max(np.abs(initial)) + np.max(np.abs(rates(times[0], initial))) * (times[1] - times[0])
+    if size == 0:
+        size = max(np.max(np.abs(rates(t, initial))) for t in np.linspace(times[0], times[-1], 10)) * span
+    return float(size) if 0 < size < np.inf else 1.0
+
+
+def largest_state(problem: InitialValueProblem, options: OutputOptions) -> float:
+    """Return what a state may reach before it counts as infinite."""
+    if options.limit is not None:
+        return options.limit
+    return FAR * state_scale(problem.initial, problem.field, problem.times)
+
+
+def not_integrated(time: float, why: str, where: str) -> Outcome:
+    """Return the outcome of a trajectory that did not run away, and that the integrator could not follow on."""
+    return note("not-integrated", where, time=time, reason=why)

@@ -1,0 +1,507 @@
+"""Trials in other variables: units, logarithms, rates, properties and doses as inputs, latent states, without rest."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError, check_choice, unknown
+from commonlaw.outcomes import Outcome, note
+from commonlaw.text import shown
+from commonlaw.trials.headers import find_name, parse_unit, registry
+from commonlaw.trials.recognition import note_on_pulses
+from commonlaw.trials.trial import Property, Schema, Start, Trial, property_names
+from commonlaw.trials.trials import Trials
+
+
+class Conversion(NamedTuple):
+    """From one unit to another: ``scale * value + offset``."""
+
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @classmethod
+    def between(cls, name: str, given: str | None, wanted: str | None) -> "Conversion":
+        """Return the conversion of a variable; none if a unit is not known.
+
+        Raises
+        ------
+        CommonlawError
+            If one unit is not a multiple of the other, but for where its zero is.
+
+        Examples
+        --------
+        >>> Conversion.between("x", "mm", "m").scale, Conversion.between("T", "degC", "K").offset
+        (0.001, 273.15)
+        """
+        import pint
+
+        if given is None or wanted is None or given == wanted:
+            return cls()
+        one, other = parse_unit(given), parse_unit(wanted)
+        try:
+            zero, first, second = (float(registry().Quantity(i, one).to(other).magnitude) for i in (0.0, 1.0, 2.0))
+        except (pint.PintError, ArithmeticError, ValueError):
+            zero = first = second = np.nan
+        bend, largest = abs(second - 2 * first + zero), max(abs(zero), abs(first), abs(second))
+        if not (np.isfinite(largest) and first != zero and bend <= 1e-9 * largest):
+            raise CommonlawError("units-incompatible", name=name, unit=given, law_unit=wanted)
+        return cls(first - zero, zero)
+
+    def __bool__(self) -> bool:
+        """Whether it changes anything."""
+        return self != (1.0, 0.0)
+
+    def of(self, values: Floats) -> Floats:
+        """Return values in the other unit."""
+        return self.scale * values + self.offset
+
+
+class _Conversions(NamedTuple):
+    time: Conversion
+    states: tuple[Conversion, ...]
+    inputs: tuple[Conversion, ...]
+    logarithmic: tuple[bool, ...]
+
+
+def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
+    """Return trials in the units that are given by name of time, states, inputs or properties; a note says so.
+
+    What has no unit in the trials or among the given ones stays as it is.
+
+    Raises
+    ------
+    CommonlawError
+        If a unit cannot be converted into the other.
+    """
+    schema = trials.schema
+    given = {name: unit for name, unit in schema.units.items() if name in units}
+    found = {name: Conversion.between(name, unit, units[name]) for name, unit in given.items()}
+    changed = {name: each for name, each in found.items() if each}
+    if not changed:
+        return trials
+    shifted = [name for name in schema.logarithmic if name in changed and changed[name].offset]
+    if shifted:
+        raise CommonlawError("unit-of-logarithm", name=shifted[0], unit=units[shifted[0]])
+    how = _Conversions(
+        changed.get(schema.time, Conversion()),
+        tuple(changed.get(name, Conversion()) for name in schema.states),
+        tuple(changed.get(name, Conversion()) for name in schema.inputs),
+        tuple(name in schema.logarithmic for name in schema.states),
+    )
+    said = ", ".join(f"{name} from {given[name]} to {units[name]}" for name in changed)
+    return replace(
+        trials,
+        trials=tuple(_converted(each, how) for each in trials),
+        schema=replace(schema, units={**schema.units, **{name: units[name] for name in changed}}),
+        properties={
+            owner: {name: _property(value, changed.get(name)) for name, value in own.items()}
+            for owner, own in trials.properties.items()
+        },
+        notes=(*trials.notes, f"converted into the units of the law: {said}"),
+    )
+
+
+def _converted(trial: Trial, how: _Conversions) -> Trial:
+    states, noise, inputs = trial.states.copy(), trial.noise.copy(), trial.inputs.copy()
+    for j, (each, is_logarithm) in enumerate(zip(how.states, how.logarithmic, strict=True)):
+        states[:, j] = states[:, j] + np.log(each.scale) if is_logarithm else each.of(states[:, j])
+        noise[:, j] *= 1.0 if is_logarithm else abs(each.scale)
+    for j, each in enumerate(how.inputs):
+        inputs[:, j] = each.of(inputs[:, j])
+    factors = [1.0 if log else each.scale for each, log in zip(how.states, how.logarithmic, strict=True)]
+    repeats = None if trial.repeats is None else trial.repeats.scaled(np.array(factors))
+    earlier, by_column = trial.earlier.copy(), (how.time, *how.inputs)
+    for j, each in enumerate(by_column[: earlier.shape[1]]):
+        earlier[:, j] = each.of(earlier[:, j])
+    found = replace(trial, times=how.time.of(trial.times), states=states, noise=noise, inputs=inputs)
+    return replace(found, repeats=repeats, earlier=earlier)
+
+
+def _property(value: Property, how: Conversion | None) -> Property:
+    return value if how is None or isinstance(value, str) else float(how.scale * value + how.offset)
+
+
+def with_logarithms(trials: Trials, states: Sequence[str]) -> Trials:
+    """Return trials whose measurements of some states are replaced by their logarithms, unless they are already.
+
+    Standard deviations of these become shares of what was measured.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such state, or a measurement is not above zero; the message names trial and sample.
+    """
+    schema = trials.schema
+    names = dict.fromkeys((*schema.logarithmic, *(find_name(name, schema.states, "state") for name in states)))
+    new = [schema.states.index(name) for name in names if name not in schema.logarithmic]
+    if not new:
+        return trials
+    changed = tuple(_with_logarithms(trial, new, schema.states) for trial in trials)
+    return replace(trials, trials=changed, schema=replace(schema, logarithmic=tuple(names)))
+
+
+def as_measured(followed: Trials, measured: Trials) -> Trials:
+    """Return measured trials at the samples of trials that were made of them by logarithms, and with their notes."""
+    own = {(each.object, each.name): each for each in measured}
+    rows = [_at_times(own[each.object, each.name], each) for each in followed]
+    return replace(measured.with_trials(rows), notes=followed.notes)
+
+
+def _at_times(measured: Trial, wanted: Trial) -> Trial:
+    """Return the measured samples at the times of others, and NaN where there is none."""
+    states, noise = (np.full(wanted.states.shape, np.nan) for _ in range(2))
+    there = np.isin(wanted.times, measured.times)
+    rows = np.searchsorted(measured.times, wanted.times[there])
+    states[there], noise[there] = measured.states[rows], measured.noise[rows]
+    repeats = measured.repeats and measured.repeats.taken(rows).placed(np.flatnonzero(there), len(wanted))
+    return replace(wanted, states=states, noise=noise, repeats=repeats)
+
+
+def natural(states: Floats, schema: Schema) -> Floats:
+    """Return states, shape (n, states), that stand by their logarithms in a schema as they are themselves."""
+    if not schema.logarithmic:
+        return states
+    found, columns = states.copy(), [schema.states.index(name) for name in schema.logarithmic]
+    with np.errstate(over="ignore"):
+        found[:, columns] = np.exp(found[:, columns])
+    return found
+
+
+def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str]) -> Trial:
+    states, noise, factors = trial.states.copy(), trial.noise.copy(), np.ones(trial.states.shape)
+    for j in columns:
+        low = np.flatnonzero(states[:, j] <= 0)
+        if len(low):
+            i = int(low[0])
+            raise CommonlawError(
+                "log-state-not-positive",
+                where=trial.label,
+                state=names[j],
+                value=states[i, j],
+                sample=i + 1,
+                time=trial.times[i],
+                count=len(low),
+            )
+        noise[:, j] /= states[:, j]
+        factors[:, j] = 1 / states[:, j]
+        states[:, j] = np.log(states[:, j])
+    return replace(trial, states=states, noise=noise, repeats=trial.repeats and trial.repeats.scaled(factors))
+
+
+def without_rates(trials: Trials, rates: Mapping[str, str]) -> Trials:
+    """Return trials without the columns that are rates of states; their schema and a note say which these are.
+
+    Parameters
+    ----------
+    trials
+        What was measured.
+    rates
+        The column of its rate by state, see `Schema`. Columns that the trials do not have as states are passed over.
+
+    Raises
+    ------
+    CommonlawError
+        If nothing else was measured in a trial.
+    """
+    schema, left_out = trials.schema, [*rates.values()]
+    kept = [j for j, name in enumerate(schema.states) if name not in left_out]
+    if len(kept) == len(schema.states):
+        return trials
+    gone = {name for name in schema.states if name in left_out}
+    states = tuple(schema.states[j] for j in kept)
+    return replace(
+        trials,
+        trials=tuple(_with_columns(trial, kept, states) for trial in trials),
+        schema=replace(
+            schema,
+            states=states,
+            units={name: unit for name, unit in schema.units.items() if name not in gone},
+            noise_columns={name: column for name, column in schema.noise_columns.items() if name not in gone},
+            rates=rates,
+        ),
+        notes=(*trials.notes, f"left out: {rates_in_words(rates)}"),
+    )
+
+
+def rates_in_words(rates: Mapping[str, str]) -> str:
+    """Return which column is the rate of which state.
+
+    >>> rates_in_words({"theta": "omega"})
+    'omega is the rate of theta'
+    """
+    return ", ".join(f"{rate} is the rate of {state}" for state, rate in rates.items())
+
+
+def _with_columns(trial: Trial, kept: list[int], names: tuple[str, ...]) -> Trial:
+    """Return a trial with some of its states, without samples in which only others were measured."""
+    states, measured = trial.states[:, kept], np.isfinite(trial.states).any(axis=1)
+    rows = np.asarray(np.isfinite(states).any(axis=1) | ~measured)
+    if not np.isfinite(states).any():
+        raise CommonlawError("state-not-in-trial", where=trial.label, names=names)
+    found = trial.rows(rows)
+    repeats = found.repeats and found.repeats.taken((slice(None), kept))
+    return replace(found, states=found.states[:, kept], noise=found.noise[:, kept], repeats=repeats)
+
+
+def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:
+    """Return trials with these properties of their objects as further inputs, the same throughout a trial.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such property, or it is no number for some object.
+    """
+    if not names:
+        return trials
+    changed = []
+    for trial in trials:
+        values = [number_of(name, trial.object, trials) for name in names]
+        inputs = np.column_stack([trial.inputs, np.tile(values, (len(trial), 1))])
+        changed.append(replace(trial, inputs=inputs))
+    schema = replace(trials.schema, inputs=(*trials.schema.inputs, *names))
+    left = {
+        name: {key: value for key, value in own.items() if key not in names} for name, own in trials.properties.items()
+    }
+    return replace(trials, trials=tuple(changed), schema=schema, properties=left)
+
+
+def number_of(name: str, owner: str, trials: Trials) -> float:
+    """Return the value of a property of an object; refused if it has none, or one that is no number."""
+    value = trials.properties.get(owner, {}).get(name)
+    if value is None:
+        known = property_names(trials.properties)
+        if name not in known:
+            raise unknown("property", name, known)
+        raise CommonlawError("property-missing", object=owner, property=name)
+    if not isinstance(value, float):
+        raise CommonlawError("property-number", property=name, object=owner, value=value)
+    return value
+
+
+def with_starts(trials: Trials, starts: Mapping[str, Start], at: float | None = None) -> Trials:
+    """Return trials with further states, of which each trial has one value: where it starts, in its first sample.
+
+    Parameters
+    ----------
+    trials
+        What was measured.
+    starts
+        By state: a number, the name of a property of the objects, or a number for each object by its name; None for
+        states that start where nobody knows, which have no value. States that the trials have are passed over; the
+        others have the unit of the property, unless they have one.
+    at
+        The time of the starts, if that is not the first sample: trials that begin later get a sample there, at which
+        nothing else was measured, and inputs are as in their first one.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such property, a start is no finite number for some object, or a trial begins before the time.
+    """
+    new = {name: start for name, start in starts.items() if name not in trials.schema.states}
+    if not new:
+        return trials
+    values = {
+        owner: np.array([_of_object(name, start, owner, trials) for name, start in new.items()])
+        for owner in trials.objects
+    }
+    schema = trials.schema
+    units = {name: schema.units[str(start)] for name, start in new.items() if str(start) in schema.units}
+    schema = replace(
+        schema,
+        states=(*schema.states, *new),
+        starts={**schema.starts, **new},
+        starts_at=at,
+        units={**units, **schema.units},
+    )
+    changed = tuple(_with_first(trial, values[trial.object], at) for trial in trials)
+    return replace(trials, trials=changed, schema=schema)
+
+
+def _of_object(state: str, start: Start, owner: str, trials: Trials) -> float:
+    if start is None:
+        return np.nan
+    if isinstance(start, str):
+        return number_of(start, owner, trials)
+    value = start.get(owner, np.nan) if isinstance(start, Mapping) else start
+    if not np.isfinite(value):
+        raise CommonlawError("initial-value-not-finite", state=state, value=value, object=owner)
+    return float(value)
+
+
+def _with_first(trial: Trial, values: Floats, at: float | None) -> Trial:
+    """Return a trial with further states, which have these values in its first sample, and none in others."""
+    columns = [trial.times[:, np.newaxis], trial.states, trial.inputs, trial.noise]
+    if at is not None and trial.times[0] < at:
+        raise CommonlawError("initial-time-late", trial=trial.label, time=trial.times[0], initial_time=at)
+    if at is not None and trial.times[0] > at:
+        unknown = np.full((1, trial.states.shape[1]), np.nan)
+        before = np.array([[at]]), unknown, trial.inputs[:1], unknown
+        columns = [np.concatenate(pair) for pair in zip(before, columns, strict=True)]
+    times, states, inputs, noise = columns
+    unknown = np.full((len(times), len(values)), np.nan)
+    starts = unknown.copy()
+    starts[0] = values
+    repeats = trial.repeats and trial.repeats.placed(np.arange(len(times) - len(trial), len(times)), len(times))
+    return replace(
+        trial,
+        repeats=repeats and repeats.wider(len(values)),
+        times=times[:, 0],
+        states=np.column_stack([states, starts]),
+        inputs=inputs,
+        noise=np.column_stack([noise, unknown]),
+    )
+
+
+MOMENT = 1e-4
+"""How long a dose takes, relative to the shortest step of a trial: less than it would show."""
+
+
+def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
+    """Return trials in which some inputs, amounts at samples, are what is added in the moment after these.
+
+    There an input rises and falls on straight lines over two further samples, at which nothing was measured. The
+    integral is the amount. A trial whose first dose is before its first measurement begins there, with a state of zero
+    as if it had been measured.
+
+    Parameters
+    ----------
+    trials
+        What was measured; inputs that were turned before stay.
+    doses
+        Names of inputs, which are zero where nothing is added.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such input, or other inputs beside them; if an object has no dose; or if several states were
+        measured, and none of them at a first dose.
+    """
+    new = [name for name in doses if name not in trials.schema.doses]
+    if not new:
+        return trials
+    for name in new:
+        check_choice("input", name, trials.schema.inputs)
+    others = [name for name in trials.schema.inputs if name not in doses]
+    if others:
+        raise CommonlawError("doses-with-inputs", inputs=others)
+    begun = [_from_first_dose(trial, trials.schema.measured) for trial in trials]
+    for owner in trials.objects:
+        if not any(trial.inputs[:-1].any() for trial in begun if trial.object == owner):
+            raise CommonlawError("doses-after-end", object=owner, doses=doses)
+    schema = replace(trials.schema, doses=tuple(doses), input_between="linear")
+    return replace(without_notes_on(doses, trials), trials=tuple(map(_with_moments, begun)), schema=schema)
+
+
+def without_notes_on(doses: Sequence[str], trials: Trials) -> Trials:
+    """Return the trials without the notes that inputs may be doses, of those that are given as such."""
+    answered = {*map(note_on_pulses, doses)}
+    return replace(trials, notes=tuple(note for note in trials.notes if note not in answered))
+
+
+def _from_first_dose(trial: Trial, measured: Sequence[str]) -> Trial:
+    """Return a trial that begins at its first dose, if that is before its first sample."""
+    if not len(trial.earlier):
+        return trial
+    times, amounts = trial.earlier[:, 0], trial.earlier[:, 1:]
+    if len(measured) > 1:
+        raise CommonlawError("doses-before-start", where=trial.label, time=times[0], states=measured)
+    before = np.full((len(times), trial.states.shape[1]), np.nan)
+    before[0, 0] = 0.0
+    noise = np.full(before.shape, np.nan)
+    noise[0] = trial.noise[0]
+    count = len(times) + len(trial)
+    return replace(
+        trial,
+        times=np.concatenate([times, trial.times]),
+        states=np.concatenate([before, trial.states]),
+        inputs=np.concatenate([amounts, trial.inputs]),
+        noise=np.concatenate([noise, trial.noise]),
+        repeats=trial.repeats and trial.repeats.placed(np.arange(len(times), count), count),
+        earlier=np.empty((0, 0)),
+    )
+
+
+def _with_moments(trial: Trial) -> Trial:
+    """Return a trial whose inputs are amounts with samples in which they are added, but for those of its end."""
+    given = np.flatnonzero(trial.inputs[:-1].any(axis=1))
+    moment = MOMENT * float(np.diff(trial.times).min(initial=np.inf))
+    times = np.concatenate([trial.times, trial.times[given] + moment, trial.times[given] + 2 * moment])
+    order, none = np.argsort(times, kind="stable"), np.zeros_like(trial.inputs[given])
+    inputs = np.concatenate([np.zeros_like(trial.inputs), trial.inputs[given] / moment, none])
+    rows = np.flatnonzero(order < len(trial))
+    return replace(
+        trial,
+        repeats=trial.repeats and trial.repeats.placed(rows, len(times)),
+        times=times[order],
+        states=_longer(trial.states, len(times))[order],
+        inputs=inputs[order],
+        noise=_longer(trial.noise, len(times))[order],
+    )
+
+
+def _longer(values: Floats, count: int) -> Floats:
+    """Return values, shape (n, columns), with rows of NaN behind them, so many in all."""
+    return np.pad(values, ((0, count - len(values)), (0, 0)), constant_values=np.nan)
+
+
+_DIFFERENCES = 10
+"""Differences of neighbouring samples by which a state at rest is known."""
+
+_SHARE = 0.01
+"""Share of the mean variance of all objects below which that of one does not count in a law common to all."""
+
+
+def objects_at_rest(trials: Trials) -> tuple[str, ...]:
+    """Return the objects whose states stay constant within their noise while those of others change, with no input.
+
+    Differences d of neighbouring samples and deviations e from the mean of a trial are those of white noise alone (von
+    Neumann 1941): sum d^2 / sum e^2 = 2 with a standard deviation of 2 / sqrt(n), of n differences. The variance is
+    less than a hundredth of the mean of all objects. Objects with few samples, or with inputs that change, count as
+    moving.
+    """
+    names = trials.objects
+    found = [_squares(trials.of_object(name)) for name in names]
+    count, differences, deviations = (np.array([each[k] for each in found]) for k in range(3))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        is_noise = differences >= (2 - 4 / np.sqrt(count)) * deviations
+        variance = deviations / count
+    counted = np.where(count >= _DIFFERENCES, variance, np.nan)
+    if np.isnan(counted).all(axis=0).any():
+        return ()
+    is_small = variance < _SHARE * np.nanmean(counted, axis=0)
+    at_rest = ((count >= _DIFFERENCES) & is_noise & is_small).all(axis=1)
+    return tuple(
+        name for name, rests in zip(names, at_rest, strict=True) if rests and not _is_driven(trials.of_object(name))
+    )
+
+
+def without_objects(trials: Trials, names: tuple[str, ...]) -> Trials:
+    """Return the trials of other objects than those of these names."""
+    return trials.with_trials([each for each in trials if each.object not in names]) if names else trials
+
+
+def outcome_of_rest(names: tuple[str, ...]) -> tuple[Outcome, ...]:
+    """Return that objects at rest were left out, by name; nothing if there are none."""
+    if not names:
+        return ()
+    return (note("objects-at-rest", objects=shown(names, "object")),)
+
+
+def _squares(trials: tuple[Trial, ...]) -> Floats:
+    """Return the number of differences, their sum of squares, and that of deviations from means: shape (3, states)."""
+    total = np.zeros((3, trials[0].states.shape[1]))
+    for trial in trials:
+        for j, column in enumerate(trial.states.T):
+            seen = column[np.isfinite(column)]
+            if len(seen) > 1:
+                total[:, j] += len(seen) - 1, np.sum(np.diff(seen) ** 2), np.sum((seen - seen.mean()) ** 2)
+    return total
+
+
+def _is_driven(trials: tuple[Trial, ...]) -> bool:
+    inputs = np.concatenate([each.inputs for each in trials])
+    return bool(inputs.size) and bool((inputs != inputs[0]).any())
