@@ -20,7 +20,6 @@ from commonlaw.differentiation import (
     TotalVariationDerivative,
     WienerFilter,
     default_differentiation,
-    spline,
 )
 
 
@@ -206,22 +205,6 @@ def test_smoothing_spline_chooses_the_strength_of_least_cross_validation_score()
     smoothed, *_ = _rates(SmoothingSpline(), times, x)
     best = min(np.geomspace(1e-4, 1e2, 61), key=score)
     np.testing.assert_allclose(smoothed, make_smoothing_spline(times, x, lam=best)(times), atol=2e-3)
-
-
-def test_the_strength_of_a_state_is_sought_once(monkeypatch):
-    times, state, *_ = _drop(noise=0.1)
-    sought = []
-
-    def seek(_, values):
-        sought.append(values)
-        return 1.0
-
-    monkeypatch.setattr(spline, "_strengths", {})
-    monkeypatch.setattr(spline, "_least_score", seek)
-    for each in (state, state.copy(), state + 1, state):
-        _rates(SmoothingSpline(), times, each)
-    _rates(SmoothingSpline(), times**1.1, state)
-    assert [float(each[0] - state[0]) for each in sought] == [0, 1, 0]
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.report import law_report
-from commonlaw.report.document import Text
 from commonlaw.verdict import find, findings
 from tests.refusals import refused
 
@@ -35,17 +33,6 @@ def test_later_samples_are_forecast_with_those_before(law, drops):
     assert (found.is_held_out, found.has_later_samples) == (False, True)
     assert found.forecast.std is None
     assert find(law, first).has_later_samples is False
-
-
-def test_a_report_of_findings_judges_nothing_again(law, drops, monkeypatch):
-    found = find(law, drops, drops.select(trial="1"))
-    monkeypatch.setattr("commonlaw.verdict.findings.judge", None)
-    monkeypatch.setattr("commonlaw.verdict.judge", None)
-    report = law_report(found, rivals=())
-    top = "\n".join([report.summary, *(each.text for each in report.blocks if isinstance(each, Text))]).replace(
-        "\\", ""
-    )
-    assert all(each in top for each in found.sentences)
 
 
 @pytest.mark.parametrize(

@@ -206,18 +206,6 @@ def test_of_several_objects_many_coefficients_have_a_figure_each():
     assert [each.get_text() for each in axes.get_yticklabels()] == names
 
 
-def test_a_law_that_was_given_is_not_said_to_be_learned(drops):
-    law = cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}})
-    report = law_report(find(law, drops))
-    assert report.summary.startswith("**This law can be used for forecasts")
-    assert "Forecasts of 4 trials that it is compared with" in blocks_of(report, "forecasts")[0].text
-    assert "The law was given, and compared with trials" in blocks_of(report, "ranges")[0].text
-    learned = [
-        part for part in ("fit", "forecasts", "residuals", "ranges") if "learned" in str(blocks_of(report, part))
-    ]
-    assert not learned
-
-
 @pytest.mark.slow
 def test_known_coefficients_are_said_to_be_so_and_have_no_interval(drops):
     law = cl.refine(cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}), drops)

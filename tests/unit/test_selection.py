@@ -275,22 +275,6 @@ def test_candidates_of_equal_support_are_listed_once_and_a_proof_is_kept():
     assert len(choice.table) == 1
 
 
-def test_the_table_says_what_was_compared_and_the_reason_why():
-    parts = compressed(rows())
-    solver = STLSQ()
-    found = stability(parts, lambda problems: solver.path(problems, 0, EVERYTHING), 10)
-    choice = choose(path(parts), parts, 0, EVERYTHING, stability=found)
-    sizes = [each.terms for each in choice.table]
-    assert sizes == sorted(sizes)
-    assert choice.chosen.support.all(axis=0).tolist() == [True, False, True, False]
-    measures = choice.table[choice.index].measures()
-    assert measures["stability"] == 1.0
-    assert list(measures) == ["AIC", "AICc", "BIC", "EBIC", "held-out error", "standard error", "stability"]
-    assert "no smaller candidate is within one standard error" in choice.reason or "larger by more" in choice.reason
-    smallest = choose(path(parts), parts, 0, EVERYTHING, rule="bic")
-    assert smallest.reason.startswith("its BIC, ")
-
-
 def test_a_rule_that_is_not_known_and_no_candidates_are_refused():
     parts = compressed(rows())
     with refused("unknown-name"):

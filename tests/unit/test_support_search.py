@@ -211,18 +211,6 @@ def test_evidence_is_the_same_compiled(monkeypatch, objects, terms, scatter, mea
             assert found[: len(found) // 2] == pytest.approx(found[len(found) // 2 :], rel=1e-9)
 
 
-def test_alike_coefficients_cost_less_than_scattered_ones():
-    prices = []
-    for scatter in (0.0, 0.3, 3.0):
-        own = 2.0 + scatter * np.random.default_rng(0).standard_normal((10, 1))
-        data = rows(own, samples=400)
-        rest, *_ = marginal(data, [0])
-        prices.append(minus_twice_log_evidence(factors(data), np.array([0]), Measured(4000)) - rest)
-    # One mean and one variance, and what ten estimates of one number scatter
-    assert prices[0] < np.log(4000) + np.log(10) + 20
-    assert prices[0] + 20 < prices[1] < prices[2] - 20
-
-
 def test_units_of_terms_do_not_matter():
     data = rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3)))
     other = [(library * [1e-4, 1.0, 1e5], target) for library, target in data]

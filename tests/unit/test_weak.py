@@ -7,9 +7,6 @@ from scipy.integrate import quad, solve_ivp
 
 from commonlaw import (
     FiniteDifference,
-    SavitzkyGolay,
-    SmoothedDifference,
-    SmoothingSpline,
     WeakRegression,
     datasets,
     discover,
@@ -17,7 +14,6 @@ from commonlaw import (
 from commonlaw.formulation import (
     CompressedTrials,
     LeastSquaresProblem,
-    StrongForm,
     WeakForm,
     law_variables,
     merge,
@@ -180,80 +176,6 @@ def test_whitening_is_generalised_least_squares_with_the_dense_covariance():
     expected = np.linalg.solve(normal, tested.library.T @ inverse @ tested.targets[:, 1])
     found = merge(form.problems(trials[0], terms)).least_squares(np.ones(3, dtype=bool), 1)
     np.testing.assert_allclose(found, expected, rtol=1e-6)
-
-
-def errors(problem, library, truth, times, noise, fit, states):
-    """Return the median norm of the error of coefficients over 24 draws of the noise."""
-    found = []
-    for seed in range(24):
-        trials = trials_of(problem, times, noise, seed, states)
-        found.append(np.linalg.norm(fit(trials, library) - truth))
-    return np.median(found)
-
-
-def by_weights(order):
-    def fit(trials, library):
-        form = WeakForm(order)
-        terms = bound(library, form, trials)
-        return reweight(trials, terms, form)[1]["it"]
-
-    return fit
-
-
-def by_rows(form):
-    def fit(trials, library):
-        rows, targets = form.rows(trials[0], bound(library, form, trials))
-        return np.linalg.lstsq(rows, targets, rcond=None)[0].T
-
-    return fit
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("noise", "order", "problem", "library", "truth", "samples", "length", "gain", "gain_on_strong"), [
-        (0.01, 1, "lorenz", LORENZ_TERMS, LORENZ, 500, 5.0, 1.02, 1.15),
-        (0.02, 2, "van der pol", "terms:x,v,x**2*v,x**3,1", [[-1, 1, -1, 0, 0]], 300, 12.0, 1.5, 4.0),
-    ]
-)  # fmt: skip
-def test_generalised_least_squares_beats_plain_and_the_strong_form(
-    noise, order, problem, library, truth, samples, length, gain, gain_on_strong
-):
-    times, states = regular(samples, length), len(truth)
-    best, plain, spline, windows = (
-        errors(problem, library, truth, times, noise, fit, states)
-        for fit in (
-            by_weights(order),
-            by_rows(WeakForm(order)),
-            by_rows(StrongForm(SmoothingSpline(), order)),
-            by_rows(StrongForm(SmoothedDifference(SavitzkyGolay(15)), order)),
-        )
-    )
-    assert plain > gain * best
-    assert min(spline, windows) > gain_on_strong * best
-
-
-def test_weights_make_the_radius_matter_little():
-    times, library = regular(300, 12.0), "poly:3"
-    truth = np.zeros((1, 10))
-
-    def fitted(radius, weighted):
-        found = []
-        for seed in range(20):
-            trials = trials_of("van der pol", times, 0.02, seed, 1)
-            form = WeakForm(2, radii=(radius,))
-            terms = bound(library, form, trials)
-            truth[0, [terms.index("x"), terms.index("v"), terms.index("x^2 v")]] = -1, 1, -1
-            if weighted:
-                found.append(reweight(trials, terms, form)[1]["it"] - truth)
-            else:
-                rows, targets = form.rows(trials[0], terms)
-                found.append(np.linalg.lstsq(rows, targets, rcond=None)[0].T - truth)
-        return np.median(np.linalg.norm(found, axis=(1, 2)))
-
-    weighted = [fitted(radius, True) for radius in (12, 30)]
-    plain = [fitted(radius, False) for radius in (12, 30)]
-    assert max(weighted) < 1.4 * min(weighted)
-    assert min(plain) > max(weighted)
 
 
 def test_systems_are_the_parts_of_the_rows_and_merge():
