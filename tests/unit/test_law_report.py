@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.forecast import fitted
 from commonlaw.law import Provenance
-from commonlaw.report import curves, law_report, to_page
-from commonlaw.report.curves import Curves, forecasts
-from commonlaw.report.document import Fold, Gallery, Table, Text
+from commonlaw.report import law_report, to_page
+from commonlaw.report.curves import forecasts
+from commonlaw.report.document import Fold, Gallery, Table
 from commonlaw.report.law_sections import LawCase, coefficients
 from commonlaw.report.markup import formula, law_latex
-from commonlaw.text import r_squared
 from commonlaw.verdict import find
 
 SECTIONS = [
@@ -86,20 +84,6 @@ def test_tables_hold_the_numbers_of_the_law(report, law, drops):
     assert forecast["RMS error"].item() == pytest.approx(np.sqrt(np.mean(frame["x error"] ** 2)))
 
 
-def test_numbers_in_words_have_their_units_and_digits(report, law, drops):
-    learned, held_out = drops.select(trial=1), drops.select(trial=2)
-    made = {"fit": fitted(law, learned), "forecasts": law.predict(held_out, start=10)}
-    for (section, shown), what in zip(made.items(), ("RMS residual", "RMS error"), strict=True):
-        (gallery,) = [each for each in blocks_of(report, section) if isinstance(each, Gallery)]
-        frame = shown.to_frame()
-        for picture, name in zip(gallery.pictures, law.objects, strict=True):
-            rms = np.sqrt(np.mean(frame.loc[frame[drops.schema.object] == name, "x error"] ** 2))
-            assert picture.caption == f"**{name}**: {what} {rms:.2g} m"
-        assert f"${r_squared(shown.score())}$" in blocks_of(report, section)[0].text
-    said = [each.text.replace("\\", "") for each in blocks_of(report, "residuals") if isinstance(each, Text)]
-    assert f"Errors of measurement, by the law: noise of x: {law.noise[0]:.3g} m." in said
-
-
 def test_the_residuals_of_the_first_state_are_shown_and_others_folded():
     trials = cl.datasets.lotka_volterra(growth=(1.0,), trials=1, samples=60, noise=0.1)
     law = cl.fit("x' = a x - b x y; y' = -c y + d x y", trials)
@@ -112,10 +96,7 @@ def test_the_residuals_of_the_first_state_are_shown_and_others_folded():
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("y", "residual / noise")
 
 
-def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folded(law, drops, monkeypatch):
-    def late(times):
-        return np.maximum(times[:, None] - 1.5, 0) ** 2
-
+def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folded(law, drops):
     first = [each for each in drops if each.name == "1"]
     off = np.linspace(0, 3, 15)
     copies = [
@@ -144,7 +125,7 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
     )
     trials = replace(drops, trials=tuple(copies), properties={})
     case = LawCase(find(many, trials), str)
-    blocks, relative = forecasts(case).blocks, Curves(case.forecast, "forecast").relative
+    blocks = forecasts(case).blocks
     gallery, rest = (next(each for each in blocks if isinstance(each, kind)) for kind in (Gallery, Fold))
     kinds = [re.search(r"\((\w+)\)", each.caption)[1] for each in gallery.pictures]
     assert kinds == ["best"] * 3 + ["typical"] * 3 + ["worst"] * 3
@@ -152,16 +133,6 @@ def test_of_many_objects_the_best_typical_and_worst_are_shown_and_the_rest_folde
     assert missed == sorted(missed)
     assert len(rest.blocks[0].pictures) == 30 - 9
     assert all(each.caption.endswith(" m") for each in gallery.pictures)
-    monkeypatch.setattr(curves, "_DRAWN", 20)
-    monkeypatch.setattr(curves, "_IN_OVERVIEW", 12)
-    folded = next(each for each in forecasts(case).blocks if isinstance(each, Fold)).blocks[0].pictures
-    (panel,) = folded[1].draw().axes
-    names = [text.get_text() for text in panel.texts]
-    assert len(folded) == 2
-    assert len(names) == 21 - 12
-    assert all(relative[names[i]] <= relative[names[i + 1]] for i in range(8))
-    assert names[0] in folded[1].caption
-    assert len(panel.lines) == 2 * 9
 
 
 def test_a_hopeless_law_is_called_so_and_what_ran_away_is_said(drops):

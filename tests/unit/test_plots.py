@@ -13,7 +13,6 @@ from matplotlib.patches import Rectangle
 
 from commonlaw import datasets
 from commonlaw.differentiation import parse_differentiation
-from commonlaw.forecast import fitted
 from commonlaw.formulation import StrongForm, law_variables
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.uncertainty import Widening
@@ -344,12 +343,6 @@ def test_a_law_is_drawn_with_its_fit_and_the_residuals_in_the_unit_of_the_state(
     forecast = plot_law(law, law.predict(trials))
     assert legend_of(forecast)[-1] == "forecast from the first sample"
     assert xy(forecast.axes[-2], 1)[1][0] == states[0]
-
-
-def test_a_fit_that_is_there_already_is_not_made_again() -> None:
-    trials = drops(2)
-    law = law_of(trials)
-    assert render(plot_law(law, fitted(law, trials)), "png") == render(plot_law(law, trials), "png")
 
 
 @cache
