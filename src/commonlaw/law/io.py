@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from fractions import Fraction
 from itertools import product
 from math import prod
-from typing import Any, Literal, NamedTuple, Protocol, cast
+from typing import Any, Literal, cast
 
 import msgspec
 import numpy as np
@@ -32,15 +32,15 @@ from commonlaw.law.document import (
     compared_with_the_best,
 )
 from commonlaw.law.explanation import Explanation
+from commonlaw.law.law import Law
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Provenance
-from commonlaw.law.uncertainty import ObjectEstimates, Uncertainty, Widening
-from commonlaw.library import Order, Terms, Variables, parse_terms
+from commonlaw.law.uncertainty import ObjectEstimates, PlausibleLaw, Uncertainty, Widening
+from commonlaw.library import Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.reading import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
-from commonlaw.trials import Schema
 from commonlaw.trials.export import parquet_bytes, parquet_columns
-from commonlaw.trials.trial import ObjectProperties, nearest
+from commonlaw.trials.trial import nearest
 
 VERSION = 4
 
@@ -50,48 +50,13 @@ is infinite. No law of measurements comes near it."""
 _FRACTION = re.compile(r"-?\d+(/\d+)?", re.ASCII)
 """As fractions are written; what else Python reads as one, 1e999999999, may take all memory."""
 
-Fields = tuple[Terms, Schema, Order, tuple[str, ...], Floats, Uncertainty, Provenance, ObjectProperties]
-"""What a law is made of: its fields, in order."""
 
-
-class SavedLaw(Protocol):
-    """What is saved of a law: its fields."""
-
-    @property
-    def terms(self) -> Terms: ...
-    @property
-    def schema(self) -> Schema: ...
-    @property
-    def order(self) -> Order: ...
-    @property
-    def objects(self) -> tuple[str, ...]: ...
-    @property
-    def coefficients(self) -> Floats: ...
-    @property
-    def uncertainty(self) -> Uncertainty: ...
-    @property
-    def provenance(self) -> Provenance: ...
-    @property
-    def properties(self) -> ObjectProperties: ...
-
-
-class Decoded(NamedTuple):
-    """What laws of a document are made of: the law, that with its discrepancy if it has one, and what else it could be.
-
-    The others come with their probabilities.
-    """
-
-    own: Fields
-    with_discrepancy: Fields | None
-    others: tuple[tuple[float, Fields], ...]
-
-
-def encode(law: SavedLaw) -> bytes:
+def encode(law: Law) -> bytes:
     """Return a law as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
     return msgspec.json.format(msgspec.json.encode(document_of(law)), indent=1) + b"\n"
 
 
-def document_of(law: SavedLaw) -> LawDocument:
+def document_of(law: Law) -> LawDocument:
     """Return what is saved of a law."""
     terms, provenance, wider = law.terms, law.provenance, law.provenance.with_discrepancy
     method = provenance.differentiation
@@ -123,7 +88,7 @@ def _saved_terms(terms: Terms) -> list[str]:
     return [term.expression(terms.variables.names) for term in terms.terms]
 
 
-def _saved_other(probability: float, law: SavedLaw, terms: Terms) -> OtherDocument:
+def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
     """Return the document of what else a law of these terms could be."""
     support, own = np.any(law.coefficients != 0, axis=0), law.terms != terms
     return OtherDocument(
@@ -213,8 +178,8 @@ def _read_errors(saved: ErrorsDocument | None) -> ErrorModel:
     return ErrorModel(**given)
 
 
-def decode(content: bytes) -> Decoded:
-    """Return what the law of a JSON document is made of, see `decode_document`."""
+def decode(content: bytes) -> Law:
+    """Return the law of a JSON document, see `decode_document`."""
     try:
         raw = read_json(content, dict[str, Any])
     except CommonlawError as error:
@@ -227,8 +192,8 @@ def not_a_law(error: Exception) -> CommonlawError:
     return CommonlawError("not-a-law", error=error)
 
 
-def decode_document(raw: dict[str, Any]) -> Decoded:
-    """Return what the law of a document is made of, the one with its discrepancy, and what else it could be.
+def decode_document(raw: dict[str, Any]) -> Law:
+    """Return the law of a document, with that of its discrepancy, and what else it could be.
 
     Documents of versions 1 to 3 are read too.
 
@@ -251,9 +216,10 @@ def decode_document(raw: dict[str, Any]) -> Decoded:
     wider = document.with_discrepancy
     if wider is not None and wider.with_discrepancy is not None:
         raise CommonlawError("law-nested-discrepancy")
-    own = _fields(document)
-    others = tuple((each.probability, _other_fields(each, own)) for each in document.other_laws)
-    return Decoded(own, None if wider is None else _fields(wider), others)
+    law = _read_law(document)
+    others = tuple(PlausibleLaw(each.probability, _read_other(each, law)) for each in document.other_laws)
+    provenance = replace(law.provenance, with_discrepancy=None if wider is None else _read_law(wider))
+    return replace(law, provenance=provenance).with_others(others)
 
 
 def check_numbers(document: dict[str, Any]) -> None:
@@ -275,12 +241,12 @@ def _beyond_computing(value: Any) -> list[Any]:
     return []
 
 
-def _other_fields(saved: OtherDocument, own: Fields) -> Fields:
-    """Return what another law is made of, given what the law is made of that is saved with it."""
-    terms, schema, order, objects, coefficients, _, _, properties = own
+def _read_other(saved: OtherDocument, law: Law) -> Law:
+    """Return what else the law could be that is saved with it."""
+    terms, objects = law.terms, law.objects
     if saved.terms is not None:
         terms = parse_terms(saved.terms, replace(terms.variables, constants=tuple(saved.constants)))
-    shape = (coefficients.shape[1], len(terms))
+    shape = (len(law.states), len(terms))
     support = np.zeros(shape, dtype=np.bool_)
     if len(saved.support) != len(support) or not all(0 <= k < len(terms) for row in saved.support for k in row):
         raise CommonlawError("law-average-terms")
@@ -293,10 +259,10 @@ def _other_fields(saved: OtherDocument, own: Fields) -> Fields:
     if not np.array_equal(np.any(values != 0, axis=0), support):
         raise CommonlawError("law-average-coefficients")
     uncertainty = _read_uncertainty(saved, objects, shape, parameters)
-    return terms, schema, order, objects, values, uncertainty, Provenance(), properties
+    return Law(terms, law.schema, law.order, objects, values, uncertainty, properties=law.properties)
 
 
-def _fields(document: LawDocument) -> Fields:
+def _read_law(document: LawDocument) -> Law:
     schema = document.schema
     variables = Variables(
         (*schema.states, *document.rates),
@@ -324,7 +290,7 @@ def _fields(document: LawDocument) -> Fields:
     ):
         # Before 0.2 what stood before several terms was a constant of each: such laws are as their terms say
         provenance = replace(provenance, equations=())
-    return terms, schema, document.order, objects, coefficients, uncertainty, provenance, document.properties
+    return Law(terms, schema, document.order, objects, coefficients, uncertainty, provenance, document.properties)
 
 
 def _read_uncertainty(
@@ -390,7 +356,7 @@ _BY_OBJECT = ("coefficients", "covariance", "shared_factor", "properties")
 _OBJECTS = "object"
 
 
-def law_bytes(law: SavedLaw, path: str | os.PathLike[str]) -> bytes:
+def law_bytes(law: Law, path: str | os.PathLike[str]) -> bytes:
     """Return the file of a law: Parquet if it is named so, else JSON.
 
     Raises
@@ -404,7 +370,7 @@ def law_bytes(law: SavedLaw, path: str | os.PathLike[str]) -> bytes:
     return content
 
 
-def law_file(law: SavedLaw, path: str) -> tuple[str, bytes]:
+def law_file(law: Law, path: str) -> tuple[str, bytes]:
     """Return name and content of the file of a law: the path, or where JSON is too large Parquet beside it.
 
     Raises
@@ -425,12 +391,12 @@ def law_file(law: SavedLaw, path: str) -> tuple[str, bytes]:
     return path, _as_parquet(law, document, path)
 
 
-def decoded_file(content: bytes) -> Decoded:
-    """Return what the law of a file is made of, see `decode`."""
+def decoded_file(content: bytes) -> Law:
+    """Return the law of a file."""
     return _of_parquet(content) if content.startswith(_PARQUET) else decode(content)
 
 
-def _as_parquet(law: SavedLaw, document: dict[str, Any], path: str) -> bytes:
+def _as_parquet(law: Law, document: dict[str, Any], path: str) -> bytes:
     columns: dict[str, Any] = {_OBJECTS: law.objects}
     rest = _without_objects(document, "", law.objects, columns)
     check_size(path, len(law.objects), len(columns))
@@ -460,7 +426,7 @@ def _without_objects(value: Any, path: str, objects: Sequence[str], columns: dic
     return rest
 
 
-def _of_parquet(content: bytes) -> Decoded:
+def _of_parquet(content: bytes) -> Law:
     columns, metadata = parquet_columns("the law", content)
     if _METADATA not in metadata or _OBJECTS not in columns:
         raise CommonlawError("not-a-law-but-measurements")

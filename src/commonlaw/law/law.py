@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from commonlaw.discrepancy.residual_tests import Residuals
     from commonlaw.forecast.forecast import Forecast
     from commonlaw.inference.diagnose.coefficient_limits import Bounds
-    from commonlaw.law.io import Decoded
     from commonlaw.law.script import Source
     from commonlaw.report.page import Page
     from commonlaw.verdict.law_verdict import LawVerdict
@@ -1295,9 +1294,7 @@ class Law(ShownInNotebooks):
 
     def to_json(self) -> str:
         """Return the law as JSON of a versioned schema."""
-        from commonlaw.law.io import encode
-
-        return encode(self).decode()
+        return cast(bytes, resolve_name("commonlaw.law.io:encode")(self)).decode()
 
     @classmethod
     def from_json(cls, content: str | bytes) -> "Law":
@@ -1308,17 +1305,8 @@ class Law(ShownInNotebooks):
         CommonlawError
             If the text is damaged, or written by another version of the schema.
         """
-        from commonlaw.law.io import decode
-
-        return cls._of(decode(content.encode() if isinstance(content, str) else content))
-
-    @classmethod
-    def _of(cls, decoded: "Decoded") -> "Law":
-        own, wider, others = decoded
-        plausible = tuple(PlausibleLaw(probability, cls(*each)) for probability, each in others)
-        law = cls(*own)
-        provenance = replace(law.provenance, with_discrepancy=wider and cls(*wider))
-        return replace(law, provenance=provenance).with_others(plausible)
+        decode = resolve_name("commonlaw.law.io:decode")
+        return cast("Law", decode(content.encode() if isinstance(content, str) else content))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the law, whole or not at all: as JSON, or if the file is named ``.parquet`` with a row for each object.
@@ -1329,9 +1317,7 @@ class Law(ShownInNotebooks):
             If the file cannot be written, or must not: it is read-only, a folder, or one of several names of a file; or
             if it would not be read again, as of so many objects in JSON, or with numbers whose squares are infinite.
         """
-        from commonlaw.law.io import law_bytes
-
-        write_whole(path, law_bytes(self, path))
+        write_whole(path, resolve_name("commonlaw.law.io:law_bytes")(self, path))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Law":
@@ -1342,10 +1328,8 @@ class Law(ShownInNotebooks):
         CommonlawError
             If the file cannot be read or is no law; the message names the file.
         """
-        from commonlaw.law.io import decoded_file
-
         content = read_file(path)
         try:
-            return cls._of(decoded_file(content))
+            return cast("Law", resolve_name("commonlaw.law.io:decoded_file")(content))
         except CommonlawError as error:
             raise error.at(str(path)) from None
