@@ -66,10 +66,11 @@ class CandidateSearch:
     options: FitOptions
     progress: ProgressCallback
 
-    def plain(self, structure: ModelStructure, is_first: bool) -> Candidate:
+    def plain(self, structure: ModelStructure, is_coarse: bool) -> Candidate:
         """Search among plain terms, and what is offered first, with the interpolation of inputs chosen.
 
-        The first of several orders is sought on a coarse mesh, of single states, where another order takes less time.
+        On a coarse mesh alone, if that is asked for and the law departs from the measurements there: where another
+        order takes less time, or explains them.
         """
         options = self.options
         screened = Screened.of(with_logarithms(self.trials, options.positive), structure)
@@ -78,7 +79,7 @@ class CandidateSearch:
         if first.count or options.unmeasured:
             return self._candidate(screened, followed, None, richer=True)
         begun = None
-        if is_first and len(self.trials.schema.states) == 1:
+        if is_coarse:
             begun = self._among(followed, screened.structure, self.progress)
             if begun.best.has_model_error:
                 return Candidate(screened, begun, (), followed, has_richer=False, is_coarse=True)

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from numbers import Integral
 from typing import Literal, NamedTuple, TypeVar
 
+from commonlaw.discovery.candidate import Candidate
 from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import Score
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
@@ -102,47 +103,41 @@ def _told_by_rates(trials: Trials) -> Orders:
 
 
 def of_best_order(
-    find: Callable[[Order], Found],
-    possible: Sequence[Sequence[int]],
-    score: Callable[[Found], Score],
-    enough: Callable[[Found], bool],
-) -> tuple[list[Found], list[CommonlawError]]:
-    """Return what is found for each order that is tried, and why nothing is found for others.
+    find: Callable[[Order, bool], Candidate], possible: Sequence[Sequence[int]]
+) -> tuple[list[Candidate], list[CommonlawError]]:
+    """Return the law of each order that is tried, and why none is found of others.
 
-    Tried are the lowest orders of all states; if what is found of them is not enough the highest, and then from the
-    best those that differ in one state, as long as one of them is better.
+    Tried are the lowest orders of all states; if that law is not simple the highest, and then from the best those that
+    differ in one state, as long as one of them is better.
 
     Parameters
     ----------
     find
-        What finds something of an order.
+        Finds the law of an order; on a coarse mesh, if that may do beside a law that is simple.
     possible
         The orders that each state may have, from low to high.
-    score
-        Of what is found: less is better.
-    enough
-        Whether the law of the lowest orders fits within the noise.
 
     Raises
     ------
     CommonlawError
-        If nothing is found for any: the last reason.
+        If no law is found of any: the last reason.
     """
     lowest, highest = tuple(map(min, possible)), tuple(map(max, possible))
-    tried, refused = dict[tuple[int, ...], Found | None](), list[CommonlawError]()
-    listed, best = [lowest], None
+    tried, refused = dict[tuple[int, ...], Candidate | None](), list[CommonlawError]()
+    listed, best, beside_simple = [lowest], None, False
     while True:
         for orders in listed:
-            found, failed = those_found(lambda own: find(one_order(own)), [orders])
+            found, failed = those_found(partial(find, one_order(orders)), [beside_simple])
             tried |= {orders: found[0] if found else None}
             refused += failed
         every = {orders: each for orders, each in tried.items() if each is not None}
-        if highest not in tried and not (every and enough(every[lowest])):
+        if highest not in tried and not (every and every[lowest].is_simple):
             listed = [highest]
             continue
         if not every:
             raise refused[-1]
-        before, best = best, min(every, key=lambda orders: score(every[orders]))
+        before, best = best, min(every, key=every.__getitem__)
+        beside_simple = every[best].is_simple
         listed = [each for each in _neighbours(best, possible) if each not in tried]
         if highest not in tried or best == before or not listed:
             return list(every.values()), refused

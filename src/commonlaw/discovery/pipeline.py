@@ -76,18 +76,18 @@ def _plain_laws(
     several = any(len(each) > 1 for each in possible)
     lowest = one_order([each[0] for each in possible])
 
-    def of_order(order: Order) -> Candidate:
+    def of_order(order: Order, is_coarse: bool) -> Candidate:
         if several:
             search.progress(f"seeking laws of order {order_in_words(order, search.trials.schema.states)}")
         is_first = several and order == lowest
-        candidate = search.plain(replace(structure, order=order), is_first)
+        candidate = search.plain(replace(structure, order=order), is_coarse or (is_first and len(possible) == 1))
         if is_first:
             candidate = search.of_higher_degree(candidate)
             if not (candidate.pool.best.lack_of_fit or candidate.is_simple):
                 candidate = search.richer(candidate)
         return candidate
 
-    return of_best_order(of_order, possible, lambda each: each.score, lambda each: each.is_simple)
+    return of_best_order(of_order, possible)
 
 
 def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate]) -> list[Candidate]:
