@@ -95,14 +95,6 @@ def test_known_terms_stay_and_are_certain(drops, drag):
     assert [each.terms for each in law.provenance.alternatives if each.chosen] == [("1", "v")]
 
 
-def test_a_universal_coefficient_is_the_same_for_all_objects(drops, drag):
-    law = found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="poly:2", universal=["1"])
-    gravity = law.terms.index("1")
-    assert len(set(law.coefficients[:, 0, gravity])) == 1
-    assert np.all(law.standard_errors[:, 0, gravity] < drag.standard_errors[:, 0, gravity])
-    assert "1 in x'': alike (1.00); v in x'': specific to the object (0.00)" in law.history[-1].choice
-
-
 def test_forecasts_draw_objects_to_each_other_unless_that_is_not_wanted(drops, drag):
     own = cl.discover(drops, order=2, library="poly:2", method=cl.TrajectoryLikelihood(partial_pooling=False))
     assert own.uncertainty.pooled is None

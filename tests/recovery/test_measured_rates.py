@@ -50,12 +50,6 @@ def test_the_law_is_of_the_angle_alone_and_calls_its_rate_by_the_column(found):
     assert (errors < 0.1).all()
 
 
-def test_the_law_says_in_one_line_what_it_left_out(found):
-    (said,) = [each for each in found[1].diagnostics if each.kind == "rates"]
-    assert said.code == "rate-of-column"
-    assert said.text.startswith("omega is the rate of theta")
-
-
 def test_trials_that_still_have_the_column_are_forecast_scored_and_judged(found):
     trials, law = found
     law = cl.Law.from_json(law.to_json())

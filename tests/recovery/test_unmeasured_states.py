@@ -36,11 +36,6 @@ def test_the_law_of_all_objects_is_found_with_true_errors(law):
     assert (errors < 0.02 * abs(truth) + 0.005).all()
 
 
-def test_it_says_what_was_not_measured(law):
-    (step,) = [each for each in law.history if each.stage == "unmeasured states"]
-    assert step.choice == "omega in 1 of 3 trials"
-
-
 def test_forecasts_begin_with_the_unmeasured_state_that_the_law_says(law):
     trials = swings()
     forecast = law.predict(trials, start=15)
