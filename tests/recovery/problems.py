@@ -284,7 +284,7 @@ PROBLEMS: dict[str, Callable[[], cl.Law]] = {
     "driven, unmeasured": lambda: discover(driven(white(0.01)), order=2, library="poly:1", unmeasured=1),
     # Latent states
     "absorbed": lambda: discover(absorbed(white(0.01)), order=1, library="poly:2", unmeasured=1),
-    "decay, without a latent state": lambda: discover(decay(white(0.02)), order=1, library="poly:2", unmeasured=1),
+    "decay, without a latent state": lambda: discover(decay(white(0.02)), order=1, library="poly:1", unmeasured=1),
     # Error models
     "growth, proportional": lambda: discover(growth(proportional(0.05)), order=1, library="poly:2"),
     "relaxation, correlated": lambda: discover(fine_relaxation(correlated(0.05)), order=1, library="poly:2"),
