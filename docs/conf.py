@@ -21,6 +21,7 @@ from sphinx.util.math import get_node_equation_number
 import commonlaw
 from commonlaw.cli.command import ALL_OPTIONS
 from commonlaw.cli.main import commonlaw as command
+from commonlaw.diagnostics import notes, sentences
 from commonlaw.report.markup import formula
 
 project = "commonlaw"
@@ -153,6 +154,22 @@ def _commands(path: tuple[str, ...], found: click.Command) -> list[tuple[tuple[s
     return [(path, found), *(pair for name, each in inner if each for pair in _commands((*path, name), each))]
 
 
+class Messages(SphinxDirective):
+    """Lists every message of the catalogue by its code, with an anchor of that name."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return a definition of each code: its severity, what it says, and for notes what to do."""
+        entries = {code: ("error", text, "") for code, text in sentences().items()}
+        entries |= {code: (f"note: {each['kind']}", each["text"], each["remedy"]) for code, each in notes().items()}
+        found = list[nodes.Node]()
+        for code, (severity, text, remedy) in sorted(entries.items()):
+            title = nodes.rubric("", code, ids=[code])
+            found += [title, nodes.paragraph("", "", nodes.emphasis("", severity), nodes.Text(f": {text}"))]
+            if remedy:
+                found.append(nodes.paragraph("", f"What to do: {remedy}"))
+        return found
+
+
 def _inline_math(translator: Any, node: nodes.math) -> None:
     translator.body.append(formula(node.astext()))
     raise nodes.SkipNode
@@ -192,6 +209,7 @@ def setup(app: Sphinx) -> None:
         app.tags.add("measured_drops")
     app.add_directive("public-names", PublicNames)
     app.add_directive("command-help", CommandHelp)
+    app.add_directive("messages", Messages)
     app.connect("builder-inited", _check_names)
     app.connect("builder-inited", _write_pages)
     app.connect("build-finished", _check_links)

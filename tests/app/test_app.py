@@ -126,7 +126,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
 
         page.execute_script("document.getElementById('next_suggest').click()")
         wait(page, "$('next_found').querySelector('h3')")
-        assert "All coefficients together" in text(page, "next_found")
+        assert "Expected information gain on all coefficients" in text(page, "next_found")
 
         slide(page, 0)
         assert text(page, "which").startswith("1 term")
@@ -234,7 +234,7 @@ def take_other_terms(page):
     assert pressed(page) == missing
     for name in missing:
         click_term(page, name)
-    assert "leave it one at least" in wait(page, "$('terms_failed').textContent")
+    assert "a law needs at least one term" in wait(page, "$('terms_failed').textContent")
     assert len(pressed(page)) == 1
     page.refresh()
     wait(page, f"Number($('slider').max) === {most + 1}")

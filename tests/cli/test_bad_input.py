@@ -63,8 +63,8 @@ CASES = {
     "code instead of a term": (rows(), ["--library", "terms:__import__('os')"], "__import__"),
     "no such trial": (rows(), ["--where", "drop=3"], "unknown trial '3'"),
     "no such trial to hold out": (rows(), ["--hold-out", "drop=3"], "unknown trial '3'"),
-    "nothing left to learn from": (rows(), ["--hold-out", "drop=1"], "every trial fits the conditions"),
-    "everything left out": (rows(), ["--exclude", "ball=golf,tennis"], "every trial fits the conditions"),
+    "nothing left to learn from": (rows(), ["--hold-out", "drop=1"], "all trials meet the conditions"),
+    "everything left out": (rows(), ["--exclude", "ball=golf,tennis"], "all trials meet the conditions"),
     "a time before the first sample": (rows(), ["--learn-until", "-1"], "every trial begins after t = -1"),
     "an unknown property to leave out": (
         rows(),
@@ -124,7 +124,7 @@ def test_a_missing_file_and_one_with_nearly_that_name(fails, tmp_path):
         ("drag=(", r"drag is '\(': give a number"),
         ("samples=1e999", "samples is inf: give a whole number"),
         ("seed=-1", "seed is -1: give a whole number"),
-        ("nonsense=1", "does not fit: write it as"),
+        ("nonsense=1", ": write it as"),
     ],
 )
 def test_options_of_data_sets_that_are_not_numbers_are_refused(fails, options, message):
@@ -159,7 +159,9 @@ def test_properties_of_an_object_without_trials():
 def test_laws_that_cannot_be_read(fails, tmp_path):
     (tmp_path / "drops.csv").write_text(rows())
     (tmp_path / "law.json").write_text('{"format": "commonlaw law", "version": 7}')
-    assert "law.json: the law is of version 7" in fails("predict", "law.json", "drops.csv", "--save", "forecast.csv")
+    assert "law.json: the law has format version 7" in fails(
+        "predict", "law.json", "drops.csv", "--save", "forecast.csv"
+    )
     (tmp_path / "law.json").write_text("{")
     assert "law.json: this is not a law or it is damaged" in fails("show", "law.json")
     assert "there is no file 'gone.json'" in fails("show", "gone.json")

@@ -53,10 +53,10 @@ def test_discover_predict_show_and_check_as_in_the_help(run, tmp_path):
     assert np.abs(forecast["height error"]).median() < 0.1
 
     code, out, err = run("show", "law.json")
-    law, ranges = out.split("\nRanges of what it has learned; nothing tells how good it is beyond:\n")
+    law, ranges = out.split("\nRanges of the training data; forecasts outside of them are extrapolations:\n")
     assert (code, law, err) == (0, f"{cl.Law.load(tmp_path / 'law.json')}\n", "")
     assert [line.split()[0] for line in ranges.splitlines() if line.strip()][:4:2] == ["variable", "height"]
-    assert "Forecasts were off by less than half of the states' spread up to 2.6 ahead" in ranges
+    assert "Reliable forecast horizon: 2.6 (error below half a standard deviation" in ranges
     code, out, err = run("show", "law.json", "--latex", "--average")
     assert "\\ddot{\\mathrm{height}} &= -9." in out
 
@@ -130,7 +130,7 @@ def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
         found[start] = np.mean([row["rms error"] for row in json.loads(out)["errors"]])
     assert found["all"] < found[15] < found[1] / 2
     code, _, err = run("predict", "law.json", "drops.csv", "--start", "0")
-    assert (code, "start is 0: give how many first samples" in err) == (1, True)
+    assert (code, "start is 0: give the number of first samples" in err) == (1, True)
 
 
 @pytest.mark.usefixtures("table")

@@ -24,7 +24,7 @@ def test_the_experiment_that_tells_laws_apart_is_said_saved_and_drawn(run, tmp_p
     code, out, _ = run("design", *given, *files)
     assert code == 0
     assert "0.50  x'' = -g - c v" in out
-    assert "The experiment to make next:" in out
+    assert "Most informative next experiment:" in out
     assert (tmp_path / "design.svg").stat().st_size > 0
     assert 20 <= pd.read_csv(tmp_path / "design.csv").loc[0, "x"] <= 60
     found = json.loads(run("design", *given, "--at-most", "2", "--json")[1])
@@ -48,7 +48,7 @@ def test_what_is_wanted_and_what_it_costs_is_said_in_options(run):
     assert (code, "unknown state 'y'" in err) == (1, True)
     code, _, err = run("design", "linear.json", "--vary", "x=40")
     assert code == 1
-    assert "not all of an experiment is given" in err
+    assert "the experiment is incomplete" in err
     assert "v=" in err
     code, _, err = run(*given, "--cost", "height=2")
     assert (code, "unknown price 'height'" in err) == (1, True)

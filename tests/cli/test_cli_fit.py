@@ -64,7 +64,7 @@ def test_constants_inside_of_terms_are_fitted_saved_and_forecast_with(run, tmp_p
     [
         ("T' = a + b (T", "at character 12, '(': this parenthesis is not closed; variables: T, min"),
         ("Q' = a", "unknown column 'Q'"),
-        ("T' = -k T + b sin(q)", "the trials do not tell b, q"),
+        ("T' = -k T + b sin(q)", "b, q are not identifiable"),
         ("T[k+1] = a T", "takes no noise"),
     ],
 )

@@ -26,7 +26,7 @@ def table(tmp_path):
     [
         ("commonlaw.law.law.Law.explain", ["--explain"], "the coefficients were not explained"),
         ("commonlaw.verdict.find", [], "the law was not checked"),
-        ("commonlaw.verdict.findings.judge", [], "the law was not judged"),
+        ("commonlaw.verdict.findings.judge", [], "the forecast assessment failed"),
         ("commonlaw.law.law.Law.predict", [], "the law was not checked by forecasts"),
         ("commonlaw.plots.plot_law", ["--plot", "law.svg"], "law.svg was not made"),
     ],

@@ -49,7 +49,7 @@ def test_deviations_are_heeded_by_every_command(run, cups):
     [
         (["--noise-column", "x=s"], "cups.csv: --noise-column ...: unknown state 'x'"),
         (["--noise-column", "s"], "--noise-column 's' is not of the form NAME=VALUE"),
-        (["--noise-column", "T=s", "--noise", "T=1"], "the noise of 'T' is given twice, and in column 's'"),
+        (["--noise-column", "T=s", "--noise", "T=1"], "the noise of 'T' is given as an option and in column 's'"),
         (
             ["--noise-column", "T=s", "--solver", "stlsq"],
             "read the table with --noise-column '', --state 'T', or use --method trajectory-likelihood [",

@@ -39,7 +39,7 @@ def test_orders_are_given_by_state(run):
     [
         ("theta=3,i=1", "3 is not in the range"),
         ("theta=2,theta=1", "gives theta twice"),
-        ("theta=2", "order says nothing of i: give 1 or 2 for each state"),
+        ("theta=2", "no order is given for i: give 1 or 2 for each state"),
         ("theta=0,i=1", "order 0 of theta is not supported"),
     ],
 )

@@ -39,6 +39,6 @@ def test_bands_of_a_positive_state_are_above_zero_whatever_command_forecasts(run
     code, _, err = run("discover", "zero.csv", "--positive", "weight")
     assert code != 0
     assert "zero, trial 1: weight is 0 in sample " in err
-    assert "take a law without --positive ..." in err
+    assert "leave --positive ... out" in err
     _, _, err = run("discover", "plants.csv", "--positive", "weight", "--trim", "2")
     assert "--positive does not go with --method derivative-regression" in err

@@ -57,7 +57,7 @@ def test_a_law_of_several_objects_asks_which_one_a_table_is_of(run, tmp_path):
     several.save(tmp_path / "several.json")
     pd.read_csv(tmp_path / "tank.csv").drop(columns="object").to_csv(tmp_path / "other.csv", index=False)
     code, _, err = run("predict", "several.json", "other.csv")
-    assert (code, "the law has several: say it with --object-name ..., one of tank, tub" in err) == (1, True)
+    assert (code, "the law has several: give --object-name ..., one of tank, tub" in err) == (1, True)
     code, out, err = run("predict", "several.json", "other.csv", "--object-name", "tub")
     assert (code, err) == (0, "")
     assert "tub" in out
@@ -70,16 +70,14 @@ def test_forecasts_begin_at_a_time(run, tmp_path, tank):
     arguments = "predict", "law.json", "two.csv", "--input-between", "held", "--from", "12", "--save", "out.csv"
     code, out, err = run(*arguments, "--plot", "out.png")
     assert (code, "short" in out) == (0, False)
-    assert err.startswith(
-        "Note: trials not forecast --from 12.0, with no sample before it or no row from then on: 1 (ta"
-    )
+    assert err.startswith("Note: trials not forecast (no samples before or from --from 12.0 on: 1 (ta")
     found = pd.read_csv(tmp_path / "out.csv")
     assert found["t"].tolist() == list(range(12, 30))
     np.testing.assert_allclose(found["x forecast"], tank[12:], atol=0.02)
     assert run(*arguments, "--until", "40", "--step", "2.5")[0] == 0
     assert {14.5, 40.0} <= set(pd.read_csv(tmp_path / "out.csv")["t"])
     code, _, err = run(*arguments[:-4], "--from", "100")
-    assert (code, "no trial can be forecast --from 100.0, with no sample before it" in err) == (1, True)
+    assert (code, "no trial can be forecast (no samples before or from --from 100.0 on" in err) == (1, True)
 
 
 @pytest.mark.usefixtures("tank")

@@ -21,7 +21,7 @@ def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):
     saved = (tmp_path / "report.html").read_text()
     assert code == 0
     assert "--law law.json" in saved
-    assert "How accurate they are is not known" in saved
+    assert "Their standard errors are unknown" in saved
 
 
 def test_a_page_that_cannot_be_written_is_refused_before_work(run):

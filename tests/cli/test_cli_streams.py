@@ -76,7 +76,7 @@ def test_residuals_of_a_pattern_are_checked_file_by_file(run, tmp_path):
         (["data", "check", "Ball*", "--where", "object=Ball 2"], "3 trials of 1 object"),
         (
             ["discrepancy", "law.parquet", "Ball *.parquet", "--where", "object=Ball 2", "--of", "v"],
-            "No discrepancy is sure",
+            "No strong evidence for a discrepancy",
         ),
         (["refine", "law.parquet", "Ball *.parquet", "--where", "trial=1"], "Ball 2  9.7995 ± 0.0030"),
         (["fit", "x'' = -g - c v", "Ball *.parquet", "--hold-out", "trial=1"], "Forecasts of 2 held-out trials"),

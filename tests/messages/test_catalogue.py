@@ -2,6 +2,7 @@
 
 import ast
 import pickle
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from string import Formatter
@@ -14,6 +15,14 @@ from commonlaw.diagnostics import Diagnostic, notes, sentences
 from commonlaw.errors import unknown
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.outcomes import OutcomeKind, note
+
+_MAX_WORDS = 25
+_REPLACED = re.compile(
+    r"\b(nobody|tells?|told|says? nothing|does not know|besides?|alike|departs?|remembers?|honest|out of the question"
+    r"|hangs?|sought|widening|constants inside|unseen|unmeasured|letters? inside|worth|judged?)\b"
+)
+"""Words of ordinary language where the field has a term, and verbs that only people can do."""
+_REPLACED_IN_NAMES = re.compile(r"(^|_)(told|dearer|honest|alike|unseen|nobody|leftovers|drives|judge|verdict)(_|$)")
 
 _SOURCES = sorted(Path(commonlaw.__file__).parent.rglob("*.py"))
 
@@ -61,9 +70,26 @@ def test_every_sentence_is_given_somewhere() -> None:
     assert (sentences().keys() | notes().keys()) - texts == {"other"}, "other is for the messages of other programs"
 
 
+def _texts() -> dict[str, str]:
+    """Return every text of the catalogue: those of errors by their codes, of notes by code and part."""
+    parts = {f"{code}.{part}": text for code, entry in notes().items() for part, text in entry.items()}
+    return {**sentences(), **parts}
+
+
 def test_code_in_a_sentence_is_closed() -> None:
-    listed = [*sentences().values(), *(text for entry in notes().values() for text in entry.values())]
-    assert not [sentence for sentence in listed if sentence.count("`") % 2]
+    assert not [text for text in _texts().values() if text.count("`") % 2]
+
+
+@pytest.mark.parametrize("code", _texts())
+def test_a_sentence_is_short_and_in_the_terms_of_the_field(code: str) -> None:
+    words = re.sub(r"`[^`]*`|\{[^{}]+\}", "CODE", _texts()[code])
+    assert max(len(sentence.split()) for sentence in re.split(r"(?<=[.?!]) ", words)) <= _MAX_WORDS
+    assert _REPLACED.search(words) is None
+
+
+def test_public_names_are_terms_of_the_field() -> None:
+    names = {*dir(commonlaw), *dir(commonlaw.Law), *dir(commonlaw.Trials)}
+    assert not [name for name in names if name[0] != "_" and _REPLACED_IN_NAMES.search(name)]
 
 
 def test_a_note_has_one_of_the_kinds_and_a_code_of_its_own() -> None:
@@ -102,7 +128,7 @@ def test_settings_in_lists_are_written_the_same_way() -> None:
     choices = [Diagnostic("dates-in-order", {"order": each}) for each in ("dmy", "mdy")]
     error = CommonlawError("dates-ambiguous", column="date", first="1/2/2024", ways="...", choices=choices)
     said = error.sentence(lambda code: f"--{code.replace('=', ' ')}")
-    assert said.endswith("say which with --dates 'dmy' or --dates 'mdy'")
+    assert said.endswith("give --dates 'dmy' or --dates 'mdy'")
 
 
 def test_names_with_backticks_stay() -> None:

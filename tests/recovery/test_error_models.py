@@ -188,7 +188,7 @@ def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
     trials = oscillator(correlated)
     laws = {text: cl.fit(text, trials) for text in ("x'' = a x + b v", "x'' = a x", "x'' = a x + b v^3")}
     found = cl.compare(laws, trials).set_index("law")
-    assert found["errors"].iloc[0] == "errors of the measurements that have a memory"
+    assert found["errors"].iloc[0] == "autocorrelated measurement errors"
     assert found.index[0] == "x'' = a x + b v"
     assert not found["model error"].iloc[0]
     assert found.loc["x'' = a x", "2 log B"] > 10

@@ -198,7 +198,7 @@ def test_the_estimator_keeps_the_conventions_of_scikit_learn(drops, drag):
     again.set_params(method__noise=None, method__huber_threshold=4.0).fit(drops)
     np.testing.assert_array_equal(again.law_.coefficients, drag.coefficients)
     assert steps[0] == "estimating noise, smoothing"
-    assert steps[-1] == "judging terms and coefficients"
+    assert steps[-1] == "computing standard errors and inclusion probabilities"
     assert any("choosing terms" in step for step in steps)
 
 

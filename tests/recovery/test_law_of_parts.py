@@ -126,7 +126,7 @@ def test_a_law_of_few_objects_is_refined_for_all_of_a_stream(folder, whole):
     np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-7)
     again = cl.refine(law, stream, **SETTINGS)
     np.testing.assert_allclose(again.coefficients, cl.refine(together, whole, **SETTINGS).coefficients, rtol=1e-7)
-    assert "each object is fitted to its trials, file by file" in [each.reason for each in law.history]
+    assert "each object was fitted to its trials, file by file" in [each.reason for each in law.history]
 
 
 def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
@@ -134,9 +134,9 @@ def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
     for use, said in [
         (
             lambda: cl.fit("x'' = -k abs(v)^p sign(v)", stream),
-            Diagnostic("not-file-by-file", {"what": "constants inside of terms are"}),
+            Diagnostic("not-file-by-file", {"what": "nonlinear parameters are"}),
         ),
-        (lambda: cl.fit("x[k+1] = a x", stream), Diagnostic("not-file-by-file", {"what": "a law in discrete time is"})),
+        (lambda: cl.fit("x[k+1] = a x", stream), Diagnostic("not-file-by-file", {"what": "a discrete-time law is"})),
         (lambda: cl.fit("x' = -k x + d; d' = -a d", stream, starts={"d": 1.0}), "not-for-streams"),
         (lambda: cl.fit("x'' = -g", whole, client=object()), "cluster-client-without-files"),
         (lambda: cl.refine(cl.fit("x'' = -g", whole), whole, client=object()), "cluster-client-without-files"),

@@ -72,7 +72,7 @@ def test_of_states_without_measured_rates_the_evidence_says_the_order():
     assert found.trials.schema.states == ("x", "y", "z")
     assert found.of_each == ((1,), (1,), (1, 2))
     assert (found.steps[0].choice, found.steps[0].reason) == (
-        "x 1, y 1", "y is the rate of x; of z no rate was measured"
+        "x 1, y 1", "y is the rate of x; the rate of z was not measured"
     )  # fmt: skip
     law = discover(trials, library="poly:1 + terms:sin(x)")
     assert law.structure == ("x' = a y", "y' = b y + c sin(x)", "z' = d z")
@@ -114,7 +114,7 @@ def test_an_order_of_which_no_law_can_be_found_is_left_out(settings, order):
         cl.Trials.from_arrays(times, measured, names=["x"]), method=method, **{"library": "poly:1"} | settings
     )
     assert law.order == order
-    assert law.history[0].reason.startswith("of another none was found: ")
+    assert law.history[0].reason.startswith("no law of another order was found: ")
 
 
 @pytest.mark.parametrize(

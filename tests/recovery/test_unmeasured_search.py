@@ -51,11 +51,11 @@ def test_a_depot_is_found_with_its_coefficients(law, swallowed):
 
 
 def test_it_says_what_the_state_does_and_what_fits_alike(law):
-    (step,) = [each for each in law.history if each.stage == "unmeasured state"]
+    (step,) = [each for each in law.history if each.stage == "latent state"]
     assert step.choice == "u' = c u"
     assert step.reason.startswith("decays from 1, as a depot or a drive does; without it")
     (outcome,) = [each for each in law.diagnostics if each.kind == "not identifiable"]
-    assert "conc' = a + b conc + c u; u' = 1 conc, where it adds up conc from 0" in outcome.text
+    assert "conc' = a + b conc + c u; u' = 1 conc, in which it adds up conc from 0" in outcome.text
 
 
 def test_such_a_law_is_saved_and_forecasts_tables_without_the_state(law, swallowed):
@@ -90,7 +90,7 @@ def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
     values, errors = law.parameters.values, law.parameters.errors
     g, c, force, r = truth.T
     assert (abs(values - np.column_stack([-c, -g, force, r])) < 4 * errors).mean() > 0.9
-    (step,) = [each for each in law.history if each.stage == "unmeasured state"]
+    (step,) = [each for each in law.history if each.stage == "latent state"]
     assert step.choice == "exp(-r*t)"
 
 

@@ -77,7 +77,7 @@ def test_known_objects_learn_from_more_trials(drops):
 
 def test_laws_that_cannot_weigh_new_trials_are_refused(drops, law):
     noiseless = replace(law, uncertainty=replace(law.uncertainty, noise=None))
-    with refused("weights-unknown", lacking="does not know its noise"):
+    with refused("weights-unknown", lacking="has no noise estimate"):
         noiseless.update(drops)
     walking = replace(law.uncertainty.error_model, walk=np.array([0.1, 0.1]))
     with refused("weights-unknown", lacking="has errors other than white noise"):

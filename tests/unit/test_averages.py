@@ -157,8 +157,8 @@ def test_where_the_law_diverges_what_else_it_could_be_forecasts_and_a_note_says_
     np.testing.assert_array_equal(found.trajectories[0].states, own.trajectories[0].states)
     np.testing.assert_allclose(found.bands()[1], own.bands()[1])
     assert found.outcomes == ()
-    assert "the law itself diverges in cup, trial 1, mug, trial 1" in found.trials.notes[-1]
-    assert "with a probability of 0.2" in found.trials.notes[-1]
+    assert "the law diverges in cup, trial 1, mug, trial 1" in found.trials.notes[-1]
+    assert "of total posterior probability 0.2" in found.trials.notes[-1]
     alone = law_of(40.0, 0.0).with_others((PlausibleLaw(0.2, law_of(50.0, 0.0)),)).predict(long)
     assert len(alone.outcomes) == 2
 

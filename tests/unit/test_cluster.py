@@ -205,7 +205,7 @@ def test_each_item_gives_its_result_or_why_there_is_none(client):
     client.run_on_scheduler(lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0))
     assert [result for _, result, _ in sorted(Cluster(client).each(partial(slow_square, 0), range(3)))] == [0, 1, 4]
     ((_, _, failure),) = Cluster(client).each(ends, [1])
-    assert "workers ended by themselves" in str(failure)
+    assert "workers died repeatedly" in str(failure)
     ((_, nothing, failure),) = Cluster(client).each(fails, [0])
     assert (nothing, str(failure)) == (None, "nothing can be done with it")
     with refused("other", text="nothing can be done with it"):

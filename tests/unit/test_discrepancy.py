@@ -70,7 +70,7 @@ def test_where_the_law_is_true_no_discrepancy_is_claimed(drops: Trials) -> None:
     found = cl.fit("x'' = -g - c v", drops).discrepancy(drops)
     assert not found.claimed
     assert {each.coordinate for each in found.compared} == {"x", "v", "t"}
-    assert "No discrepancy is sure" in str(found)
+    assert "No strong evidence for a discrepancy" in str(found)
     assert repr(found).startswith("<Discrepancy of x'', a function of ")
 
 

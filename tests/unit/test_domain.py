@@ -34,11 +34,11 @@ def test_a_law_knows_the_ranges_of_what_it_was_learned_from_and_keeps_them(law: 
 def test_forecasts_that_leave_what_was_visited_say_so(law: Law, drops: Trials) -> None:
     assert law.predict(drops).trials.notes == drops.notes
     beyond = law.predict(drops, times=[10.0]).trials.notes[-1]
-    assert "forecasts leave what the law was learned from" in beyond
-    assert "x comes to -" in beyond
-    assert "in Ball 1, trial 1 and 1 more, and was " in beyond
+    assert "forecasts extrapolate beyond the training data" in beyond
+    assert "x reaches -" in beyond
+    assert "in Ball 1, trial 1 and 1 more (training range " in beyond
     heavier = Trials(drops.trials, drops.schema, {"Ball 1": {"mass": 9.0}})
-    assert "mass comes to 9 in Ball 1, trial 1, and was 1 to 2" in law.predict(heavier).trials.notes[-1]
+    assert "mass reaches 9 in Ball 1, trial 1 (training range 1 to 2)" in law.predict(heavier).trials.notes[-1]
 
 
 def test_forecasts_beyond_the_horizon_say_so(law: Law, drops: Trials) -> None:
@@ -47,7 +47,7 @@ def test_forecasts_beyond_the_horizon_say_so(law: Law, drops: Trials) -> None:
     assert verdict is not None
     assert judged.provenance.domain.horizon == verdict.horizon
     notes = judged.predict(drops, times=[8.0]).trials.notes
-    assert f"forecasts go 4.8 s ahead; when the law was judged they were good up to {verdict.horizon:.3g} s" in notes
+    assert f"forecasts go 4.8 s ahead; reliable forecast horizon: {verdict.horizon:.3g} s" in notes
     assert "ahead" not in str(judged.predict(drops, times=[4.0]).trials.notes)
 
 

@@ -100,7 +100,7 @@ def test_laws_that_imitate_each_other_are_not_told_apart():
     vary = {"x": 0, "duration": "1..4", "rate": 10, "u": 1}
     found = cl.design(laws, vary)
     assert not found.tells_apart
-    assert "No experiment in these ranges tells these laws apart" in str(found)
+    assert "No experiment in these ranges discriminates between these laws" in str(found)
     found = cl.design(laws, {**vary, "u.shape": ["constant", "ramp"]})
     assert found.tells_apart
     assert found.experiments[0].experiment.settings["u.shape"] == "ramp"

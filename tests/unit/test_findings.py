@@ -38,8 +38,8 @@ def test_later_samples_are_forecast_with_those_before(law, drops):
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (cl.CommonlawError("other", text="too short"), "the law was not judged: too short"),
-        (np.linalg.LinAlgError("singular"), "the law was not judged: LinAlgError: singular"),
+        (cl.CommonlawError("other", text="too short"), "the forecast assessment failed: too short"),
+        (np.linalg.LinAlgError("singular"), "the forecast assessment failed: LinAlgError: singular"),
     ],
 )
 def test_a_verdict_that_cannot_be_had_leaves_forecasts_and_its_reason(law, drops, monkeypatch, error, words):

@@ -76,7 +76,7 @@ def test_trials_that_do_not_reach_so_far_are_left_out_and_named():
     assert [each.name for each in forecast.trials] == ["0"]
     (note,) = forecast.trials.notes
     ends = f"1 (tank, trial 1, t = {TIMES[0]:g} to {TIMES[5]:g})"
-    assert note == f"trials not forecast `from_time=4.0`, with no sample before it or no row from then on: {ends}"
+    assert note == f"trials not forecast (no samples before or from `from_time=4.0` on: {ends})"
     assert trials.notes == ()
     for nowhere in (TIMES[0], 100.0):
         with refused("forecast-no-trial") as raised:

@@ -203,9 +203,9 @@ def test_what_no_start_can_be_fitted_to_is_refused_by_name():
         law.predict(trials, start=0)
     with refused("forecast-start", start="first"):
         law.predict(trials, start="first")
-    with refused("initial-values-without-noise", lacking="does not know the noise of the measurements"):
+    with refused("initial-values-without-noise", lacking="has no noise estimate"):
         replace(law, uncertainty=replace(law.uncertainty, noise=None)).predict(trials, start=15)
-    with refused("initial-values-without-noise", lacking="says that a state has no noise"):
+    with refused("initial-values-without-noise", lacking="has zero noise for a state"):
         replace(law, uncertainty=replace(law.uncertainty, noise=[0.1, 0.0])).predict(trials, start=15)
     discrete = replace(law, order=0)
     with refused("discrete-start"):
@@ -247,7 +247,7 @@ def test_a_single_sample_starts_a_law_of_second_order_without_a_rate_and_this_is
     forecast = law.predict(trials_of(law, [2.0, *[np.nan] * 4], times=times), return_std=True)
     np.testing.assert_allclose(forecast.trajectories[0].states[:, 0], 2 * np.cos(times), rtol=1e-6)
     assert np.isnan(forecast.std[0]).all()
-    assert forecast.trials.notes[0].endswith("one sample does not tell, without a band: tank, trial 0")
+    assert forecast.trials.notes[0].endswith("one sample were set to zero, without a band: tank, trial 0")
     assert np.isnan(forecast.score())
 
 

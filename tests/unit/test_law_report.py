@@ -186,7 +186,7 @@ def test_known_coefficients_are_said_to_be_so_and_have_no_interval(drops):
         law.uncertainty, covariance=0 * law.uncertainty.covariance, shared_factor=None, unpooled=None, pooled=None
     )
     known = law_report(find(replace(law, uncertainty=sure), drops))
-    assert blocks_of(known, "coefficients")[1].text == "Known, and not fitted: c."
+    assert blocks_of(known, "coefficients")[1].text == "Fixed: c."
     assert "c from" not in table_of(known, "values")
     assert "c from" in table_of(report, "values")
 

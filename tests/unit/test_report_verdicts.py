@@ -54,13 +54,13 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
     report = law_report(find(law, drops))
     top = top_of(report)
     assert "; it is an approximation. Not tested on new data.**" in top
-    assert "does not explain the measurements to within their errors, as no other law of the terms" in top
+    assert "Lack of fit: no law in the library fits the data within the noise." in top
     error = numbers_agree(top, law, drops)
     noise, unexplained = map(float, re.search(r"Measurement noise of x: (\S+) m; unexplained: (\S+) m", top).groups())
     assert noise == pytest.approx(0.02, rel=0.2)
     assert unexplained == pytest.approx(np.sqrt(error**2 - noise**2), rel=1e-2)
     assert error > 10 * noise
-    assert "To get further: add terms" in top
+    assert "Suggestions: add terms" in top
     whole = law.predict(drops, start=10).to_frame()["x error"]
     assert table_of(report, "forecast-by-state")["RMS error"].item() == pytest.approx(np.sqrt(np.mean(whole**2)))
     assert np.sqrt(np.mean(whole**2)) > 10 * noise
@@ -71,7 +71,7 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
 def test_a_law_that_was_given_and_is_wrong_is_said_to_be_inexact_too(drops):
     verdict = cl.fit("x'' = a x", drops).assess(drops)
     assert not verdict.exact
-    assert verdict.sentences[1] == "It does not explain the measurements to within their errors."
+    assert verdict.sentences[1] == "Lack of fit: this law does not fit the data within the noise."
 
 
 def test_of_several_states_those_that_are_forecast_no_better_are_named():

@@ -69,7 +69,7 @@ def test_errors_that_were_chosen_are_said_with_what_they_change():
     trials = cl.Trials.from_arrays(np.linspace(0, 8, 60), noisy, names=["c"])
     law, white = (cl.fit("c' = -k c", trials, errors=errors) for errors in ("auto", "white"))
     (said,) = (each.text for each in law.diagnostics if each.kind is OutcomeKind.ERRORS)
-    assert said.startswith("noise in proportion: ")
+    assert said.startswith("proportional noise: ")
     (here, error), (there, other) = (
         tuple(map(np.ndarray.item, (each.parameters.values, each.parameters.errors))) for each in (law, white)
     )

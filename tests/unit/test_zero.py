@@ -47,13 +47,15 @@ def test_a_power_on_a_scale_whose_zero_was_agreed_upon_is_said_unless_lower_powe
     if named is None:
         assert found == []
     else:
-        assert found[0].startswith(f"scale (x'): {named} hangs on the zero of the scale of x, {unit}; give x in kelvin")
+        assert found[0].startswith(
+            f"scale (x'): {named} depends on the origin of the scale of x ({unit}); give x in kelvin"
+        )
 
 
 @pytest.mark.parametrize(
     ("equation", "values", "named"),
     [
-        ("x' = -V x/(K + x)", {"V": 5.0, "K": 20.0}, "x/(K + x) hangs on the zero of the scale of x, degC"),
+        ("x' = -V x/(K + x)", {"V": 5.0, "K": 20.0}, "x/(K + x) depends on the origin of the scale of x (degC)"),
         ("x' = a + b/(K + x)", {"a": -1.0, "b": 5.0, "K": 20.0}, None),
         ("x' = a - b exp(x/U)", {"a": 1.0, "b": 0.1, "U": 20.0}, None),
     ],
@@ -66,7 +68,7 @@ def test_a_constant_inside_of_a_term_may_make_up_for_the_zero(equation, values, 
 
 def test_a_product_with_an_input_on_such_a_scale_is_said():
     trials = course(COOLING, "degC", np.sin(TIMES) + 2)
-    assert "x u hangs" in said(fitted("x' = a + b x + c x u", trials), OutcomeKind.SCALE)[0]
+    assert "x u depends" in said(fitted("x' = a + b x + c x u", trials), OutcomeKind.SCALE)[0]
     assert said(fitted("x' = a + b x + c x u + d u", trials), OutcomeKind.SCALE) == []
 
 
@@ -76,7 +78,7 @@ RISING = 5 * (1 - np.exp(-0.5 * TIMES))
 def test_a_law_that_cannot_leave_the_zero_where_trials_start_is_said():
     infusion = course(RISING, inputs=np.ones_like(TIMES))
     (text,) = said(fitted("x' = a x + b x^2 + c x u", infusion), OutcomeKind.START)
-    assert "1 trial began at zero, within the noise, but every term holds x, so that the law cannot leave zero" in text
+    assert "initial values of 1 trial are zero within the noise, but x = 0 is an equilibrium of this law" in text
 
 
 @pytest.mark.parametrize(

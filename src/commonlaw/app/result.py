@@ -94,7 +94,7 @@ class Found:
 
 def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Iterator[Found]:
     """Yield a law with all that the page needs of it, again and again with one more candidate after it."""
-    show(Stage("judging the law", SEARCHED))
+    show(Stage("assessing forecasts", SEARCHED))
     findings = find(law, trials, training)
     law = findings.law
     schema = findings.trials.schema

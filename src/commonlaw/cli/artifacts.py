@@ -63,7 +63,7 @@ class LaterSteps:
         failure, nothing = f"{path} was not made", ("", b"")
         name, content = self.take(failure, lambda: law_file(law, path), nothing) if path else nothing
         self.write(name or None, lambda: content)
-        said = f"{path} would be too large to be read again: the law is in {name}, name that"
+        said = f"{path} is too large for JSON: the law is saved in {name}; use that file"
         if name not in ("", path) and said not in self.failures:
             self.failures.append(said)
 

@@ -208,7 +208,7 @@ def _show(found: "Discrepancy[Law]") -> None:
     if len(found.compared) > 1:
         say("\nFunctions of these were compared, 2 log B against the law alone:\n")
         print_frame(found.coordinates_frame())
-    say(f"\nThe law beside it:\n\n{found.law}")
+    say(f"\nThe law, estimated jointly with it:\n\n{found.law}")
 
 
 def _document(found: "Discrepancy[Law]") -> dict[str, object]:

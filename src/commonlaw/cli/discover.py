@@ -244,7 +244,7 @@ class BatchResults:
     def give(self, out: str | None, later: LaterSteps) -> None:
         """Write the table, print a line for each file, and say in how many there is a law."""
         later.write(out, lambda: self._table(str(out)))
-        words = {True: "can be used", False: "cannot be used", None: "could not be judged"}
+        words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
         print_table(
             ["file", "law", "forecasts by it, or what is wrong"],
             [
@@ -285,7 +285,7 @@ def _found_in_file(piece: Piece) -> FileResult:
     trials, later = source.load(), LaterSteps()
     training = source.select(trials)
     law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
-    verdict = later.take("the law was not judged", lambda: law.assess(trials, training), None)
+    verdict = later.take("the forecast assessment failed", lambda: law.assess(trials, training), None)
     said: dict[str, object] = {
         "verdict": verdict.sentences[0] if verdict else None,
         "error": "; ".join(later.failures) or None,

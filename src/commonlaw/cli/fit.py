@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     everyday=True,
     metavar="STATE=VALUE",
     multiple=True,
-    help="Where trials start in a state that nobody measured, in their first sample: a number, a property of the "
+    help="Initial value of a latent state, at the first sample of each trial: a number, a property of the "
     "objects, depot=dose, or depot=free for what the measurements are to tell; repeat for more.",
 )
 @option(
@@ -76,7 +76,7 @@ if TYPE_CHECKING:
     "--against",
     metavar="LAW.json",
     type=ReadFile(),
-    help="Say how the fitted law stands in evidence beside another.",
+    help="Compare the evidence of the fitted law with that of another.",
 )
 @with_outputs
 @with_cluster

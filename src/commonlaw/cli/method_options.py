@@ -91,7 +91,7 @@ _LIKELIHOOD_OPTIONS = (
     _likelihood(
         "--partial-pooling/--no-partial-pooling",
         default=True,
-        help="Whether forecasts draw coefficients to their mean over objects as far as these are alike.",
+        help="Whether forecasts shrink coefficients to their mean over objects (partial pooling).",
     ),
     _likelihood(
         "--seed",
@@ -129,7 +129,7 @@ _REGRESSION_OPTIONS = (
         "n_resamples",
         type=click.IntRange(0),
         default=20,
-        help="Bootstrap resamples that tell how stable the candidates are.",
+        help="Bootstrap resamples to assess the stability of candidates.",
     ),
     _derivative(
         "--differentiation",
@@ -285,7 +285,7 @@ _LAW_OPTIONS = (
         "--unmeasured",
         type=click.IntRange(0, 1),
         default=0,
-        help="1 to ask, too, for a state that nobody measured, such as a depot, a compartment, or a drive. Goes with "
+        help="1 to also search for a latent state, such as a depot, a compartment, or a drive. Goes with "
         "trajectory-likelihood.",
     ),
     _law(

@@ -108,7 +108,7 @@ def report(
             made = partial(of_table, law, trials, training)
 
         def page() -> bytes:
-            show("judging the law")
+            show("assessing forecasts")
             return to_page(made(), lambda name: show(f"drawing {name}"))
 
         later.write(out, page)

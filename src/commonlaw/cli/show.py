@@ -40,7 +40,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
             rows = [(share, "; ".join(each.structure)) for share, each in law.models]
             print_frame(pd.DataFrame(rows, columns=["probability", "law"]))
         if law.provenance.domain.visited:
-            say("\nRanges of what it has learned; nothing tells how good it is beyond:\n")
+            say("\nRanges of the training data; forecasts outside of them are extrapolations:\n")
             print_frame(law.domain())
         if law.provenance.domain.horizon is not None:
             say(f"\n{law.provenance.domain.horizon_sentence(law.schema.units.get(law.schema.time, ''))}")
@@ -69,7 +69,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     "table",
     metavar="FILE",
     type=ReadFile(),
-    help="A table with the objects' properties, a row for each, if the law does not know them.",
+    help="A table with the objects' properties, a row for each, if the law does not hold them.",
 )
 @click.option(
     "--save", type=WrittenFile(), metavar="EXPLAINED.json", help="Write the law with what decides its coefficients."

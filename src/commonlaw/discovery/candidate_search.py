@@ -188,7 +188,7 @@ class CandidateSearch:
         """Search for the supports of largest evidence, until no finer mesh or term that was left out improves them."""
         pool = explained_on_finer_mesh(begun or self._among(trials, screened.structure, progress), progress)
         while more := screened.with_missed(pool.best):
-            progress("searching again with terms that were left out and improve the law")
+            progress("searching again with screened-out terms that improve the law")
             screened = more
             pool = explained_on_finer_mesh(self._among(trials, more.structure, progress), progress)
         if pool.best.problem.least_variance >= 1 and not (pool.best.lack_of_fit or pool.is_determined):

@@ -48,14 +48,14 @@ def _note(found: StandIns, trials: Trials, order: Order) -> Outcome:
     states = trials.schema.states
     varying = ", with coefficients by trial," if found.by_trial else ""
     left = ", ".join(f"{each:.3g}" for each in found.left[:_LISTED])
-    alike = ""
+    cause = ""
     if all(high - low <= _ALIKE * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
-        alike = f", as all trials start alike{_ranges(found, trials.schema)}"
+        cause = f", because all trials have similar initial conditions{_ranges(found, trials.schema)}"
     return note(
         "confounded",
         left_hand_sides(states, order)[states.index(found.state)],
         variables=_and(list(found.starts)),
-        alike=alike,
+        cause=cause,
         alternatives=_alternatives(found) + varying,
         residuals=left,
         residual=found.left_by_all,

@@ -37,10 +37,10 @@ from commonlaw.trials.trial import Start, property_names
 if TYPE_CHECKING:
     from distributed import Client
 
-_UNMEASURED = "as given: it was not measured"
+_UNMEASURED = "as given, for a latent state"
 """Why a state starts where it does."""
 
-_OTHER_ERRORS = ("noise in proportion", "errors with a memory", "model error")
+_OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
 """Stages of a history that say which errors a law has beside white noise."""
 
 F = TypeVar("F", bound=Callable[..., Law])
@@ -160,7 +160,7 @@ def fit(
         *(
             Step("start", f"{name} = {start}{'' if starts_at is None else f' at {starts_at:g}'}", _UNMEASURED)
             if start is not None
-            else Step("start", name, "found in each trial: it was not measured")
+            else Step("start", name, "latent state; the initial value was estimated in each trial")
             for name, start in starts.items()
         ),
         *_properties_in(given, trials),
@@ -263,7 +263,7 @@ def _of_stream(
     """Return the law of the objects of a stream, fitted part by part."""
     given = read_equations(equations, stream.schema)
     if given.terms.constants or given.order == 0:
-        what = "a law in discrete time is" if given.order == 0 else "constants inside of terms are"
+        what = "a discrete-time law is" if given.order == 0 else "nonlinear parameters are"
         raise CommonlawError("not-file-by-file", what=what)
     settings_of_part = {"errors": "white", **settings, "partial_pooling": False, "progress": silent}
     one, parts = partial(fit, equations, **settings_of_part), stream.parts or (stream,)
@@ -408,7 +408,7 @@ def _with_unmeasured(
 def _properties_in(given: GivenEquations, trials: Trials) -> list[Step]:
     """Return a step for each name in equations that is a property of the objects."""
     names = [name for name in property_names(trials.properties) if name in {each.name for each in given.coefficients}]
-    return [Step("property", name, "as it is known of each object, and not fitted") for name in names]
+    return [Step("property", name, "given for each object, not estimated") for name in names]
 
 
 def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:

@@ -57,7 +57,7 @@ def found_once(
         return find()
     kept = _read(path)
     if kept is not None:
-        progress(Stage("taking the law that was found before", 1.0))
+        progress(Stage("reading the law from the cache", 1.0))
         return kept
     law = find()
     with suppress(OSError, CommonlawError):  # A full or read-only disk, or a law of somebody's own terms

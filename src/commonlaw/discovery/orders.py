@@ -96,7 +96,7 @@ def _told_by_rates(trials: Trials) -> Orders:
     of_each = tuple((2,) if name in second else (1,) if name in first else (1, 2) for name in trials.schema.states)
     known = {name: own[0] for name, own in zip(trials.schema.states, of_each, strict=True) if len(own) == 1}
     lacking = [name for name in trials.schema.states if name not in known]
-    why = rates_in_words(rates) + (f"; of {', '.join(lacking)} no rate was measured" if lacking else "")
+    why = rates_in_words(rates) + (f"; the rate of {', '.join(lacking)} was not measured" if lacking else "")
     alike = not lacking and len(set(known.values())) == 1
     choice = str(of_each[0][0]) if alike else ", ".join(f"{name} {order}" for name, order in known.items())
     return Orders(trials, of_each, (Step("order", choice, why),))
@@ -185,11 +185,11 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     against = [
         f"2 log B is {each:.3g} against the best law of order {order}"
         if each >= 0
-        else f"solutions explain whole trials, unlike those of the likelier law of order {order} (2 log B {each:.3g})"
+        else f"solutions fit whole trials, unlike those of order {order}, of larger evidence (2 log B {each:.3g})"
         for order, each in named
     ]
     choice = order_in_words(law.order, states)
-    reasons = [*against, *(f"of another none was found: {each}" for each in refused)]
+    reasons = [*against, *(f"no law of another order was found: {each}" for each in refused)]
     step = Step("order", choice, "; ".join(reasons) or "a law of this order fits within the noise")
     close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < STRONG]
     said = tuple(note("order-not-identifiable", choice=choice, other=each) for each in close)

@@ -78,7 +78,7 @@ def _plain_laws(
 
     def of_order(order: Order, is_coarse: bool) -> Candidate:
         if several:
-            search.progress(f"seeking laws of order {order_in_words(order, search.trials.schema.states)}")
+            search.progress(f"searching laws of order {order_in_words(order, search.trials.schema.states)}")
         is_first = several and order == lowest
         candidate = search.plain(replace(structure, order=order), is_coarse or (is_first and len(possible) == 1))
         if is_first:

@@ -81,7 +81,7 @@ class AbstractRegression(AbstractMethod):
         What candidates are compared by on held-out trials: the ``"residuals"`` of their rows, or their ``"forecasts"``,
         which takes longer.
     n_resamples
-        Bootstrap resamples that tell how stable the candidates are.
+        Bootstrap resamples to assess the stability of candidates.
     n_jobs
         Processes that share the trials; each computes with one thread.
     seed
@@ -117,7 +117,7 @@ class AbstractRegression(AbstractMethod):
         solver = parsed(self.solver, parse_solver)
         segments = 1 if solver is not None and solver.hyperparameter is not None else SEGMENTS
         _check_effort(trials, len(terms), segments)
-        progress("turning trials into regression rows")
+        progress("building the regression problem")
         formulation = self.formulation(trials, structure)
         data = self._compressed(trials, partial(rows_by_object, form=formulation, terms=terms), segments, progress)
         known = structure.known_coefficients(schema, data.objects)
@@ -143,7 +143,7 @@ class AbstractRegression(AbstractMethod):
             )
             found = chosen_law(law, choose())
             if self.scoring == "forecasts":
-                progress("comparing forecasts of trials held out")
+                progress("comparing forecasts of held-out trials")
                 scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
                 found = chosen_law(law, choose(scores=scores))
         outcomes = (*found.diagnostics, *ill_conditions(found, data.problems), *_unit_outcomes(solver))

@@ -43,7 +43,7 @@ class Screened:
         """What is said of it."""
         if self.kept.all():
             return ()
-        why = "they explain most of smoothed rates; each of the others was tried on the law, and none improves it"
+        why = "terms that explain most of the smoothed rates; none of the others improves the law"
         return (Step("screening", f"{int(self.kept.sum())} of {counted(len(self.terms), 'term')}", why),)
 
     def among(self, fit: Fit) -> "Screened":

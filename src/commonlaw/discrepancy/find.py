@@ -91,7 +91,7 @@ def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: CandidateF
     step = Step(
         "discrepancy",
         f"a function of {chosen.basis.coordinate} in {law.left_hand_sides[chosen.equation]}",
-        f"coefficients are those beside it; noise times {posterior.noise_factor:.3g}",
+        f"coefficients estimated jointly with it; noise scaled by {posterior.noise_factor:.3g}",
     )
     return replace(
         own,

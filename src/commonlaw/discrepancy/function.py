@@ -162,15 +162,15 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
     def _sentences(self) -> Iterator[str]:
         named = f"f({self.basis.coordinate})"
         added = named if self.basis.times == "1" else f"{self.basis.times} {named}"
-        how = "Discrepancy" if self.claimed else "No discrepancy is sure"
+        how = "Discrepancy" if self.claimed else "No strong evidence for a discrepancy"
         yield f"{how}: {self.equation} = law + {added}, 2 log B = {self.evidence:.1f} against the law alone."
-        yield f"B says how many times more probable it is than the law alone; 2 log B above {STRONG:g} is strong."
+        yield f"Evidence relative to the law alone; 2 log B above {STRONG:g} is strong (Kass and Raftery 1995)."
         low, high = self.basis.low, self.basis.high
         digits = 3 + max(0, int(np.log10(max(abs(low), abs(high)) / (high - low))))  # Those that tell the ends apart
         span = f"{self.basis.coordinate} from {low:.{digits}g} to {high:.{digits}g}"
         parts = ", ".join(f"{100 * share:z.0f} % {name}" for name, share in self.shares.items())
-        yield f"Visited: {span}. The law's squared misfit is {parts}."
+        yield f"Range of the data: {span}. Squared misfit of the law: {parts}."
         if self.zero_at is not None:
             yield f"The law alone holds where {self.basis.coordinate} = {self.zero_at:g}: f is zero there."
         if self.holds_nothing_of:
-            yield f"f holds nothing of {', '.join(self.holds_nothing_of)}, over what was visited."
+            yield f"f is orthogonal to {', '.join(self.holds_nothing_of)} over the range of the data."

@@ -385,8 +385,8 @@ def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent
 
 def _level(sums: StateSums, spent: float) -> Tested:
     ratio, p_value = size_over_noise(sums.count, float(sums.powers[1]), spent)
-    larger = "the law lacks something, or the noise is larger than it says"
-    smaller = "the noise is smaller than the law says"
+    larger = "lack of fit, or the noise is underestimated"
+    smaller = "the noise is overestimated"
     return Tested("size over noise", ratio, p_value, larger if ratio > 1 else smaller)
 
 
@@ -399,9 +399,9 @@ def _trend(trend: Trend, count: int, name: str, time: str) -> Tested:
     share = 1 - left / total if total > 0 else 0.0
     p_value = float(f.sf((total - left) / powers / (left / free), powers, free)) if powers and left > 0 else 1.0
     if name == time:
-        meaning = "something changes with time that the law does not know, or its first moments differ"
+        meaning = "an unmodelled change with time, or a transient at the start"
     else:
-        meaning = f"the law lacks a term in {name}, or in what changes along with it; discrepancy shows it"
+        meaning = f"a term in {name}, or in a collinear variable, is missing; estimate it with discrepancy"
     return Tested(f"trend with {name}", share, p_value, meaning)
 
 
@@ -415,7 +415,7 @@ def _together(count: int, factor: Floats, name: str) -> Tested:
         return Tested(f"correlation with residuals of {name}", 0.0, 1.0, "")
     found = float(np.sign(factor[1, 1]) * across / total)
     p_value = 2 * float(beta.sf(abs(found), count / 2 - 1, count / 2 - 1, loc=-1, scale=2))
-    meaning = "both are disturbed, or measured, by the same thing"
+    meaning = "a common disturbance or a common measurement error"
     return Tested(f"correlation with residuals of {name}", found, p_value, meaning)
 
 
@@ -431,9 +431,11 @@ def _memory(sums: StateSums, spent: float) -> Tested:
     found = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
     size = pairs + trials
     total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
-    alike = "neighbours err alike: a force that the law lacks, or errors with a memory (`errors='correlated'`)"
-    unlike = "neighbours err to opposite sides: samples were rounded or differenced, or steps are too coarse"
-    return Tested("correlation of neighbours", float(found), float(chi2.sf(total, 1)), alike if found > 0 else unlike)
+    positive = "autocorrelated: an unmodelled force, or autocorrelated errors (`errors='correlated'`)"
+    negative = "negatively autocorrelated: rounded or differenced samples, or too coarse steps"
+    return Tested(
+        "correlation of neighbours", float(found), float(chi2.sf(total, 1)), positive if found > 0 else negative
+    )
 
 
 def _growth(sums: StateSums, name: str, spent: float) -> Tested:

@@ -138,16 +138,14 @@ class Design(ShownInNotebooks):
                 f"{self.aim.quantity.name} is {with_error(value, now)} now; its standard error is then {then:.2g}."
             )
         elif not self.aim.of_law:
-            sentences.append(
-                f"All coefficients together are then known better by {self.experiments[-1].bits:.1f} bits."
-            )
+            sentences.append(f"Expected information gain on all coefficients: {self.experiments[-1].bits:.1f} bits.")
         return tuple(sentences)
 
     def _of_laws(self) -> list[str]:
         if self.aim.of_law and not self.tells_apart:
             return [
-                "No experiment in these ranges tells these laws apart: each can imitate the others within its errors. "
-                f"Made {MAX_REPEATS} times, the best leaves a chance of {_floor(self.limit)}, and it is "
+                "No experiment in these ranges discriminates between these laws within their errors. "
+                f"{MAX_REPEATS} repeats of the best raise the posterior probability to {_floor(self.limit)}, from "
                 f"{_floor(self.chance_now)} now."
             ]
         chance = (
@@ -186,7 +184,7 @@ class Design(ShownInNotebooks):
             lines += [f"  {each.probability:.2f}  {'; '.join(each.law.structure)}" for each in self.laws]
             lines += [""]
         few = len(self.experiments) == 1
-        lines += ["The experiment to make next:" if few else "The experiments to make next, which tell most together:"]
+        lines += ["Most informative next experiment:" if few else "Most informative next experiments:"]
         lines += [f"  {i}. {each.text}: cost {each.experiment.cost:.4g}" for i, each in enumerate(self.experiments, 1)]
         return "\n".join([*lines, "", *self.sentences])
 

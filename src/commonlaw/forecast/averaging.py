@@ -46,8 +46,8 @@ def remarks_on(found: Forecast) -> tuple[str, ...]:
     lost = [each.label for each, share in zip(found.trials, own.weights, strict=True) if not share]
     if lost:
         return (
-            f"the law itself diverges in {', '.join(lost)}: what is forecast there is what else the law could be, with "
-            f"a probability of {1 - own.probability:.2g}",
+            f"the law diverges in {', '.join(lost)}: its forecasts there average the other plausible laws, of total "
+            f"posterior probability {1 - own.probability:.2g}",
         )
     if found.std is None:
         return ()
@@ -61,8 +61,8 @@ def remarks_on(found: Forecast) -> tuple[str, ...]:
         return ()
     other = found.parts[1]
     return (
-        f"the law could also be {other.equations} (probability {other.probability:.2g}): forecasts are averaged over "
-        f"{len(found.parts)} laws, and these differ by more than the forecast of one of them errs",
+        f"{other.equations} is also plausible (posterior probability {other.probability:.2g}): forecasts average "
+        f"{len(found.parts)} laws, which differ by more than the standard error of one forecast",
     )
 
 

@@ -101,7 +101,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     if law.order == 0:
         raise CommonlawError("discrete-start")
     if law.noise is None or not can_fit_initial_state(law):
-        lacks = "does not know the noise of the measurements" if law.noise is None else "says that a state has no noise"
+        lacks = "has no noise estimate" if law.noise is None else "has zero noise for a state"
         raise CommonlawError("initial-values-without-noise", lacking=lacks)
     noise = law.noise
     unmeasured = _unmeasured(law, trial)
@@ -272,7 +272,7 @@ def begin(
     notes = [f"trials not forecast {why.sentence(marked)}"] if lost else []
     unknown = [each.start_samples.label for each in found if law.rates and len(each.start_samples) == 1]
     if unknown:
-        notes.append(f"zero was taken for a rate that one sample does not tell, without a band: {'; '.join(unknown)}")
+        notes.append(f"rates not identifiable from one sample were set to zero, without a band: {'; '.join(unknown)}")
     # Trials that are forecast as they are stay the same
     kept = [each.trial for each in found]
     trials = trials if kept == list(trials) else trials.with_trials(kept)

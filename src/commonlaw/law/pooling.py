@@ -57,9 +57,9 @@ def pooled(law: Law, universal: Bools | None, others: bool) -> Law:
     choices = []
     for j, k in np.argwhere(support):
         share = shrinkage[j, k]
-        how = "alike" if share > _ALIKE else "specific to the object" if share < _OWN else "partly alike"
+        how = "shared" if share > _ALIKE else "object-specific" if share < _OWN else "partly pooled"
         choices.append(f"{law.terms.names[k]} in {law.left_hand_sides[j]}: {how} ({share:.2f})")
-    reason = "how far each object's coefficient is drawn to the mean of all, by how much these scatter beyond errors"
+    reason = "shrinkage of each object's coefficient to the mean, by the between-object variance"
     diagnostics = law.diagnostics
     if not told.all():
         apart = [name for name, is_told in zip(law.objects, told, strict=True) if not is_told]
@@ -154,7 +154,7 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
         relations[index], (equation, term) = relation, keys[index]
         follows = " of ".join(filter(None, (str(relation.kind), dependence(relation))))
         choices.append(f"{term} in {equation}: {follows} ({relation.probability:.2g})")
-    reason = f"largest evidence, and its probability; offered were {', '.join(names) or 'no properties'}"
+    reason = f"largest evidence, with its posterior probability; offered: {', '.join(names) or 'no properties'}"
     coefficients = law.coefficients.copy()
     coefficients[:, law.support] = values
     uncertainty = replace(

@@ -68,7 +68,7 @@ class Domain:
     def horizon_sentence(self, unit: str) -> str:
         """Return how far ahead forecasts are good, in words, given the unit of time."""
         upto, farthest = (f"{value or 0.0:.3g} {unit}".rstrip() for value in (self.horizon, self.judged))
-        return f"Forecasts were off by less than half of the states' spread up to {upto} ahead; {farthest} were judged."
+        return f"Reliable forecast horizon: {upto} (error below half a standard deviation; {farthest} tested)."
 
     def left_by(self, name: str, values: Floats) -> float | None:
         """Return the value that lies farthest beyond what was visited of a variable; None if none does."""
@@ -97,12 +97,12 @@ class Domain:
             low, high = self.visited[name]
             where = next(iter(values)) + (f" and {len(values) - 1} more" if len(values) > 1 else "")
             farthest = next(iter(values.values()))
-            parts.append(f"{name} comes to {farthest:.3g} in {where}, and was {low:.3g} to {high:.3g}")
+            parts.append(f"{name} reaches {farthest:.3g} in {where} (training range {low:.3g} to {high:.3g})")
         if parts:
-            yield f"forecasts leave what the law was learned from, and may be worse there: {'; '.join(parts)}"
+            yield f"forecasts extrapolate beyond the training data and may be less accurate: {'; '.join(parts)}"
         if self.horizon is not None and ahead > (1 + _BEYOND) * self.horizon:
-            good = f"were good up to {self.horizon:.3g} {unit}".rstrip() if self.horizon else "were not good"
-            yield f"forecasts go {ahead:.3g} {unit} ahead; when the law was judged they {good}".replace("  ", " ")
+            reliable = f"{self.horizon:.3g} {unit}".rstrip() if self.horizon else "none"
+            yield f"forecasts go {f'{ahead:.3g} {unit}'.rstrip()} ahead; reliable forecast horizon: {reliable}"
 
 
 def _rates(trial: Trial) -> Floats:

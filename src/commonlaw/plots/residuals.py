@@ -84,7 +84,7 @@ def _panels(residuals: Residuals, j: int) -> list[tuple[str, Callable[[Axes], No
         caption = f"Against the residuals of {schema.states[following]}."
         found.append((caption, partial(_against, values=whole[:, following], own=whole[:, j], label=label)))
     chance = "Correlation with residuals so many samples later; 95 % lie in the grey range by chance."
-    quantiles = "Sorted, beside the line on which normal errors lie."
+    quantiles = "Normal quantile plot; the line is that of normal errors."
     return [
         *found,
         (chance, partial(_memory, residuals=residuals, j=j)),

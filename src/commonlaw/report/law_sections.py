@@ -200,14 +200,14 @@ def _errors(case: LawCase) -> Iterator[Block]:
     if case.law.noise is not None:
         yield Text(f"Errors of measurement, by the law: {literal('; '.join(_of_measurement(case)))}.")
     if case.law.uncertainty.error_model.of_law:
-        yield Text("The law is not exact: it has process noise besides, which the bands of forecasts hold.")
+        yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
 
 
 def _of_measurement(case: LawCase) -> Iterator[str]:
     """Yield the levels of the errors of measurement of each kind."""
     law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.schema
     time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
-    kinds = (("noise", law.noise), (f"errors with a memory ({time})", errors.correlated))
+    kinds = (("noise", law.noise), (f"autocorrelated errors ({time})", errors.correlated))
     for kind, levels in kinds:
         if levels is not None:
             yield f"{kind} of {levels_in_words(levels, schema)}"
@@ -221,8 +221,8 @@ _MIN_OBJECTS = 2
 
 _MEASURES = {
     "held-out error": "Held-out error is the mean squared error on data that they were not fitted to.",
-    "BIC": "BIC weighs the fit against the number of terms; lower is better.",
-    "stability": "Stability is how often the least certain term is chosen again when trials are drawn anew.",
+    "BIC": "BIC penalizes the misfit by the number of terms; lower is better.",
+    "stability": "Stability is the share of bootstrap resamples in which the least certain term is selected.",
     **{name: f"{text}." for name, text in MEANINGS.items()},
 }
 """What measures of candidates mean."""
@@ -239,14 +239,14 @@ def coefficients(case: LawCase) -> Section:
     if law.support.any():
         known = law.uncertainty.covariance is not None
         what = "Coefficients by object, with the ends of their 95 % intervals." if known else "Coefficients by object."
-        blocks.append(Text(_interval(case) if known else "How accurate they are is not known."))
+        blocks.append(Text(_interval(case) if known else "Their standard errors are unknown."))
         pairs = zip(coefficient_names(law), law.parameters.errors.T, strict=True)
         given = [name for (name, _), errors in pairs if known and not errors.any()]
         if given:
-            blocks.append(Text(f"Known, and not fitted: {literal(', '.join(given))}."))
+            blocks.append(Text(f"Fixed: {literal(', '.join(given))}."))
         blocks.append(_intervals(law, what))
     else:
-        blocks.append(Text("The law has no coefficient: it says that nothing changes."))
+        blocks.append(Text("The law has no coefficient: all rates are zero."))
     return Section("coefficients", "Coefficients", tuple(blocks))
 
 
@@ -273,13 +273,13 @@ def _intervals(law: Law, caption: str) -> Block:
 
 def _interval(case: LawCase) -> str:
     others = len(case.law.uncertainty.other_laws)
-    averaged = f" They are averaged over the law and {counted(others, 'law')} that it could also be." if others else ""
+    averaged = f" They are averaged over the law and {counted(others, 'other plausible law')}." if others else ""
     if case.findings.is_exact:
         holds = "" if others else ", if the law holds"
         return f"Each 95 % interval holds the true coefficient with a probability of 95 %{holds}.{averaged}"
     return (
-        "As the law is not exact, these are not true values, but those that describe the measurements best; their 95 % "
-        f"intervals say how well the measurements tell them.{averaged}"
+        "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals reflect sampling "
+        f"error only.{averaged}"
     )
 
 
@@ -367,11 +367,11 @@ def experiments(case: LawCase) -> Section:
     """Return the part on what to measure next."""
     title, found = "What to measure next", suggestions(case.law, case.findings.training)
     if not found:
-        text = "Nothing is suggested: that takes a law of continuous time that knows how accurate its coefficients are."
+        text = "Nothing is suggested: experimental design needs a law in continuous time with a covariance matrix."
         return Section("experiments", title, (Text(text),))
     intro = (
-        "One more trial like those that were made, from anywhere among the states that they visited: the one that is "
-        "expected to tell most, by all that the law could be, with its errors."
+        "One more trial like the existing ones, with initial conditions in the range of the data, of largest expected "
+        "information gain over all plausible laws."
     )
     lines = []
     for each in found:
@@ -395,7 +395,7 @@ def ranges(case: LawCase) -> Section:
         {"": name, "from": low, "to": high, "unit": unit_text(units[name]) or None}
         for name, (low, high) in columns.items()
     ]
-    learned = "The law was learned from the ranges below, and says nothing certain outside of them. "
+    learned = "The law was fitted in the ranges below; outside of them it extrapolates. "
     given = "The law was given, and compared with trials in the ranges below. "
     text = (learned if law.provenance.is_learned else given) + " ".join(
         literal(each) for each in case.findings.sentences[:1]

@@ -249,7 +249,7 @@ def find_by_stream(
         there = {(each.object, each.name) for each in few}
         others = [each for each in training if (each.object, each.name) not in there]
         few = as_one([few, training.with_trials(others)]) if others else few
-    progress(Stage(f"judging the law by {len(rows)} objects", 1.0))
+    progress(Stage(f"assessing forecasts of {len(rows)} objects", 1.0))
     found = find(law_of(law, few.objects), few, training)
     law = replace(law, provenance=found.law.provenance)
     return ManyFindings(law, errors, found)
@@ -257,7 +257,7 @@ def find_by_stream(
 
 def _read(names: set[str], parts: Sequence[TrialStream], progress: ProgressCallback) -> list[Trials]:
     """Return the trials of some objects in parts that have some."""
-    found = done_in_parts(partial(_some, names), parts, "reading objects that stand for all", progress)
+    found = done_in_parts(partial(_some, names), parts, "reading representative objects", progress)
     return [each for each in found if each is not None]
 
 

@@ -77,7 +77,7 @@ def law_of_parts(
     laws = done_in_parts(partial(_proposed, find), some, "seeking laws of groups of objects", tell)
     proposed = {tuple(law.structure): law for law in reversed(laws)}
     what = f"{counted(len(proposed), 'law')} of {counted(len(some), 'group')} of at most {_OBJECTS} objects"
-    steps = [Step("proposals", what, "a search among few objects shows the terms that all have")]
+    steps = [Step("proposals", what, "terms proposed by a search among few objects")]
     best = next(iter(proposed.values()))
     if len(proposed) > 1:
         best, step = _judged(parts, proposed, fitting, part(progress, _PROPOSED, _JUDGED))

@@ -285,7 +285,7 @@ def _same_bytes(one: Trial, other: Trial) -> bool:
 def _copied(trials: Sequence[Trial]) -> list[Finding]:
     """Return the trials that are no new evidence."""
     pairs = exact_copies(trials)
-    return [_in(trial, f"an exact copy of {before.label}, which tells nothing new") for trial, before in pairs]
+    return [_in(trial, f"an exact copy of {before.label}, which adds no information") for trial, before in pairs]
 
 
 def _without_unit(schema: Schema) -> list[Finding]:

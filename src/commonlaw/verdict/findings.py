@@ -18,7 +18,7 @@ from commonlaw.verdict.law_verdict import LawVerdict
 
 T = TypeVar("T")
 
-_NOT_JUDGED, _NOT_FITTED = "the law was not judged", "the law has no fitted curves"
+_NOT_JUDGED, _NOT_FITTED = "the forecast assessment failed", "the law has no fitted curves"
 _NOT_CHECKED = "the law was not checked by forecasts"
 
 

@@ -163,7 +163,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     judged, found, unjudged = list[Segment](), list[SegmentErrors](), list[str]()
     whole = {(each.object, each.name): each for each in trials}
     parts = segments(trials, learned, law.order)
-    for segment in announced(parts, f"judging the law by {counted(len(parts), 'forecast')}", "take fewer trials"):
+    for segment in announced(parts, f"assessing {counted(len(parts), 'forecast')}", "take fewer trials"):
         trial = segment.trial
         if segment.first >= len(trial):
             unjudged.append(f"{trial.label}: too short, with {counted(len(trial), 'sample')}")

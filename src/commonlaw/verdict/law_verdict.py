@@ -125,19 +125,19 @@ class LawVerdict(ShownInNotebooks):
 
     @property
     def usable(self) -> bool | None:
-        """Whether the law can be used for forecasts; None if that could not be judged."""
+        """Whether the law can be used for forecasts; None if that could not be assessed."""
         return None if self.lacking else not self.against
 
     @property
     def lacking(self) -> str:
-        """Why the law could not be judged; empty if it was."""
+        """Why the law could not be assessed; empty if it was."""
         if self.diverged:
             return ""
         if self.measurements < _MIN_MEASUREMENTS:
-            few = f"too few, {counted(self.measurements, 'measurement')}, to compare with"
-            return few if self.measurements else "nothing was measured in what it forecasts"
+            few = f"there are too few measurements to compare with ({self.measurements})"
+            return few if self.measurements else "the forecast trials hold no measurement"
         still = self.persistence <= SMALL_ERROR and self.horizon == self.longest and self._is_no_better
-        return "the states hardly move, and a constant forecast is as good" if still else ""
+        return "the states hardly change, and a constant forecast is equally accurate" if still else ""
 
     @property
     def against(self) -> tuple[str, ...]:
@@ -146,14 +146,16 @@ class LawVerdict(ShownInNotebooks):
         if self.diverged:
             found.append(f"its forecasts diverge in {self.diverged} of {counted(self.segments, 'forecast')}")
         if not self.horizon and not self.diverged:
-            found.append(f"even the nearest are off by more than half of the states' spread{self._spreads}")
+            found.append(
+                f"even at the shortest horizon the error exceeds half of the states' standard deviation{self._spreads}"
+            )
         if self._is_no_better and not self.diverged:
-            found.append("they are no better than a constant forecast")
+            found.append("the error is not below that of a constant forecast")
         if self.horizon and not self.diverged and self._is_no_better_than_mean:
             error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
-            whole = f"over all that was judged, R^2 is {self.r_squared:.3g}{error}"
+            whole = f"R^2 over all tested forecasts is {self.r_squared:.3g}{error}"
             found.append(
-                f"beyond {self._time(self.horizon)} ahead they are no better than a mean of the states: {whole}"
+                f"beyond {self._time(self.horizon)} ahead they are no better than the mean of the states: {whole}"
             )
         if self.coverage is not None and self.coverage < _FAILED_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:
             found.append(f"only {_percent(self.coverage)} of the measurements lie within the 95 % bands")
@@ -178,9 +180,9 @@ class LawVerdict(ShownInNotebooks):
 
     def _sentences(self) -> Iterator[str]:
         if self.usable is None:
-            yield f"Whether this law can be used for forecasts could not be judged: {self.lacking}."
+            yield f"Forecast accuracy could not be assessed: {self.lacking}."
         elif self.usable:
-            beyond = f", beyond which it is off by more than half of the states' spread{self._spreads}"
+            beyond = f"; beyond, the error exceeds half of the states' standard deviation{self._spreads}"
             end = " (longest horizon tested)" if self.horizon == self.longest else beyond
             can = "Forecasts its training data well" if self.in_sample else "This law can be used for forecasts"
             only = "" if self.exact else "; it is an approximation"
@@ -190,32 +192,32 @@ class LawVerdict(ShownInNotebooks):
             yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
         if self.without_terms:
             names = " and ".join(self.without_terms)
-            yield f"It says that {names} stays zero: none of the terms that were offered proved its worth."
+            yield f"No candidate term was selected for {names}, which the law sets to zero."
         if not self.exact:
-            others = ", as no other law of the terms that were offered does" if self.none_exact else ""
-            yield f"It does not explain the measurements to within their errors{others}."
+            which = "no law in the library fits" if self.none_exact else "this law does not fit"
+            yield f"Lack of fit: {which} the data within the noise."
         if self.few_samples:
-            yield "It has as many terms as so few samples can tell apart."
+            yield "An equation has the maximum number of terms that so few samples can identify."
         if self.measurements:
             compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
             yield f"Tested on {self.judged_on}: {compared}, from the first samples of each trial."
             if self.unknown_objects:
-                yield f"Of {listed(self.unknown_objects)} it knows the other objects' mean coefficients only."
+                yield f"Forecasts of {listed(self.unknown_objects)} use the mean coefficients of the other objects."
             if not self.diverged:
                 yield from self._accuracy()
             yield from self._bands()
         if self.poorly_known:
-            yield f"Poorly known, with errors above half of their size: {listed(self.poorly_known)}."
+            yield f"Poorly identified (standard error above 50 % of the estimate): {listed(self.poorly_known)}."
         if self.unjudged:
-            yield f"Not judged: {listed(self.unjudged, '; ')}."
+            yield f"Not assessed: {listed(self.unjudged, '; ')}."
         if advice := "; ".join(self._advice()):
-            yield f"To get further: {advice}."
+            yield f"Suggestions: {advice}."
 
     def _advice(self) -> Iterator[str]:
         if not self.exact:
             yield "add terms, or give a larger noise if it is known"
         elif self.without_terms or self.usable is False:
-            yield "offer other terms, or measure more, or more exactly"
+            yield "offer other terms, or collect more or more precise data"
         if self.few_samples or 0 < self.measurements < _MIN_MEASUREMENTS:
             yield "measure more samples or more trials"
 

@@ -34,7 +34,7 @@ def _of_scales(law: Law) -> Iterator[Outcome]:
         base = _absolute(name, units[name]) if any(changes) else None
         for equation, terms in zip(law.left_hand_sides, changes, strict=True) if base else ():
             if terms:
-                verb = "hangs" if len(terms) == 1 else "hang"
+                verb = "depends" if len(terms) == 1 else "depend"
                 yield note("scale-origin", equation, terms=terms, verb=verb, name=name, unit=units[name], base=base)
 
 
@@ -82,7 +82,7 @@ def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
     starting = [trial for trial in starting if not _starts_near_zero(law, trials.with_trials([trial]), noise)]
     if starting:
         names = " or ".join(law.states)
-        began = f"{counted(len(starting), 'trial')} began at zero, within the noise"
+        began = f"initial values of {counted(len(starting), 'trial')} are zero within the noise"
         yield note("starts-at-rest", began=began, names=names)
 
 

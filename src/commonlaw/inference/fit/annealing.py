@@ -31,7 +31,7 @@ from commonlaw.runtime.parallel import in_parallel
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.text import counted
 
-LEFT_BY_LAW = "by what the law leaves of the measurements"
+LEFT_BY_LAW = "from the residuals of the law"
 """Why the noise is what it is."""
 
 

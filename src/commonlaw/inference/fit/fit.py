@@ -37,9 +37,9 @@ class Status(StrEnum):
     NOT_COMPUTABLE = "the likelihood cannot be computed"
     NOT_CONVERGED = "not converged"
     HAS_POLE = "a denominator vanishes at or between the states"
-    NOT_IDENTIFIABLE = "parameters inside of terms are not identifiable"
+    NOT_IDENTIFIABLE = "nonlinear parameters are not identifiable"
     WITHOUT_EFFECT = "no term, or a latent state without effect"
-    REFUSED = "the trials do not go with the model"
+    REFUSED = "the trials are incompatible with the model"
 
 
 class Model(NamedTuple):
@@ -219,7 +219,7 @@ class Fit:
         """What speaks against the law itself, whatever its noise, in words; nothing if nothing does."""
         reason = in_words(each for each in self.departures if not each.is_of_noise)
         if not reason and self.diverges:
-            return "trajectories of the trials that the law was learned from diverge"
+            return "trajectories of training trials diverge"
         return reason
 
     @property
@@ -238,8 +238,8 @@ class Fit:
         reason = in_words(self.departures) or self.lack_of_fit
         if reason or not self.problem.errors:
             few = self.has_few_measurements and not self.problem.noise_is_fixed
-            return reason or ("few measurements may hide how noise grows" if few else "")
-        return "noise grows with the states"
+            return reason or ("too few measurements to test for heteroscedasticity" if few else "")
+        return "the noise is heteroscedastic"
 
     def neighbours(self) -> list[list[tuple[float, Bools]]]:
         """Return the supports next to those of the fit, by equation, see `SupportEvidence.neighbours`."""

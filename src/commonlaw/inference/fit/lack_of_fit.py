@@ -71,7 +71,7 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
             lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
             count += len(standard)
     if 2 * count < whole:
-        return [Departure(f"mostly more than {MAX_STANDARDIZED_RESIDUAL:g} standard deviations of its noise")]
+        return [Departure(f"mostly larger than {MAX_STANDARDIZED_RESIDUAL:g} noise standard deviations")]
     if not is_measured:
         return []
     squared, found, price = np.concatenate(squares), [], np.log(max(count, 2))

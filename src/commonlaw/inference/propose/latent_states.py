@@ -97,7 +97,7 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
     def fitted(model: _LatentStateModel) -> Fit:
         done.append(model.words)
         share = len(done) / (len(models) + 1)
-        progress(Stage(f"trying a state that nobody measured: it {model.words}", share))
+        progress(Stage(f"trying a latent state that {model.words}", share))
         return model.fitted(trials, most_samples)
 
     tried = [(each, fit) for each in models if (fit := fitted(each)).is_usable]
@@ -138,7 +138,7 @@ def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Po
 
 def _ambiguous(name: str, same: "Sequence[tuple[_LatentStateModel, Fit]]") -> Outcome:
     """Return what is said of laws that fit alike."""
-    listed = "; or ".join(f"{'; '.join(_structure(fit))}, where it {model.words}" for model, fit in same)
+    listed = "; or ".join(f"{'; '.join(_structure(fit))}, in which it {model.words}" for model, fit in same)
     return note("latent-state-not-identifiable", name=name, others=listed)
 
 
@@ -309,7 +309,7 @@ class _LatentStateModel:
         return self.without.problem.terms.variables.states
 
 
-UNMEASURED_STATE = "unmeasured state"
+UNMEASURED_STATE = "latent state"
 """Of the history of a law: what was chosen of a state that nobody measured."""
 
 
@@ -341,7 +341,7 @@ def with_drive_said(pool: Pool, offered: Sequence[ParametricTerm | TiedTerms]) -
     why = f"latent forcing; without it -2 log evidence is {more:.3g} more"
     step = Step(UNMEASURED_STATE, ", ".join(named) or "none", why)
     if not named:
-        step = Step(UNMEASURED_STATE, "none", "no drive that nobody measured has a larger evidence")
+        step = Step(UNMEASURED_STATE, "none", "no latent forcing increases the evidence")
     return pool.with_best(replace(fit, steps=(step,)))
 
 

@@ -156,7 +156,7 @@ def _searched(
         before, begun, most = best, rows, _most(best, rows)
         near, *left = left
         if not known.suffice(best):
-            progress(Stage("proposing terms with constants inside", number / settings.MAX_SWEEPS))
+            progress(Stage("proposing parametric terms", number / settings.MAX_SWEEPS))
             sets = (*_proposed(search, best, rows, near), *known.sets)
             known = _Known(sets, best.score.total if number > 0 and not best.lack_of_fit else -np.inf)
         steps = len(rows) + 2  # All equations together, one after the other, and together what is best in each
@@ -271,4 +271,4 @@ def _proposed(
 
 
 def _stage(progress: ProgressCallback, begun: float, share: float, done: float) -> None:
-    progress(Stage("fitting laws with constants inside of terms", begun + share * done))
+    progress(Stage("fitting laws with nonlinear parameters", begun + share * done))

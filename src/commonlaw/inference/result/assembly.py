@@ -70,7 +70,7 @@ def assemble(
         errors = standardized_errors(pool.best, pooled)
     else:
         pool, errors = best_forecaster(pool, kinds, pooled, progress)
-    progress("judging terms and coefficients")
+    progress("computing standard errors and inclusion probabilities")
     compared = compared_terms(pool)
     fit, is_converged = pool.best, True
     problem = fit.problem

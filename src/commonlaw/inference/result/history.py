@@ -72,7 +72,7 @@ def probabilities(listed: Compared) -> Floats:
     return np.asarray(weights / weights.sum())
 
 
-_LEVELS = "levels of largest evidence for errors of this kind"
+_LEVELS = "maximum-marginal-likelihood estimates of the error parameters"
 
 
 def outcomes(law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool) -> tuple[Outcome, ...]:
@@ -105,7 +105,7 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
     if not (fit.has_model_error or (is_converged and fit.follows_solutions)):
         found.append(note("fit-not-converged" if chosen else "fit-not-converged-from-guesses"))
     if fit.has_process_noise:
-        of = ", the best of its library," if chosen else ""
+        of = ", the best in its library," if chosen else ""
         found.append(note("model-error", library=of, error=model_error_step(fit).choice))
     elif left := _left(fit):
         found.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=left))
@@ -161,9 +161,9 @@ def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:
 
 def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
     """Return which samples were fitted, if these are not all, and which states were never measured in a trial."""
-    why = "as many as the likelihood of trajectories carries"
+    why = "sample limit of the trajectory likelihood"
     lacking = unmeasured_in_words(problem.trials)
-    unmeasured = Step("unmeasured states", lacking, "fitted with the law, which other trials tell")
+    unmeasured = Step("latent states", lacking, "estimated jointly with the law, identified by the other trials")
     return (
         *((Step("samples", problem.samples, why),) if problem.samples else ()),
         *((unmeasured,) if lacking else ()),
@@ -178,8 +178,8 @@ def history(
 ) -> tuple[Step, ...]:
     """Return every choice that was made, in order, and what terms were chosen by."""
     problem = fit.problem
-    resolved = f"a finer mesh moves the coefficients by less than {CONVERGED:g} standard errors"
-    mesh = resolved if problem.points < MAX_MESH_POINTS[-1] else "the finest there is"
+    resolved = f"a finer mesh changes the coefficients by less than {CONVERGED:g} standard errors"
+    mesh = resolved if problem.points < MAX_MESH_POINTS[-1] else "finest mesh available"
     steps = [
         *sample_steps(problem),
         noise_step(problem),
@@ -192,7 +192,7 @@ def history(
         Step(
             "mesh",
             f"{problem.points} step{'s' if problem.points > 1 else ''} from sample to sample",
-            "a law with a model error needs no finer one" if fit.has_model_error else mesh,
+            "laws with process noise need no finer mesh" if fit.has_model_error else mesh,
         ),
     ]
     for equation, listed in zip(law.left_hand_sides, compared, strict=True):
@@ -225,10 +225,10 @@ def fit_steps(fit: Fit) -> tuple[Step, ...]:
     found = []
     if errors.proportional is not None:
         shares = (f"{100 * each:.3g} % of {name}" for name, each in zip(names, errors.proportional, strict=True))
-        found.append(Step("noise in proportion", ", ".join(shares), _LEVELS))
+        found.append(Step("proportional noise", ", ".join(shares), _LEVELS))
     if errors.correlated is not None:
         levels = levels_in_words(errors.correlated, schema)
-        found.append(Step("errors with a memory", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
+        found.append(Step("autocorrelated errors", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
     deviance, count = sum(each.deviance for each in fit.estimates), sum(problem.measured)
     deviance += float(np.sum(problem.measurements.pure_error[0] / problem.noise**2))
     return (
@@ -237,7 +237,7 @@ def fit_steps(fit: Fit) -> tuple[Step, ...]:
         Step(
             "coefficients",
             f"maximum likelihood of {len(problem.trials)} trajectories",
-            f"deviance {deviance / count:.3f} for each of {count} measurements, about 1 expected",
+            f"deviance {deviance / count:.3f} per measurement ({count} measurements; about 1 expected)",
         ),
     )
 
@@ -250,10 +250,14 @@ def model_error_step(fit: Fit) -> Step:
         time = f"{errors.force_time:.3g} {schema.units.get(schema.time, '')}".rstrip()
         return Step("model error", f"a smooth force on {', '.join(levels)}; over {time}", why)
     if fit.has_model_error:
-        return Step("model error", f"a random walk, in each step {fit.model_error:.3g} times the noise", why)
+        return Step("model error", f"a random walk with steps of {fit.model_error:.3g} times the noise", why)
     left = _left(fit)
-    fine = "residuals of the law's solutions are within the measurement errors"
-    return Step("model error", "none", f"the law counts as exact, but {left}" if left else fine)
+    fine = "no lack of fit: residuals are within the noise"
+    return Step(
+        "model error",
+        "none",
+        f"no model error was included, although the residuals are not white noise: {left}" if left else fine,
+    )
 
 
 def _why(listed: Compared, chosen_by: str) -> str:

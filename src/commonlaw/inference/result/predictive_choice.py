@@ -47,7 +47,7 @@ def best_forecaster(
     own = standardized_errors(pool.best, pooled)
     if not _is_in_doubt(pool.best, own):
         return pool, own
-    progress("comparing forecasts of what was left out")
+    progress("comparing forecasts of held-out data")
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_tell_by_halves(pool.best))
     weighed = [(_score(errors_of(pool.best)), pool.best)]
     for fit in _others(pool, kinds, progress):

@@ -62,7 +62,7 @@ class Kind(StrEnum):
     """What a score is the logarithm of."""
 
     EVIDENCE = "largest evidence"
-    FORECASTS = "best forecasts of what was left out"
+    FORECASTS = "best forecasts of held-out data"
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,10 @@ from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounce
 
 WORDS: dict[ErrorKind, str] = {
     "white": "white noise",
-    "proportional": "noise that grows with the states",
-    "correlated": "errors of the measurements that have a memory",
+    "proportional": "proportional noise",
+    "correlated": "autocorrelated measurement errors",
     "walk": "a random walk",
-    "force": "a smooth force",
+    "force": "a smooth random force",
 }
 """What is said of each kind of errors."""
 
@@ -54,7 +54,7 @@ def choose_errors(
     reason = pool.best.reason_for_errors if errors == "auto" else "as asked for"
     if not reason:
         return pool
-    progress(Stage(f"{reason}: estimating errors with the law", 0.2))
+    progress(Stage(f"{reason}: estimating errors jointly with the law", 0.2))
     kinds = error_kinds(errors, pool.best.problem.trials.schema)
     if errors == "auto" and not pool.best.lack_of_fit:
         known = pool.best.problem.errors.kind if pool.best.problem.errors else "proportional"
@@ -88,10 +88,10 @@ def _with_error_model(
     else:
         pools = of_each_group(fit, kinds, part(progress, 0.0, 0.5))
         others = [each.supports for each in explored] + ([] if proposed is None else [proposed & problem.allowed])
-        progress(Stage("comparing laws under each kind of errors", 0.5))
+        progress(Stage("comparing laws under each error model", 0.5))
         compared = _under_all(pools, others)
         if compared:
-            progress("comparing errors of the law that is chosen")
+            progress("comparing error models of the chosen law")
             compared += under_each_kind(problem, most_probable(compared).supports, kinds)
     if not compared:
         return fit, []
@@ -110,14 +110,14 @@ def of_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallba
 
     The best are those of largest evidence with the supports that were found. The largest evidence comes first.
     """
-    progress("comparing kinds of errors")
+    progress("comparing error models")
     starts, pools = under_each_kind(fit.problem, fit.supports, kinds), list[Pool]()
     for number, group in enumerate(GROUPS, start=1):
         show = part(progress, number / (len(GROUPS) + 1), (number + 1) / (len(GROUPS) + 1))
         of_group = [each for each in starts if each.errors in group]
         if of_group:
             start = min(of_group)
-            show(f"seeking the law with {WORDS[start.errors]}")
+            show(f"searching for a law with {WORDS[start.errors]}")
             pools.append(_in_turn(start, show))
     return sorted((pool for pool in pools if pool.best.is_usable), key=lambda pool: pool.best.score)
 

@@ -192,7 +192,7 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
         best = beside_alternatives(fit)
         if best.supports.tobytes() in done:  # Each of two may be the better one under the noise that the other leaves
             return pool.with_best(best)
-        progress("fitting what is more plausible")
+        progress("fitting more plausible candidates")
         fit = best
 
 
@@ -225,7 +225,7 @@ def search_by_few(problem: SearchProblem, few: Sequence[SearchProblem], progress
     pays = threads_pay(problem.models)
     best = [fits[0] for fits in in_parallel(lambda each: search(each, show), few, pays=pays)]
     if not any(fit.has_model_error for fit in best):
-        progress(Stage("weighing by all samples what some of them show", 0.7))
+        progress(Stage("re-evaluating candidates on all samples", 0.7))
         distinct = {fit.supports.tobytes(): fit for fit in best}.values()
         ways = in_parallel(lambda each: _chosen_again(problem, each), distinct, pays=pays)
         weighed = [fit for way in ways for fit in way]

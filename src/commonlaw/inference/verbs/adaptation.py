@@ -20,7 +20,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     """Return the law of the objects of these trials, their coefficients updated by them, see `Law.update`."""
     law.uncertainty.known_covariance()
     if law.noise is None or law.uncertainty.error_model:
-        lacks = "has errors other than white noise" if law.noise is not None else "does not know its noise"
+        lacks = "has errors other than white noise" if law.noise is not None else "has no noise estimate"
         raise CommonlawError("weights-unknown", lacking=lacks)
     trials = matched(law, trials)
     setup = FitSetup.of(with_objects_of(law, trials)[0], trials)
@@ -32,7 +32,11 @@ def adapt(law: Law, trials: Trials) -> Law:
     uncertainty = replace(
         before.uncertainty, covariance=covariances, shared_factor=None, unpooled=None, explanation=None, other_laws=()
     )
-    step = Step("adaptation", f"{len(trials)} trials", "coefficients by them and by what other objects say of these")
+    step = Step(
+        "adaptation",
+        f"{len(trials)} trials",
+        "coefficients estimated from these trials, with the other objects as prior",
+    )
     return replace(
         before,
         coefficients=coefficients,

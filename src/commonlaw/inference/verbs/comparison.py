@@ -132,7 +132,7 @@ def compare_by_parts(
     import pandas as pd
 
     light = {name: law.average() for name, law in laws.items()}
-    frames = done_in_parts(partial(_of_part, light, settings), parts, f"weighing {len(laws)} laws", progress)
+    frames = done_in_parts(partial(_of_part, light, settings), parts, f"comparing {len(laws)} laws", progress)
     said = pd.concat(frames).groupby("law", sort=False)
     frame = said.agg(
         {

@@ -193,7 +193,7 @@ class _Fit:
 def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallback) -> Law:
     """Return the law of the objects of a stream, fitted part by part."""
     if law.terms.constants or law.schema.starts:
-        what = "constants inside of terms" if law.terms.constants else "states that nobody measured"
+        what = "nonlinear parameters" if law.terms.constants else "latent states"
         raise CommonlawError("not-refined-file-by-file", what=what)
     parts, known = stream.parts or (stream,), {*law.objects}
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
@@ -201,5 +201,5 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     laws = [light.select(own) if known.issuperset(own) else typical(law, own) for own in names]
     fits = [partial(how.refined, own, alike=False, progress=silent) for own in laws]
     found = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
-    step = Step("coefficients", counted(len(parts), "file"), "each object is fitted to its trials, file by file")
+    step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
     return replace(found, provenance=replace(found.provenance, history=(*law.history, step)))
