@@ -154,7 +154,7 @@ SAMPLES = b"Sample;Run;Time (h);OD600;Note\n" + b"".join(
 def test_roles_that_are_clear_are_shown_with_the_problem_and_stay_when_others_are_chosen():
     table = Table("plate.csv", SAMPLES)
     seen = preview(table, Columns(object="", trial="Run", time="Time", states=("OD600",)))
-    assert "(column 'Sample' would do)" in seen["problem"]
+    assert "(such as 'Sample')" in seen["problem"]
     shown = seen["recognised"]
     assert (shown["object"], shown["trial"], shown["time"], shown["states"]) == (None, "Run", "Time", ("OD600",))
     for columns in (Columns(), Columns(object="Sample", trial="Run", time="Time", states=("OD600",))):

@@ -47,7 +47,7 @@ CASES = {
     "a constant state": (
         re.sub(r"(,1,[^,]*),.*", r"\1,3", rows()),  # Of all objects: one at rest among others is left out
         [],
-        "the state 'height' of golf never changes",
+        "the state 'height' of golf is constant",
     ),
     "an unknown unit": (rows(), ["--unit", "height=metrez"], "height.*metrez|metrez.*height"),
     "a unit for no column": (rows(), ["--unit", "speed=m/s"], "speed"),
@@ -163,7 +163,7 @@ def test_laws_that_cannot_be_read(fails, tmp_path):
         "predict", "law.json", "drops.csv", "--save", "forecast.csv"
     )
     (tmp_path / "law.json").write_text("{")
-    assert "law.json: this is not a law or it is damaged" in fails("show", "law.json")
+    assert "law.json: this is not a saved law, or it is damaged" in fails("show", "law.json")
     assert "there is no file 'gone.json'" in fails("show", "gone.json")
 
 

@@ -62,10 +62,10 @@ def test_constants_inside_of_terms_are_fitted_saved_and_forecast_with(run, tmp_p
 @pytest.mark.parametrize(
     ("equation", "message"),
     [
-        ("T' = a + b (T", "at character 12, '(': this parenthesis is not closed; variables: T, min"),
+        ("T' = a + b (T", "at character 12, '(': this parenthesis is not closed: add ')'; variables: T, min"),
         ("Q' = a", "unknown column 'Q'"),
         ("T' = -k T + b sin(q)", "b, q are not identifiable"),
-        ("T[k+1] = a T", "takes no noise"),
+        ("T[k+1] = a T", "do not support noise"),
     ],
 )
 def test_what_cannot_be_fitted_is_one_line_on_stderr(run, equation, message):

@@ -87,7 +87,7 @@ def test_forecasts_begin_at_a_time(run, tmp_path, tank):
         (["--until", "inf"], "--until inf: give a finite number"),
         (["--until", "nan"], "--until nan: give a finite number"),
         (["--step", "inf"], "--step inf: give a finite number"),
-        (["--until", "1e12", "--step", "1e-3"], "1000000000000000 times of 1 trials would take"),
+        (["--until", "1e12", "--step", "1e-3"], "1000000000000000 times of 1 trials would need"),
     ],
 )
 def test_times_without_end_are_refused(run, options, message):

@@ -46,7 +46,7 @@ def test_however_many_searches_begin_at_once_three_run_and_what_is_cancelled_lea
     with ThreadPoolExecutor(10) as pool:
         answers = [*pool.map(lambda _: app.ask("searches", "POST", question), range(10))]
     assert sorted(status for status, _ in answers) == [200] * 3 + [422] * 7
-    assert "3 searches run already" in str(next(said for status, said in answers if status == 422)["error"])
+    assert "3 searches are running" in str(next(said for status, said in answers if status == 422)["error"])
     begun = [said["search"] for status, said in answers if status == 200]
     assert app.ask("first")[1]["search"] in begun  # where a new tab goes on
     assert app.ask(f"searches/{begun[0]}/law.json?candidate={'9' * 5000}")[0] == 422

@@ -204,7 +204,7 @@ def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
 
 def test_forecasts_say_what_else_the_law_could_be_where_that_matters(law, trials):
     (note,) = law.predict(trials, return_std=True).trials.notes
-    assert "x' = a x + b (probability 0.3)" in note
+    assert "x' = a x + b is also plausible (posterior probability 0.3)" in note
     alike = law.with_others((PlausibleLaw(0.3, law_of(-1.0, 1e-6)),))
     assert alike.predict(trials, return_std=True).trials.notes == ()
     assert law.predict(trials, return_std=True, averaged=False).trials.notes == ()

@@ -50,7 +50,7 @@ def test_a_law_says_what_is_universal_and_what_follows_properties():
     assert table["kind"].to_dict() == {"1": "universal", "v^2": "power law"}
     assert table["unit"].to_dict() == {"1": "m/s²", "v^2": "kg/m³"}
     assert "v^2 in x'': power law of diameter^2/mass" in law.history[-1].choice
-    assert "offered were diameter, mass" in law.history[-1].reason
+    assert "offered: diameter, mass" in law.history[-1].reason
 
 
 def test_units_say_what_a_factor_is():

@@ -113,7 +113,7 @@ def test_it_says_what_was_given_and_what_fits_as_well(law):
     (outcome,) = [each for each in law.diagnostics if each.kind == "ambiguous"]
     ka, _, k = by_letters(law, ONE)[0][0]
     assert ka > k
-    swapped = [float(word.split(" = ")[1]) for word in outcome.text.split(": ")[1].split("; ")[0].split(", ")]
+    swapped = [float(word.split(" = ")[1]) for word in outcome.text.split(": ")[1].split(". ")[0].split(", ")]
     assert (swapped[0], swapped[2]) == pytest.approx((k, ka), rel=0.1)
 
 
