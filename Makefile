@@ -23,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-fits bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-choice bench-told bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-trajectory bench-unmeasured release-check kernel clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-fits bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-choice bench-confounding bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-trajectory bench-unmeasured release-check kernel clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -101,8 +101,8 @@ bench-discrepancy: $(STAMP) ## What laws leave unexplained: ten minutes; less wi
 bench-choice: $(STAMP) ## Whether laws of small data are right as often as they say: ten minutes; less with ARGS="--draws 10"
 	$(BIN)/python -m benchmarks.choice $(ARGS)
 
-bench-told: $(STAMP) ## Whether what trials cannot tell is said: a minute; half an hour with ARGS="--laws"
-	$(BIN)/python -m benchmarks.told_apart $(ARGS)
+bench-confounding: $(STAMP) ## Whether confounded variables are reported: a minute; half an hour with ARGS="--laws"
+	$(BIN)/python -m benchmarks.confounding $(ARGS)
 
 bench-next: $(STAMP) ## Whether designed experiments find the law sooner than random ones: half an hour
 	$(BIN)/python -m benchmarks.next_experiment $(ARGS)

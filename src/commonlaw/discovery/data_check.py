@@ -18,7 +18,7 @@ _LISTED = 4
 """Sets of variables that are listed."""
 
 
-def variables_not_told_apart(
+def confounded_variables(
     trials: Trials, order: int | None = None, library: AbstractLibrary | str | None = None
 ) -> tuple[Finding, ...]:
     """Return what trials cannot tell of the variables of a law, see `Trials.check`.

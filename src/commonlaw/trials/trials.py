@@ -345,7 +345,7 @@ class Trials(ShownInNotebooks):
             Their candidate terms, see `discover`. Default: polynomials of degree 3, or of a lower one where trials have
             few samples.
         """
-        found = resolve_name("commonlaw.discovery.data_check:variables_not_told_apart")(self, order, library)
+        found = resolve_name("commonlaw.discovery.data_check:confounded_variables")(self, order, library)
         report = check(self._data, tolerance)
         return replace(report, found=(*report.found, *found))
 

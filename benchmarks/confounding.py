@@ -27,7 +27,7 @@ WHITE, CORRELATED, MEMORY, RATE = 0.045, 0.06, 0.3, 15.0
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print how many draws have the note."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.told_apart", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.confounding", description=__doc__)
     parser.add_argument("--draws", type=int, default=40, help="of each experiment (default: %(default)s)")
     parser.add_argument("--library", default="poly:2", help="candidate terms (default: %(default)s)")
     parser.add_argument("--laws", action="store_true", help="find laws too: half a minute each")
