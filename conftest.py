@@ -93,10 +93,10 @@ def run(
 def _measured_drops() -> tuple[str, str]:
     """Return the folder of the measured drops, or why there is none.
 
-    It is what COMMONLAW_DATA names, shared/data/ball_drops beside the checkout, or the cache, after a download.
+    It is what COMMONLAW_DATA names, shared/data/ball_drops next to the checkout, or the cache, after a download.
     """
-    beside = Path(__file__).resolve().parents[1] / "shared" / "data" / "ball_drops"
-    named = os.environ.get("COMMONLAW_DATA") or (beside if beside.is_dir() else None)
+    adjacent = Path(__file__).resolve().parents[1] / "shared" / "data" / "ball_drops"
+    named = os.environ.get("COMMONLAW_DATA") or (adjacent if adjacent.is_dir() else None)
     try:
         cl.datasets.ball_drops(named)
     except cl.CommonlawError as error:

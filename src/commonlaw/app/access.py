@@ -26,7 +26,7 @@ class Keys:
     name
         Of the cookie.
     printed
-        Key in the address that people are told; it opens any browser of theirs as long as the server runs.
+        Key in the address that is shown; it opens any browser of theirs as long as the server runs.
     once
         Key in the page that opens their browser: it works for one visit.
     room
@@ -79,8 +79,8 @@ class Lobby:
     """Connections that are open.
 
     Each waits until a request of it is let through, and is closed if that takes long, whatever it sends. When too many
-    wait, the one that has waited longest gives way. So strangers, who cannot be told from a browser before they speak,
-    neither take the place of those that are known nor wear out the process.
+    wait, the one that has waited longest gives way. So strangers, whom nothing distinguishes from a browser before they
+    speak, neither take the place of those that are known nor wear out the process.
     """
 
     def __init__(self) -> None:

@@ -84,11 +84,11 @@ class Search:
             each.cancel()
 
     def state(self) -> dict[str, Any]:
-        """Return what the page is told."""
+        """Return what is sent to the page."""
         return self._work.state() | {"fitting": self.is_fitting}
 
     def fit_state(self) -> dict[str, Any]:
-        """Return what the page is told of the law of other terms asked for last; when it is there, where it stands."""
+        """Return what is sent to the page about the last law of other terms: its progress, and then where it is."""
         if not self.fits:
             raise CommonlawError("no-other-terms")
         return self.fits[-1].state() | {"at": len(self.found.candidates) - 1}

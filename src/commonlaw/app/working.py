@@ -115,7 +115,7 @@ class Work(Generic[T]):
         self._listener.join(_TO_LEAVE)
 
     def state(self) -> dict[str, Any]:
-        """Return what the page is told: whether it goes on, its stages with the seconds that they took, what failed.
+        """Return what is sent to the page: whether it goes on, its stages with the seconds that they took, what failed.
 
         And how often it has made something, and the share of the whole that is done, null where it is not known.
         """

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -128,9 +128,9 @@ class Fit:
         kept = (each.with_score(each.score.plus("refit", more)) for each in before.alternatives)
         return self._like(alternatives=tuple(kept))
 
-    def _like(self, **changes: object) -> Self:
+    def _like(self, **changes: Any) -> Self:
         """Return the fit with changes that its linearization does not depend on."""
-        changed = replace(self, **changes)  # type: ignore[arg-type]
+        changed = replace(self, **changes)
         vars(changed).update({name: known for name, known in vars(self).items() if name in _OF_ESTIMATES})
         return changed
 
