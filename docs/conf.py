@@ -21,7 +21,7 @@ from sphinx.util.math import get_node_equation_number
 import commonlaw
 from commonlaw.cli.command import ALL_OPTIONS
 from commonlaw.cli.main import commonlaw as command
-from commonlaw.diagnostics import notes, sentences
+from commonlaw.diagnostics import kinds, notes, sentences, template, topic_of, topics
 from commonlaw.report.markup import formula
 
 project = "commonlaw"
@@ -155,18 +155,32 @@ def _commands(path: tuple[str, ...], found: click.Command) -> list[tuple[tuple[s
 
 
 class Messages(SphinxDirective):
-    """Lists every message of the catalogue by its code, with an anchor of that name."""
+    """Lists the messages of a topic by their codes, each with an anchor of that name; ``notes`` is a topic too."""
+
+    required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """Return a definition of each code: its severity, what it says, and for notes what to do."""
-        entries = {code: ("error", text, "") for code, text in sentences().items()}
-        entries |= {code: (f"note: {each['kind']}", each["text"], each["remedy"]) for code, each in notes().items()}
-        found = list[nodes.Node]()
-        for code, (severity, text, remedy) in sorted(entries.items()):
-            title = nodes.rubric("", code, ids=[code])
-            found += [title, nodes.paragraph("", "", nodes.emphasis("", severity), nodes.Text(f": {text}"))]
-            if remedy:
-                found.append(nodes.paragraph("", f"What to do: {remedy}"))
+        """Return what the topic is about, and of each code what it says and for notes what it means and what to do."""
+        (name,) = self.arguments
+        if name == "notes":
+            entries = {
+                code: [
+                    each["text"],
+                    f"{each['kind'].capitalize()}: {kinds()[each['kind']]}",
+                    f"Remedy: {each['remedy']}.",
+                ]
+                for code, each in notes().items()
+            }
+            found = list[nodes.Node]()
+        else:
+            topic = topics().get(name, {"about": "", "page": ""})
+            entries = {
+                code: [text] for code, text in sentences().items() if topic_of(code) == name.replace("others", "")
+            }
+            found = self.parse_text_to_nodes(f"{topic['about']} {{doc}}`{topic['page']}`") if topic["about"] else []
+        for code, paragraphs in sorted(entries.items()):
+            found.append(nodes.rubric("", code, ids=[code]))
+            found += [nodes.paragraph("", template(each)) for each in paragraphs]
         return found
 
 

@@ -3,7 +3,8 @@
 The catalogue is ``diagnostics.toml``: a sentence for each code, with the parameters as fields of `str.format`. Of lists
 ``{names:, }`` joins the items by commas, ``{names:or}`` and ``{names:and}`` by a word, and ``{names:repr or}`` quotes
 them; ``{n:count trial}`` writes "1 trial", "2 trials". What stands between backticks is Python; a front end writes it
-in its own way, see `Dialect`.
+in its own way, see `Dialect`. Beside sentences the catalogue has topics, which say what the errors of a field have in
+common, and the meaning of each kind of note.
 """
 
 import tomllib
@@ -16,6 +17,9 @@ from string import Formatter
 from typing import Any
 
 from commonlaw.text import counted
+
+DOCUMENTATION = ""
+"""Address of the published documentation with a slash at its end; empty as long as it is not published."""
 
 Dialect = Callable[[str], str]
 """Writes a piece of Python, such as ``time='t'``, as a front end calls it: ``--time t``."""
@@ -88,10 +92,66 @@ def notes() -> Mapping[str, Mapping[str, str]]:
     return _catalogue()[1]
 
 
+def topics() -> Mapping[str, Mapping[str, Any]]:
+    """Return the topics of errors: the beginnings of their codes, what they are about, and a page of documentation."""
+    return _catalogue()[2]
+
+
+def kinds() -> Mapping[str, str]:
+    """Return what each kind of note means."""
+    return _catalogue()[3]
+
+
+def topic_of(code: str) -> str:
+    """Return the topic with the longest beginning of the code of an error; empty if it has none."""
+    beginnings = {each: name for name, topic in topics().items() for each in topic["codes"]}
+    parts = code.split("-")
+    found = ("-".join(parts[:n]) for n in range(len(parts), 0, -1))
+    return next((beginnings[each] for each in found if each in beginnings), "")
+
+
+def reference(code: str) -> str:
+    """Return where a message is explained: its address, or the command that explains it.
+
+    >>> reference("time-missing")
+    'commonlaw help time-missing'
+    """
+    return f"{DOCUMENTATION}messages.html#{code}" if DOCUMENTATION else f"commonlaw help {code}"
+
+
+def template(sentence: str) -> str:
+    """Return a sentence of the catalogue with the names of its fields between angle brackets.
+
+    >>> template("{trial} has {n:count sample}: give `start={{{name!r}: ...}}`")
+    '<trial> has <n>: give `start={<name>: ...}`'
+    """
+    return "".join(text + (f"<{name}>" if name else "") for text, name, *_ in Formatter().parse(sentence))
+
+
+def meaning(code: str) -> str:
+    """Return what the catalogue has on a message, in paragraphs: its sentence, what it means, and what to do.
+
+    Raises
+    ------
+    KeyError
+        If the catalogue does not have this code.
+    """
+    page = "{}.html".format if DOCUMENTATION else "docs/{}.md".format
+    if code in notes():
+        note = notes()[code]
+        paragraphs = [f"{code}: a note on a result ({note['kind']})", note["text"], kinds()[note["kind"]]]
+        return template("\n\n".join([*paragraphs, f"What to do: {note['remedy']}."]))
+    paragraphs = [f"{code}: an error; nothing was computed", template(sentences()[code])]
+    if topic := topics().get(topic_of(code)):
+        paragraphs += [topic["about"], f"Read more: {DOCUMENTATION}{page(topic['page'])}"]
+    return "\n\n".join(paragraphs)
+
+
 @cache
-def _catalogue() -> tuple[dict[str, str], dict[str, dict[str, str]]]:
+def _catalogue() -> tuple[dict[str, str], dict[str, dict[str, str]], dict[str, dict[str, Any]], dict[str, str]]:
     read = tomllib.loads(files("commonlaw").joinpath("diagnostics.toml").read_text(encoding="utf-8"))
-    return {code: text for code, text in read.items() if code != "notes"}, read["notes"]
+    tables = [read.pop(name) for name in ("notes", "topics", "kinds")]
+    return read, tables[0], tables[1], tables[2]
 
 
 class _Writer(Formatter):

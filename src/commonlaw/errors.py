@@ -10,6 +10,8 @@ from commonlaw.text import in_line
 class CommonlawError(ValueError):
     """Input that cannot be used; the message says in one line what is wrong, where, and what to do.
 
+    It ends with its code in brackets, which ``commonlaw help CODE`` explains.
+
     Parameters
     ----------
     code
@@ -53,7 +55,7 @@ class CommonlawError(ValueError):
         return in_line(self.diagnostic.sentence(dialect))
 
     def __str__(self) -> str:
-        return self.sentence()
+        return self.sentence() if self.code == "several" else f"{self.sentence()} [{self.code}]"
 
     def __reduce__(self) -> tuple[object, ...]:
         return type(self).of, (self.diagnostic,)
@@ -76,7 +78,7 @@ def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:
     """Return the error for a name that is not among the known ones, with the nearest suggestion.
 
     >>> print(unknown("column", "hieght", ["t", "height"]))
-    unknown column 'hieght': did you mean 'height'? Known: t, height
+    unknown column 'hieght': did you mean 'height'? Known: t, height [unknown-name]
     """
     names = [str(each) for each in known]
     folded = {each.casefold(): each for each in reversed(names)}

@@ -358,7 +358,7 @@ def test_messages_are_in_the_words_of_the_command_line(run, tmp_path):
     assert "as given" in out
     solver = ["--method", "trajectory-likelihood", "--solver", "best-subset:1"]
     assert run("discover", *named, *solver)[2].endswith(
-        "use --method derivative-regression --solver ... [solver-with-value]\n"
+        "use --method derivative-regression --solver ... [commonlaw help solver-with-value]\n"
     )
     assert run("data", "check", *named)[1].endswith("or give it with --unit ...\n")
 
@@ -379,3 +379,11 @@ def test_a_remark_that_holds_for_many_trials_is_made_once(run, tmp_path):
     assert [line for line in out.splitlines() if line.startswith("Data check: ")] == [
         "Data check: in 5 cases, such as 0, trial 1: irregular sampling: steps are up to 104 off their median 284"
     ]
+
+
+def test_a_code_is_explained_and_a_command_is_helped(run):
+    assert "What to do: vary the initial <first>." in run("help", "confounded")[1]
+    assert run("help", "data", "check")[1].startswith("Usage: commonlaw data check")
+    assert run("help", "time-mising")[2].startswith(
+        "commonlaw: no message has the code 'time-mising': did you mean 'time-mis"
+    )

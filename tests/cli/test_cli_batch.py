@@ -74,7 +74,10 @@ def test_what_does_not_go_together_is_refused(run, words, said):
 
 def test_a_table_of_another_format_is_refused_before_anything_is_done(run):
     code, _, err = run("discover", "a.csv", "--each", "--out", "r.xlsx")
-    assert (code, err) == (1, "commonlaw: cannot infer the format of 'r.xlsx': name it .csv or .parquet\n")
+    assert (code, err) == (
+        1,
+        "commonlaw: cannot infer the format of 'r.xlsx': name it .csv or .parquet [commonlaw help table-format]\n",
+    )
 
 
 def _piece(number):

@@ -37,4 +37,4 @@ def test_a_saved_law_is_given_the_drag_that_it_lacks_and_forecasts_with_it(run, 
     code, _, err = run("discrepancy", "law.json", "drops.csv", "--zero-at", "rest")
     assert (code, "--zero-at rest: give a number, 'none' or 'auto'" in err) == (1, True)
     code, _, err = run("predict", "law.json", "drops.csv", "--discrepancy")
-    assert (code, "[discrepancy-missing]" in err) == (1, True)
+    assert (code, "help discrepancy-missing]" in err) == (1, True)

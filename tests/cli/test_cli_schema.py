@@ -75,4 +75,4 @@ def test_what_is_no_schema_is_refused(run, tmp_path, content):
     (tmp_path / "schema.toml").write_bytes(content)
     code, out, err = run("discover", LONG_FILE, "--schema", "schema.toml")
     assert (code, out) == (1, "")
-    assert "[table-schema]" in err
+    assert "help table-schema]" in err

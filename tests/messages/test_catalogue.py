@@ -11,7 +11,7 @@ import pytest
 
 import commonlaw
 from commonlaw import CommonlawError
-from commonlaw.diagnostics import Diagnostic, notes, sentences
+from commonlaw.diagnostics import Diagnostic, kinds, meaning, notes, sentences, topics
 from commonlaw.errors import unknown
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.outcomes import OutcomeKind, note
@@ -102,7 +102,7 @@ def test_a_note_has_one_of_the_kinds_and_a_code_of_its_own() -> None:
 
 def test_an_error_says_where_and_what_after_it_was_sent_to_another_process() -> None:
     error = pickle.loads(pickle.dumps(unknown("column", "hieght", ["t", "height"]).at("drops.csv")))
-    assert str(error) == "drops.csv: unknown column 'hieght': did you mean 'height'? Known: t, height"
+    assert str(error) == "drops.csv: unknown column 'hieght': did you mean 'height'? Known: t, height [unknown-name]"
     assert error.code == "unknown-name"
 
 
@@ -114,7 +114,10 @@ def test_errors_of_one_kind_stay_so_with_a_place_and_in_another_process() -> Non
 
 def test_what_cannot_be_sent_to_another_process_stands_as_text() -> None:
     error = CommonlawError("download-name", name="law.zip", files={"law.json": lambda: None, "law.py": lambda: None})
-    assert str(pickle.loads(pickle.dumps(error))) == "there is no file 'law.zip': take one of law.json, law.py"
+    assert (
+        str(pickle.loads(pickle.dumps(error)))
+        == "there is no file 'law.zip': take one of law.json, law.py [download-name]"
+    )
 
 
 def test_a_front_end_writes_settings_its_own_way() -> None:
@@ -150,3 +153,13 @@ def test_lists_are_joined(parameters: dict[str, object], sentence: str) -> None:
 def test_a_message_within_a_message_has_its_code_too() -> None:
     inner = unknown("variable", "w", ["x"])
     assert CommonlawError("term-syntax", term="w", error=inner).codes == ("term-syntax", "unknown-name")
+
+
+def test_topics_and_kinds_explain_messages_that_exist() -> None:
+    starts = {each for topic in topics().values() for each in topic["codes"]}
+    assert not [each for each in starts if not any(f"{code}-".startswith(f"{each}-") for code in sentences())]
+    assert {*kinds()} == {*OutcomeKind}
+    pages = Path(commonlaw.__file__).parents[2] / "docs"
+    assert all((pages / f"{topic['page']}.md").exists() for topic in topics().values())
+    assert "What to do: vary the initial <first>." in meaning("confounded")
+    assert "Read more: docs/data-format.md" in meaning("time-missing")

@@ -6,7 +6,10 @@ from commonlaw.errors import CommonlawError, unknown
 
 
 def test_an_unknown_name_is_quoted_with_its_kind_and_all_known_names() -> None:
-    assert str(unknown("solver", "qqq", ["stlsq", "group-stlsq"])) == "unknown solver 'qqq': Known: stlsq, group-stlsq"
+    assert (
+        str(unknown("solver", "qqq", ["stlsq", "group-stlsq"]))
+        == "unknown solver 'qqq': Known: stlsq, group-stlsq [unknown-name]"
+    )
 
 
 @pytest.mark.parametrize("misspelt", ["hieght", "HEIGHT", "heigth"])
@@ -19,11 +22,11 @@ def test_of_names_that_differ_in_case_only_the_first_is_suggested() -> None:
 
 
 def test_nothing_known_is_said_so() -> None:
-    assert str(unknown("object", 3, [])) == "unknown object '3': Known: none"
+    assert str(unknown("object", 3, [])) == "unknown object '3': Known: none [unknown-name]"
 
 
 def test_names_need_not_be_text() -> None:
-    assert str(unknown("object", 7, iter([11, 2]))) == "unknown object '7': Known: 11, 2"
+    assert str(unknown("object", 7, iter([11, 2]))) == "unknown object '7': Known: 11, 2 [unknown-name]"
 
 
 def test_a_user_error_is_a_value_error_for_those_who_catch_that() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from commonlaw.app.question import Columns, Table, in_page, shown_roles, text_in_page
+from commonlaw.app.question import Columns, Table, message, shown_roles, text_in_page
 from commonlaw.app.result import Found, numbers
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.experiments import suggestions
@@ -122,7 +122,7 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
     try:
         rows = columns.rows(held)
     except CommonlawError as error:
-        return found | {"recognised": columns.recognised(held), "problem": error.sentence(in_page)}
+        return found | {"recognised": columns.recognised(held), "problem": message(error)}
     trials = Trials(*rows.data)
     check = trials.check()
     found |= {"recognised": shown_roles(rows.columns), "guessed": rows.columns.guessed and rows.columns.sentence}

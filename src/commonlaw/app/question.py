@@ -66,6 +66,11 @@ def text_in_page(text: str) -> str:
     return re.sub(r"`(\w+=[^`]*|clip_irregular\(\))`", lambda found: in_page(found[1]), text)
 
 
+def message(error: CommonlawError) -> str:
+    """Return an error in the words of the page, with its code, which the page shows as a link to its explanation."""
+    return f"{error.sentence(in_page)} [{error.code}]"
+
+
 class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """Which column is what; empty where the table says it itself. An empty text says that there are no labels."""
 

@@ -18,10 +18,11 @@ from starlette.routing import Route
 
 from commonlaw.app.access import TooLargeError, TooSlowError
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
-from commonlaw.app.question import Columns, Question, in_page, named, text_in_page
+from commonlaw.app.question import Columns, Question, message, named, text_in_page
 from commonlaw.app.result import Found
 from commonlaw.app.sessions import Search, Sessions
 from commonlaw.app.working import prepare
+from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast
 from commonlaw.law.script import Source
@@ -84,6 +85,7 @@ def application(sessions: Sessions) -> Starlette:
     few = asyncio.Semaphore(_AT_ONCE)
     for path, method, answer in (
         ("/first", "GET", _first),
+        ("/messages/{code}", "GET", _message),
         ("/tables", "POST", _add_table),
         ("/datasets", "POST", _add_data_set),
         ("/previews", "POST", _preview),
@@ -125,7 +127,7 @@ def _mended(
             async with turn:
                 return await answer(request.app.state.sessions, request)
         except CommonlawError as error:
-            return _json({"error": error.sentence(in_page)}, 422)
+            return _json({"error": message(error)}, 422)
         except TooLargeError:
             return _json({"error": "the file is too large for the app: use the command commonlaw discover"}, 413)
         except TooSlowError:
@@ -139,6 +141,14 @@ def _mended(
 async def _first(sessions: Sessions, _: Request) -> Response:
     """Tell where a new page goes on: with the table and the search of the last one."""
     return _json({"table": None, "search": None} | sessions.latest)
+
+
+async def _message(_: Sessions, request: Request) -> Response:
+    """Explain a message by its code."""
+    code = request.path_params["code"]
+    if code not in {*sentences(), *notes()}:
+        raise CommonlawError("message-unknown", name=code[:80], hint="")
+    return Response(meaning(code), media_type="text/plain")
 
 
 async def _add_table(sessions: Sessions, request: Request) -> Response:
@@ -266,7 +276,7 @@ def _given(found: Found, curves: Forecast | None) -> Forecast:
     return curves
 
 
-_LIGHT = (_first, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
+_LIGHT = (_first, _message, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
 """What is answered at once, whatever else goes on."""
 
 _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {

@@ -14,7 +14,7 @@ from threading import Lock, Thread
 from time import time
 from typing import Any, Generic, TypeVar
 
-from commonlaw.app.question import in_page, text_in_page
+from commonlaw.app.question import message, text_in_page
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.shutdown import deaf_to_interrupts, end_with_parent
 
@@ -170,7 +170,7 @@ def _work(connection: Connection, modules: Sequence[str]) -> None:
     def show(stage: str) -> None:
         connection.send(("stage", (str(stage), time(), getattr(stage, "done", None))))
 
-    warnings.showwarning = lambda message, *_, **__: show(text_in_page(str(message)))
+    warnings.showwarning = lambda text, *_, **__: show(text_in_page(str(text)))
     try:
         for made in connection.recv()(show):
             connection.send(("made", made))
@@ -178,6 +178,6 @@ def _work(connection: Connection, modules: Sequence[str]) -> None:
     except (EOFError, ConnectionError):  # nobody waits for it any more
         pass
     except CommonlawError as error:
-        connection.send(("end", error.sentence(in_page)))
+        connection.send(("end", message(error)))
     except MemoryError:
         connection.send(("end", "there is not enough memory for this: take fewer trials or a smaller library"))

@@ -6,7 +6,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
 from commonlaw.cli.output import print_notes, say
-from commonlaw.diagnostics import marked
+from commonlaw.diagnostics import marked, reference
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.files import write_whole
 
@@ -52,7 +52,7 @@ class LaterSteps:
         try:
             write_whole(path, made)
         except CommonlawError as error:
-            self._unwritten.append(str(error))
+            self._unwritten.append(f"{error.sentence(marked)} [{reference(error.code)}]")
         else:
             self.written += [path] if path not in self.written else []
 

@@ -11,6 +11,7 @@ import click
 
 from commonlaw.cli.options import check_files, check_order, check_text, dialect
 from commonlaw.cli.output import changing_line, say
+from commonlaw.diagnostics import reference
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import Course, ProgressCallback
 
@@ -77,11 +78,12 @@ def _show_all_options(context: click.Context, _: click.Parameter, value: bool) -
 
 
 class Refusal(click.ClickException):
-    """An error that a user can mend, in the words of the command that ran, with the code of its message."""
+    """An error that a user can mend, in the words of the command that ran; its end says where more is to be read."""
 
-    def __init__(self, error: CommonlawError, command: click.Command) -> None:
-        code = "" if error.code == "several" else f" [{error.code}]"  # Which says nothing of its own
-        super().__init__(f"{error.sentence(dialect(command))}{code}")
+    def __init__(self, error: CommonlawError, command: click.Command | None) -> None:
+        code = next(each for each in error.codes if each != "several" or len(error.codes) == 1)
+        sentence = error.sentence(dialect(command) if command else str)
+        super().__init__(sentence if code == "several" else f"{sentence} [{reference(code)}]")
 
     def show(self, file: IO[Any] | None = None) -> None:
         """Write the message as one line."""

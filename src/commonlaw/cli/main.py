@@ -2,15 +2,18 @@
 
 import sys
 import warnings
+from difflib import get_close_matches
 from importlib import import_module
 from io import StringIO
+from textwrap import fill
 
 import click
 
 from commonlaw import __version__
-from commonlaw.cli.command import Commands, quick_command
+from commonlaw.cli.command import Commands, Refusal, quick_command
 from commonlaw.cli.options import ReadFile, in_options
 from commonlaw.cli.output import say, standard_streams
+from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.shutdown import end_at_once
 
@@ -29,6 +32,7 @@ _MODULES = {
     "app": "main",
     "show": "show",
     "data": "data",
+    "help": "main",
 }
 """Modules of the commands, in the order of the help."""
 
@@ -92,7 +96,7 @@ def main() -> None:
         say("commonlaw: there is not enough memory for this: take fewer trials or a smaller library", err=True)
         code = 1
     except CommonlawError as error:
-        say(f"commonlaw: {error}", err=True)
+        Refusal(error, None).show()
         code = 1
     except click.ClickException as error:
         shown = StringIO()
@@ -120,3 +124,33 @@ def app(path: str | None, port: int, open_browser: bool) -> None:
 
     opens = "The app opens" if open_browser else "Open the app"
     serve(path, port, lambda to: say(f"{opens} in your browser; Ctrl-C ends it. For you alone: {to}"), open_browser)
+
+
+@quick_command
+@click.argument("names", nargs=-1, metavar="[CODE | COMMAND...]")
+@click.pass_context
+def help(context: click.Context, names: tuple[str, ...]) -> None:
+    """Explain a message by its code, or a command.
+
+    Every error and note ends in brackets with its code. The explanation has its sentence, what it means and what to
+    do; <names> stand for what the message names, and settings between backticks are Python.
+
+    \b
+    Example:
+      commonlaw help time-missing
+    """
+    inner = context.find_root()
+    for each in names:
+        found = inner.command.get_command(inner, each) if isinstance(inner.command, click.Group) else None
+        if found is None:
+            break
+        inner = click.Context(found, inner, each)
+    else:
+        say(inner.get_help())
+        return
+    name, codes = names[0], [*sentences(), *notes()]
+    if name not in codes:
+        near = get_close_matches(name, [*_MODULES, *codes], n=1)
+        raise CommonlawError("message-unknown", name=name, hint=f"did you mean {near[0]!r}? " if near else "")
+    for paragraph in meaning(name).splitlines():
+        say(fill(paragraph, 100, break_long_words=False, break_on_hyphens=False))

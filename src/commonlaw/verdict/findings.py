@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from commonlaw.diagnostics import marked
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.forecast.initial_state import can_fit_initial_state
@@ -116,7 +117,7 @@ def _tried(failure: str, step: Callable[[], T], lacking: list[str]) -> T | None:
     try:
         return step()
     except CommonlawError as error:
-        lacking.append(f"{failure}: {error}")
+        lacking.append(f"{failure}: {error.sentence(marked)}")
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         lacking.append(f"{failure}: {type(error).__name__}: {error}")
     return None

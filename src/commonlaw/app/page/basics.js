@@ -32,6 +32,13 @@ export function fill(table, head, rows) {
   table.tBodies[0].replaceChildren(...rows.map(row => line(row, "td")));
 }
 
+/** Show a message; its code, in brackets at its end, leads to the explanation. */
+export function tell(place, text) {
+  const [, sentence, code] = text.match(/^(.*) \[([a-z0-9-]+)\]$/s) ?? [null, text, ""];
+  place.replaceChildren(sentence, ...code ? [" ", element("a", code, { href: `messages/${code}`, target: "_blank", rel: "noopener" })] : []);
+  return place;
+}
+
 export function plural(count, word) {
   return `${count} ${word}${count === 1 ? "" : "s"}`;
 }
@@ -66,7 +73,7 @@ export async function trying(place, work) {
   try {
     await work();
   } catch (error) {
-    $(place).textContent = error.message;
+    tell($(place), error.message);
   }
 }
 

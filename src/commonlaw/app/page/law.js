@@ -1,5 +1,5 @@
 // 3. The law: its formula and terms, the slider along its rivals, and laws of other terms.
-import { $, ask, begin, element, fill, follow, plural, pretty, state, trying } from "./basics.js";
+import { $, ask, begin, element, fill, follow, plural, pretty, state, tell, trying } from "./basics.js";
 import { showCurves, showViews, showResult } from "./curves.js";
 import { showNext } from "./next.js";
 import { forecastOwn, showOwn } from "./own.js";
@@ -21,7 +21,7 @@ export function show({ found, asked }) {
   showViews(found);
   showOwn(found);
   showNext();
-  $("outcomes").replaceChildren(...found.outcomes.map(each => element("li", each)));
+  $("outcomes").replaceChildren(...found.outcomes.map(each => tell(element("li"), each)));
   fill($("history"), ["stage", "choice", "reason"], found.history);
   showCandidates();
   move(0);

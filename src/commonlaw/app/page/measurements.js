@@ -1,5 +1,5 @@
 // 1. Measurements: a table, what its columns are, what its checks found.
-import { $, ask, element, fill, plural, remember, state, trying } from "./basics.js";
+import { $, ask, element, fill, plural, remember, state, tell, trying } from "./basics.js";
 import { showMeasured } from "./curves.js";
 import { showHeld, showLibraries } from "./question.js";
 
@@ -32,7 +32,7 @@ export async function recognise() {
 function showPreview() {
   const found = state.preview, roles = found.roles;
   $("table").hidden = false;
-  $("problem").textContent = found.problem;
+  tell($("problem"), found.problem);
   $("ask").hidden = Boolean(found.problem);
   $("guessed").hidden = !found.guessed || Boolean(state.columns.states?.length);
   $("guessed").firstElementChild.textContent = found.guessed || "";
