@@ -58,6 +58,7 @@ from .outcomes import (
     Outcome as Outcome,
     OutcomeKind as OutcomeKind,
 )
+from .runtime.fit_options import FitOptions as FitOptions
 from .runtime.progress import LongWorkWarning as LongWorkWarning
 from .solvers import (
     SR3 as SR3,

@@ -1,5 +1,3 @@
-import inspect
-
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -228,19 +226,6 @@ def test_a_method_refuses_an_order_or_a_stream_that_it_does_not_take(drops, tmp_
     if not method.takes_streams:
         with refused("stream-unsupported", method=name):
             cl.discover(stream, order=2, method=method, library="poly:3")
-
-
-def test_the_signature_of_discover_is_that_of_the_estimator():
-    ours, estimators = inspect.signature(cl.discover).parameters, inspect.signature(cl.LawDiscovery).parameters
-    assert list(ours) == ["trials", *estimators]
-    assert all(ours[name].default == estimators[name].default for name in estimators)
-
-
-def test_the_docstring_of_discover_describes_every_parameter_as_the_estimator_does():
-    own, estimators = (inspect.getdoc(each).splitlines() for each in (cl.discover, cl.LawDiscovery))
-    for name in inspect.signature(cl.LawDiscovery).parameters:
-        assert own[own.index(name) + 1] == estimators[estimators.index(name) + 1], name
-    assert own.index("Parameters") < own.index("trials") < own.index("progress") < own.index("Raises")
 
 
 def test_a_state_that_never_changes_is_refused():

@@ -102,19 +102,6 @@ def test_a_law_in_discrete_time_is_fitted_to_the_next_samples():
         cl.fit("x[k+1] = r x", trials, noise={"x": 0.1})
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("bounds", Diagnostic("unknown-name", {"kind": "setting", "name": "bounds"})),
-        ("start", Diagnostic("unknown-name", {"kind": "setting", "name": "start"})),
-    ],
-)
-@pytest.mark.parametrize("text", ["x'' = -g - c v", "x[k+1] = r x"])
-def test_settings_that_there_are_not_are_refused_by_name(drops, text, name, message):
-    with refused(message):
-        cl.fit(text, drops, **{name: 1})
-
-
 def test_a_law_without_coefficients_is_only_judged(drops):
     law = cl.fit("x'' = -9.8", drops)
     assert (law.coefficients == -9.8).all()

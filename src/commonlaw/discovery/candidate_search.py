@@ -7,7 +7,6 @@ from commonlaw.array_types import Bools
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.candidate import MAX_TERMS_OF_SIMPLE_LAW, Candidate
 from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
-from commonlaw.discovery.fit_options import FitOptions
 from commonlaw.discovery.method import parsed
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.screened import Screened
@@ -33,6 +32,7 @@ from commonlaw.inference import (
     with_parametric_terms_under_errors,
 )
 from commonlaw.library import Offer, ParametricTerm, TiedTerms, highest_order
+from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.runtime.progress import ProgressCallback, announce, check_memory, part
 from commonlaw.solvers import parse_solver
 from commonlaw.text import counted

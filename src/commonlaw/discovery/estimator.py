@@ -1,9 +1,9 @@
 """From trials to a law: the estimator, and the function that most people call."""
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -42,47 +42,14 @@ if TYPE_CHECKING:
 
     from commonlaw.forecast import Forecast
 
-P = ParamSpec("P")
-
 
 class LawDiscovery:
     """Finds the law that objects share, in scikit-learn's conventions.
 
     Parameters
     ----------
-    order
-        Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time,
-        ``x[k+1] = f(x[k])``. By state where equations differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 where such a law
-        fits within the noise, otherwise 1 or 2 for each state, whichever has the law of larger evidence; `Law.history`
-        says by how much. States measured together with their rates are of order 2, and known physics is of its own
-        order. Where no evidence compares laws, in streams and by the regressions, ``"auto"`` is 1, and the law says so.
-        Discrete time is never tried; a note suggests it where samples at whole numbers follow from the ones before,
-        but not by the law.
-    library
-        Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, see
-        `parse_library`. ``"auto"``: polynomials of degree 3, and richer terms where these show lack of fit, see
-        `AutoLibrary`; in streams and regressions only polynomials.
-    method
-        The way from trials to a law: `TrajectoryLikelihood`, `DerivativeRegression`, `WeakRegression`, or
-        `DiscreteTimeRegression`. Default: see `default_method`.
-    known
-        Known coefficients: term to number (``{"1": -9.8}``), or to numbers by object; with several states the term is
-        given with its equation's state (``{("x", "1"): -9.8}``). They are moved to the left-hand side. Or known physics
-        as a base, whose terms join the library: equations with numbers (``"x'' = -9.81"``, letters being properties of
-        the objects), a law, or a function of variables and properties that gives the highest derivatives,
-        ``lambda v, diameter, mass: -0.2 * v * abs(v) * diameter**2 / mass``. What is discovered is what is left.
-    universal
-        Terms that have one coefficient for all objects, such as gravity: ``("1",)``; named as in `known`.
-    unmeasured
-        1 to ask, too, for a state that nobody measured, see `TrajectoryLikelihood`.
-    progress
-        Takes the text of each step. Default: it is written to the terminal after two seconds.
-    cache
-        Whether the law is kept in the user's cache folder, and taken from there if the same was asked of the same
-        trials before. The environment variable ``COMMONLAW_CACHE`` names another folder, or with ``off`` keeps none.
-    client
-        A ``distributed.Client``, whose workers read the files of a `TrialStream` and compress them. The law is the same
-        for any number of workers, to rounding.
+    order, library, method, known, universal, unmeasured, progress, cache, client
+        See `discover`.
 
     Attributes
     ----------
@@ -354,31 +321,57 @@ def _named(pairs: Sequence[tuple[Trial, Trial]]) -> str:
     return shown([f"{trial.label} of {before.label}" for trial, before in pairs])
 
 
-def _with_parameters_of(
-    estimator: Callable[P, LawDiscovery],
-) -> Callable[[Callable[..., Law]], Callable[Concatenate[Trials | TrialStream, P], Law]]:
-    """Give a function of trials the parameters of an estimator and their descriptions, which stand in one place."""
-
-    def decorate(function: Callable[..., Law]) -> Callable[Concatenate[Trials | TrialStream, P], Law]:
-        trials, *_ = inspect.signature(function).parameters.values()
-        own = inspect.signature(estimator).parameters.values()
-        vars(function)["__signature__"] = inspect.Signature([trials, *own], return_annotation=Law)
-        described = (inspect.getdoc(estimator) or "").partition("Parameters\n----------\n")[2]
-        before, heading, after = (inspect.getdoc(function) or "").partition("\n\nRaises\n")
-        function.__doc__ = before + "\n" + described.partition("\n\n")[0] + heading + after
-        return function
-
-    return decorate
-
-
-@_with_parameters_of(LawDiscovery)
-def discover(trials: Trials | TrialStream, *args: Any, **parameters: Any) -> Law:
+def discover(
+    trials: Trials | TrialStream,
+    order: AskedOrder = "auto",
+    library: AbstractLibrary | str = "auto",
+    method: AbstractMethod | None = None,
+    known: Base | None = None,
+    universal: Sequence[Key] = (),
+    unmeasured: int = 0,
+    progress: ProgressCallback | None = None,
+    cache: bool = True,
+    client: "Client | None" = None,
+) -> Law:
     """Find the law that the objects of these trials share.
 
     Parameters
     ----------
     trials
         What was measured.
+    order
+        Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time,
+        ``x[k+1] = f(x[k])``. By state where equations differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 where such a law
+        fits within the noise, otherwise 1 or 2 for each state, whichever has the law of larger evidence; `Law.history`
+        says by how much. States measured together with their rates are of order 2, and known physics is of its own
+        order. Where no evidence compares laws, in streams and by the regressions, ``"auto"`` is 1, and the law says so.
+        Discrete time is never tried; a note suggests it where samples at whole numbers follow from the ones before,
+        but not by the law.
+    library
+        Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, see
+        `parse_library`. ``"auto"``: polynomials of degree 3, and richer terms where these show lack of fit, see
+        `AutoLibrary`; in streams and regressions only polynomials.
+    method
+        The way from trials to a law: `TrajectoryLikelihood`, `DerivativeRegression`, `WeakRegression`, or
+        `DiscreteTimeRegression`. Default: see `default_method`.
+    known
+        Known coefficients: term to number (``{"1": -9.8}``), or to numbers by object; with several states the term is
+        given with its equation's state (``{("x", "1"): -9.8}``). They are moved to the left-hand side. Or known physics
+        as a base, whose terms join the library: equations with numbers (``"x'' = -9.81"``, letters being properties of
+        the objects), a law, or a function of variables and properties that gives the highest derivatives,
+        ``lambda v, diameter, mass: -0.2 * v * abs(v) * diameter**2 / mass``. What is discovered is what is left.
+    universal
+        Terms that have one coefficient for all objects, such as gravity: ``("1",)``; named as in `known`.
+    unmeasured
+        1 to ask, too, for a state that nobody measured, see `TrajectoryLikelihood`.
+    progress
+        Takes the text of each step. Default: it is written to the terminal after two seconds.
+    cache
+        Whether the law is kept in the user's cache folder, and taken from there if the same was asked of the same
+        trials before. The environment variable ``COMMONLAW_CACHE`` names another folder, or with ``off`` keeps none.
+    client
+        A ``distributed.Client``, whose workers read the files of a `TrialStream` and compress them. The law is the same
+        for any number of workers, to rounding.
 
     Raises
     ------
@@ -394,7 +387,8 @@ def discover(trials: Trials | TrialStream, *args: Any, **parameters: Any) -> Law
     <BLANKLINE>
     with v = x'
     """
-    return LawDiscovery(*args, **parameters).fit(trials).law_
+    estimator = LawDiscovery(order, library, method, known, universal, unmeasured, progress, cache, client)
+    return estimator.fit(trials).law_
 
 
 def _nested_parameters(name: str, value: object) -> Iterator[tuple[str, object]]:

@@ -1,10 +1,9 @@
 """A law that somebody has in mind: exactly these terms, coefficients found in trials."""
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -28,6 +27,14 @@ from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.runtime.cluster import on_cluster, refuse_client
+from commonlaw.runtime.fit_options import (
+    CovarianceKind,
+    ErrorKind,
+    FitOptions,
+    changed_settings,
+    check_settings,
+    settings_of,
+)
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, silent
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
@@ -43,22 +50,7 @@ _UNMEASURED = "as given, for a latent state"
 _OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
 """Stages of a history that say which errors a law has beside white noise."""
 
-F = TypeVar("F", bound=Callable[..., Law])
 
-
-def _with_settings_of(refinement: Callable[..., Law]) -> Callable[[F], F]:
-    """Give a function of equations and trials the settings of a refinement, so that they are listed in one place."""
-
-    def decorate(function: F) -> F:
-        own = list(inspect.signature(function).parameters.values())[:-1]
-        settings = list(inspect.signature(refinement).parameters.values())[2:]
-        vars(function)["__signature__"] = inspect.Signature([*own, *settings], return_annotation=Law)
-        return function
-
-    return decorate
-
-
-@_with_settings_of(refine)
 def fit(
     equations: str | Sequence[str],
     trials: Trials | TrialStream,
@@ -68,7 +60,17 @@ def fit(
     doses: str | Sequence[str] = (),
     universal: str | Sequence[str] = (),
     guesses: Mapping[str, float] | None = None,
-    **settings: Any,
+    positive: Sequence[str] | None = None,
+    input_between: str | None = None,
+    noise: Mapping[str, float] | None = None,
+    errors: ErrorKind | Literal["auto"] = "auto",
+    huber_threshold: float = FitOptions.huber_threshold,
+    covariance: CovarianceKind = "likelihood",
+    partial_pooling: bool = False,
+    seed: int = 0,
+    n_jobs: int = -1,
+    progress: ProgressCallback | None = None,
+    client: "Client | None" = None,
 ) -> Law:
     """Fit a law that you have in mind: exactly these terms, their coefficients found in trials.
 
@@ -114,14 +116,16 @@ def fit(
     guesses
         Where the fit begins with constants inside of terms, by their letters, ``guesses={"w": 0.3}``, in place of the
         values that are tried. Coefficients that stand before terms need none, as they follow by least squares.
-    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs, progress, client
+    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
+        Settings of the fit, see `FitOptions`. With `doses` inputs are on lines between samples by default.
+    progress, client
         See `refine`.
 
     Raises
     ------
     CommonlawError
         If the text cannot be read, the message says at which character and lists the variables; if a state has neither
-        a column nor a start, or nothing tells its scale or a coefficient; if there is no such setting; or if the trials
+        a column nor a start, or nothing tells its scale or a coefficient; if a setting does not fit; or if the trials
         cannot be used as they are.
 
     Examples
@@ -135,13 +139,14 @@ def fit(
     """
     if isinstance(equations, Trials | TrialStream):
         raise CommonlawError("arguments-swapped")
-    for name in settings:
-        check_choice("setting", name, list(inspect.signature(fit).parameters)[2:])
+    settings = {name: value for name, value in locals().items() if name in settings_of(FitOptions, "fit")}
+    check_settings("fit", settings)
+    settings["progress"] = progress
     if isinstance(trials, TrialStream):
         if starts or doses or universal or guesses:
             raise CommonlawError("not-for-streams")
-        return _of_stream(equations, trials, **settings)
-    refuse_client(settings.pop("client", None))
+        return _of_stream(equations, trials, settings, client)
+    refuse_client(client)
     asked = split_equations(equations)
     second = [each.state for each in asked if each.order == 2]
     trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
@@ -151,8 +156,8 @@ def fit(
     resting = () if universal or starts else objects_at_rest(trials)
     trials = without_objects(trials, resting)
     trials = _with_unmeasured(with_doses(trials, doses), asked, starts, starts_at)
-    if doses:
-        settings = {"input_between": "linear"} | settings
+    if doses and input_between is None:
+        settings["input_between"] = "linear"
     given = read_equations(equations, trials.schema)
     text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
     history = (
@@ -179,7 +184,7 @@ def fit(
         if given.terms.constants:
             names = ", ".join(given.terms.variables.constants)
             raise CommonlawError("discrete-with-parameters", names=names, variables=given.terms.variables.measured)
-        law = _next_samples(given, trials, settings | ({"universal": universal} if universal else {}))
+        law = _next_samples(given, trials, {**settings, "universal": universal or None})
         # Of what a search says, only this concerns terms that were given
         ill_conditioned = (each for each in law.diagnostics if each.kind is OutcomeKind.ILL_CONDITIONED)
         outcomes = with_outcomes_of_zero(ill_conditioned, law, trials)
@@ -189,7 +194,7 @@ def fit(
     differentiation = suitable_differentiation(trials, given.order)
     known, domain = (*rates, *outcome_of_rest(resting)), Domain(at_rest=resting)
     provenance = Provenance(differentiation, known, history=history, equations=given.texts, domain=domain)
-    settings = {"input_between": "auto"} | settings
+    settings["input_between"] = settings["input_between"] or "auto"
     unfitted = _unfitted(given, trials, provenance)
     for name, value in (guesses or {}).items():
         check_choice("coefficient", name, unfitted.parameters.names)
@@ -200,18 +205,17 @@ def fit(
         raise CommonlawError("guess-with-latent-states")
     begun = with_constants_found(unfitted, trials, given.bounds, guesses, **settings)
     shared = _coefficients_of(universal, begun)
-    others = bool(settings.get("partial_pooling", False))
     apart = settings | {"partial_pooling": False}
     law = refine(begun, trials, **apart if universal else settings)
     if _outside(law, given.bounds):
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
-        law = law if universal else law.pool(None, others)
-    law = law.pool(shared, others) if universal else law
+        law = law if universal else law.pool(None, partial_pooling)
+    law = law.pool(shared, partial_pooling) if universal else law
 
     def under_white_noise() -> Law:
-        return refine(begun, trials, **{**apart, "errors": "white"}).pool(shared, others)
+        return refine(begun, trials, **{**apart, "errors": "white"}).pool(shared, partial_pooling)
 
-    chosen_errors = _chosen_errors(law, under_white_noise) if settings.get("errors", "auto") == "auto" else ()
+    chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
     outcomes = (*law.diagnostics, *outcomes_of_constants(law), *chosen_errors)
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
@@ -252,27 +256,21 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
 
 
 def _of_stream(
-    equations: str | Sequence[str],
-    stream: TrialStream,
-    *,
-    partial_pooling: bool = False,
-    progress: ProgressCallback | None = None,
-    client: "Client | None" = None,
-    **settings: Any,
+    equations: str | Sequence[str], stream: TrialStream, settings: dict[str, Any], client: "Client | None"
 ) -> Law:
     """Return the law of the objects of a stream, fitted part by part."""
     given = read_equations(equations, stream.schema)
     if given.terms.constants or given.order == 0:
         what = "a discrete-time law is" if given.order == 0 else "nonlinear parameters are"
         raise CommonlawError("not-file-by-file", what=what)
-    settings_of_part = {"errors": "white", **settings, "partial_pooling": False, "progress": silent}
-    one, parts = partial(fit, equations, **settings_of_part), stream.parts or (stream,)
+    errors = "white" if settings["errors"] == "auto" else settings["errors"]
+    of_part = settings | {"errors": errors, "partial_pooling": False, "progress": silent}
+    one, parts = partial(fit, equations, **of_part), stream.parts or (stream,)
     with on_cluster(client):
-        law = fitted_by_parts([one] * len(parts), parts, progress or on_terminal())
-    values = {"partial_pooling": partial_pooling, **settings}
-    made = (call(fit, values, "cl.fit", repr(equations), "trials"),)
+        law = fitted_by_parts([one] * len(parts), parts, settings["progress"] or on_terminal())
+    made = (call(fit, settings, "cl.fit", repr(equations), "trials"),)
     provenance = replace(law.provenance, calls=made)
-    return replace(law, provenance=provenance).pool(None, partial_pooling)
+    return replace(law, provenance=provenance).pool(None, settings["partial_pooling"])
 
 
 def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
@@ -447,7 +445,8 @@ def _known(given: GivenEquations, trials: Trials) -> Floats:
 
 def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:
     """Return the law in discrete time whose coefficients are those of least squares."""
-    if refused := ", ".join(each for each in settings if each not in ("n_jobs", "progress")):
+    taken = ("n_jobs", "progress")
+    if refused := ", ".join(name for name in changed_settings("fit", settings) if name not in taken):
         raise CommonlawError("discrete-without-option", refused=refused)
     names, terms, values = given.terms.variables.names, given.terms.terms, _known(given, trials)
     library = ExpressionLibrary(*(each.expression(names) for each in terms))

@@ -7,19 +7,21 @@ from typing import ClassVar
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.candidate_search import CandidateSearch
-from commonlaw.discovery.fit_options import FitOptions
-from commonlaw.discovery.method import AbstractMethod, refuse_what_does_not_fit
+from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.pipeline import law_of_best_order
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.library import order_of_each
+from commonlaw.runtime.fit_options import FitOptions, documented
 from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.solvers import parse_solver
 from commonlaw.stream.proposals import Fitting, law_of_parts
 from commonlaw.trials import Trials, TrialStream
 
 
+@documented
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryLikelihood(FitOptions, AbstractMethod):
     """Maximum likelihood of whole trajectories with free initial states; supports are compared by their evidence.
@@ -28,45 +30,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 
     Parameters
     ----------
-    positive
-        States that are above zero and modelled on a logarithmic scale, in laws of first order: errors of their
-        measurement are shares of the state, and so is their noise; forecasts and their bands stay above zero. The law
-        itself is in the units of the states.
-    input_between
-        The interpolation of inputs between samples: ``"held"``, ``"linear"`` or ``"cubic"``, see `Law.predict`.
-        ``"auto"``: straight lines, unless the evidence of the law for another is strong.
-    noise
-        Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
-        measurements have standard deviations of their own (``noise_columns`` of the trials).
-    errors
-        The errors beside white noise that are estimated with the law. ``"auto"``: the kind that the measurements ask
-        for, if white noise does not explain them. ``"white"``: none; ``"proportional"``: noise that grows with the
-        states; ``"correlated"``: errors of the measurements that have a memory; ``"walk"``, ``"force"``: a law that
-        errs, by a random walk or by a smooth force.
-    huber_threshold
-        Standard deviations of noise beyond which a measurement counts as an outlier; infinite for none.
-    covariance
-        How the coefficients' covariance is found. ``"likelihood"``: from the curvature of the likelihood.
-        ``"bootstrap"``: from the scatter of coefficients when blocks of the trials are drawn anew, for noise that is
-        neither normal nor alike everywhere.
-    partial_pooling
-        Whether forecasts draw coefficients to their mean over objects as far as these are alike, see
-        `Law.pool`. The law itself has those of each object's own trials.
-    solver
-        Whose path lists the candidates of each equation, or its text such as ``"best-subset"``; it has no value of its
-        hyperparameter, as the evidence chooses. Default: best subset selection.
-    max_samples
-        Of more samples so many are fitted, and the law says so: thinned as far as these still tell noise from motion,
-        and if that is not enough, in segments spread over the trials of each object. All of them tell the noise.
-    unmeasured
-        1 to ask, too, for a state that nobody measured: a depot or a drive that decays, a pool that is used up, one
-        that keeps what it gets, a compartment; in laws with an equation of second order a drive. The law without it is
-        one of the hypotheses. What it is counted in is said by the history of the law.
-    seed
-        Of the bootstrap.
-    n_jobs
-        Threads that share the objects and the searches; the law is the same for any number. Default: one for each core,
-        or as many as the environment variable ``OMP_NUM_THREADS`` says.
+    {parameters}
 
     Raises
     ------
@@ -79,6 +43,13 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
     takes_streams: ClassVar[bool] = True
     takes_noise_columns: ClassVar[bool] = True
     takes_constants: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        solver = parsed(self.solver, parse_solver)
+        if solver is not None and solver.hyperparameter is not None:
+            raise CommonlawError("solver-with-value", solver=solver)
+        object.__setattr__(self, "solver", solver)
 
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         if isinstance(trials, TrialStream):

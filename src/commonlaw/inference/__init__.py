@@ -4,7 +4,6 @@ from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.data.subsampling import can_be_carried
 from commonlaw.inference.diagnose.coefficient_limits import Bounds
 from commonlaw.inference.fit.annealing import fit_supports
-from commonlaw.inference.fit.covariance import CovarianceKind
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.latent_states import drives, with_drive_said, with_latent_state
@@ -39,7 +38,7 @@ from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.inference.verbs.comparison import compare, compare_by_parts, written_alike
 from commonlaw.inference.verbs.other_terms import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
 from commonlaw.inference.verbs.refinement import refine
-from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
+from commonlaw.likelihood import HUBER_THRESHOLD
 
 __all__ = [
     "HUBER_THRESHOLD",
@@ -47,8 +46,6 @@ __all__ = [
     "PATH",
     "Bounds",
     "CandidateLaw",
-    "CovarianceKind",
-    "ErrorKind",
     "Fit",
     "Pool",
     "Score",

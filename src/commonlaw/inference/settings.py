@@ -1,5 +1,7 @@
 """Every number by which inference decides, with its unit, its meaning and its source."""
 
+from commonlaw.runtime.fit_options import FitOptions
+
 # Rounding and iterations
 ROUNDING = 1e-6
 """Relative differences, or changes in units of a scale, up to which two numbers are the same."""
@@ -44,7 +46,7 @@ VAGUE = 100.0
 """Standard deviation of initial values that nothing is known of, in scales of their states."""
 
 # Samples, objects and trials
-MAX_SAMPLES = 50_000
+MAX_SAMPLES = FitOptions.max_samples
 """Samples that are fitted: some minutes of work."""
 MAX_SCREENED_SAMPLES = 10_000
 """Samples by which terms are screened, and strides of samples compared."""

@@ -16,7 +16,6 @@ from commonlaw.likelihood.mesh import MAX_MESH_SAMPLES, Mesh, interpolate, meshe
 from commonlaw.likelihood.observation_model import (
     HUBER_THRESHOLD,
     NO_ERRORS,
-    ErrorKind,
     ErrorModel,
     LatentProcesses,
     ObservationModel,
@@ -27,7 +26,6 @@ __all__ = [
     "MAX_MESH_SAMPLES",
     "NO_ERRORS",
     "AboutEstimates",
-    "ErrorKind",
     "ErrorModel",
     "Estimate",
     "LatentProcesses",

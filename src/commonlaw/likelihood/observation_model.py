@@ -1,13 +1,13 @@
 """What samples are worth: models of errors, their levels, and latent processes."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.likelihood.mesh import Mesh
+from commonlaw.runtime.fit_options import ErrorKind, FitOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +126,6 @@ def _joined(blocks: list[Floats]) -> Floats:
     return found
 
 
-ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
-"""White noise; white noise that also grows with the state; autocorrelated errors of the measurements; a law with a
-random walk, or with a smooth force."""
-
-
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
     """Standard deviations of errors beside white noise, in units of states and time; None without errors of a kind.
@@ -195,7 +190,7 @@ NO_ERRORS = ErrorModel()
 """White noise alone."""
 
 
-HUBER_THRESHOLD = 4.0
+HUBER_THRESHOLD = FitOptions.huber_threshold
 """Standard deviations from which a measurement is an outlier: of normal noise, one in 16 000 is."""
 
 

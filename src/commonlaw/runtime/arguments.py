@@ -2,9 +2,9 @@
 
 import inspect
 from collections.abc import Callable, Mapping
+from math import inf, isfinite, nan
+from numbers import Integral, Real
 from typing import Any, TypeVar
-
-import numpy as np
 
 from commonlaw.errors import CommonlawError, unknown
 
@@ -18,8 +18,8 @@ def check_whole_number(
     """
     if value is None and optional:
         return
-    upper = np.inf if most is None else most
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= upper:
+    upper = inf if most is None else most
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= upper:
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
         raise CommonlawError("whole-number", name=name, value=value, bounds=bounds)
 
@@ -28,10 +28,8 @@ def check_number(name: str, value: object, least: float, *, above: bool = False,
     """Refuse an argument that is no finite number of at least `least`, or `above` it; `optional` ones may be None."""
     if value is None and optional:
         return
-    size = np.nan
-    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
-        size = float(value)
-    if not np.isfinite(size) or size < least or (above and size == least):
+    size = float(value) if isinstance(value, Real) and not isinstance(value, bool) else nan
+    if not isfinite(size) or size < least or (above and size == least):
         raise CommonlawError(
             "finite-number-bounded", name=name, value=value, bound="above" if above else "of at least", least=least
         )

@@ -8,8 +8,6 @@ from typing import TypedDict
 from commonlaw.array_types import Bools, evenly_spaced
 from commonlaw.forecast.population import with_pooled_forecasts
 from commonlaw.inference import (
-    CovarianceKind,
-    ErrorKind,
     compare_by_parts,
     fitted_by_parts,
     refine,
@@ -18,6 +16,7 @@ from commonlaw.inference import (
 )
 from commonlaw.law import Law, Step
 from commonlaw.runtime.cluster import done_in_parts
+from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, part, silent, unannounced
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream

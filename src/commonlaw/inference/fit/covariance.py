@@ -7,7 +7,6 @@ held at the mean of the objects on which it was measured.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -20,8 +19,7 @@ from commonlaw.inference.fit.latent_initialization import begun
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.law import Law
 from commonlaw.likelihood import ErrorModel, Regression, fit as fitted_states, whitened
-
-CovarianceKind = Literal["likelihood", "bootstrap"]
+from commonlaw.runtime.fit_options import CovarianceKind
 
 
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:

@@ -17,8 +17,9 @@ from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.law import Step
 from commonlaw.library import Order
-from commonlaw.likelihood import ErrorKind, Estimate, Linearization, NotPositiveError, fit_each, linearize_each
+from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, fit_each, linearize_each
 from commonlaw.outcomes import Outcome
+from commonlaw.runtime.fit_options import ErrorKind
 
 NO_ERROR = 0.0
 """The model error of laws whose solutions the trajectories are."""

@@ -11,7 +11,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.diagnose.trial_heterogeneity import differing_trials
 from commonlaw.inference.fit.annealing import beside_those_ahead, to_scale
 from commonlaw.inference.fit.convergence import converged
-from commonlaw.inference.fit.covariance import CovarianceKind, fitted_law
+from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.result.approximation import approximated, with_approximation
 from commonlaw.inference.result.history import (
@@ -28,7 +28,7 @@ from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, PlausibleLaw, Provenance
 from commonlaw.law.alignment import with_constants_of
-from commonlaw.likelihood import ErrorKind
+from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind
 from commonlaw.runtime.progress import ProgressCallback
 
 

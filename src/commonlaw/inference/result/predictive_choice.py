@@ -21,7 +21,7 @@ from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.error_models import GROUPS, of_each_group, under_each_kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law
-from commonlaw.likelihood import ErrorKind
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, unannounced
 
 

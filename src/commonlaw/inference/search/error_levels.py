@@ -14,7 +14,8 @@ from commonlaw.inference.fit.fit import NO_ERROR, Fit, errors_to_fit, fitted, pr
 from commonlaw.inference.fit.newton import minimum
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
-from commonlaw.likelihood import AboutEstimates, ErrorKind, ErrorModel, NotPositiveError
+from commonlaw.likelihood import AboutEstimates, ErrorModel, NotPositiveError
+from commonlaw.runtime.fit_options import ErrorKind
 
 
 def with_errors_of_kind(fit: Fit, kind: ErrorKind) -> Fit:

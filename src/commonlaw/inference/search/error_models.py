@@ -13,7 +13,7 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.error_levels import with_errors_of_kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
-from commonlaw.likelihood import ErrorKind
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 
 WORDS: dict[ErrorKind, str] = {

@@ -31,7 +31,8 @@ from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.law import Step
 from commonlaw.library import Terms
-from commonlaw.likelihood import ErrorKind, threads_pay
+from commonlaw.likelihood import threads_pay
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.parallel import in_parallel
 from commonlaw.runtime.progress import ProgressCallback, Stage, part
 from commonlaw.solvers import AbstractSolver, BestSubset

@@ -19,7 +19,8 @@ from commonlaw.inference.search.input_interpolation import supported_interpolati
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.library import Terms
-from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, ErrorKind, Prior
+from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, Prior
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.transformations import with_logarithms

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import ANY_ERROR, Fit
 from commonlaw.inference.propose.orders import score_of_order
@@ -20,8 +20,8 @@ from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance
 from commonlaw.law.alignment import matched
 from commonlaw.library import Order, parse_terms
-from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.runtime.fit_options import ErrorKind, FitOptions, check_settings
 from commonlaw.runtime.parallel import in_parallel, threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, unannounced
 from commonlaw.trials import Schema, Trials, TrialStream
@@ -37,7 +37,7 @@ def compare(
     *,
     noise: Mapping[str, float] | None = None,
     errors: ErrorKind | Literal["auto"] = "auto",
-    huber_threshold: float = HUBER_THRESHOLD,
+    huber_threshold: float = FitOptions.huber_threshold,
     n_jobs: int = -1,
     client: "Client | None" = None,
 ) -> "pd.DataFrame":
@@ -55,8 +55,10 @@ def compare(
     trials
         What was measured. Of a stream evidences are added over files, under white noise if nothing else is named; each
         file has its own level of noise and scales of coefficients, and its objects need not be in the laws.
-    noise, errors, huber_threshold, n_jobs, client
-        See `refine`.
+    noise, errors, huber_threshold, n_jobs
+        Settings of the fit, see `FitOptions`.
+    client
+        A dask client, whose workers fit the files of a stream.
 
     Returns
     -------
@@ -80,7 +82,7 @@ def compare(
     """
     import pandas as pd
 
-    check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
+    check_settings("compare", locals())
     if not isinstance(laws, Mapping):
         laws = {f"law {i}": law for i, law in enumerate(laws, start=1)}
     others = [name for name, law in laws.items() if not isinstance(law, Law)]

@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
-from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.errors import CommonlawError
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.inference.fit.convergence import converged
-from commonlaw.inference.fit.covariance import CovarianceKind, fitted_law, residual_freedom, total_freedom
+from commonlaw.inference.fit.covariance import fitted_law, residual_freedom, total_freedom
 from commonlaw.inference.fit.latent_initialization import visited_besides
 from commonlaw.inference.fit.multistart import priors_from
 from commonlaw.inference.result.approximation import approximated, with_approximation
@@ -24,12 +24,11 @@ from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import begin_search, fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
-from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Step
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
-from commonlaw.likelihood import HUBER_THRESHOLD, ErrorKind
 from commonlaw.runtime.cluster import on_cluster, refuse_client
+from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind, FitOptions, check_settings
 from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, silent
 from commonlaw.text import counted
@@ -48,7 +47,7 @@ def refine(
     input_between: str | None = None,
     noise: Mapping[str, float] | None = None,
     errors: ErrorKind | Literal["auto"] = "auto",
-    huber_threshold: float = HUBER_THRESHOLD,
+    huber_threshold: float = FitOptions.huber_threshold,
     covariance: CovarianceKind = "likelihood",
     partial_pooling: bool = False,
     seed: int = 0,
@@ -68,29 +67,10 @@ def refine(
     trials
         Of objects of the law. A stream is fitted file by file, under white noise if nothing else is named, each file
         with noise of its own level; objects that are not in the law begin as its typical one.
-    positive
-        States that are above zero and modelled on a logarithmic scale, see `TrajectoryLikelihood`. Default: those of
-        the law.
-    input_between
-        The interpolation of inputs between samples, or ``"auto"``, see `TrajectoryLikelihood`. Default: as in the law.
-    noise
-        Standard deviation of each state's measurement noise by name. Default: it is estimated, but for states whose
-        measurements have standard deviations of their own (``noise_columns`` of the trials).
-    errors
-        Those beside white noise, see `TrajectoryLikelihood`. ``"white"``: the coefficients are those of least squares.
-        ``"auto"``: they are unless there is very strong evidence (2 log B > 10) for other errors or for outliers.
-    huber_threshold
-        Standard deviations of noise beyond which a measurement may count as an outlier, infinite for none.
-    covariance
-        How the covariance is found: ``"likelihood"``, from its curvature, or ``"bootstrap"``, from the scatter of
-        coefficients when blocks of the trials are drawn anew.
-    partial_pooling
-        Whether coefficients are drawn to their means as far as the objects are alike, see `Law.pool`. By
-        default each object has the estimates of its own trials.
-    seed
-        Of the bootstrap.
-    n_jobs
-        Threads that share the objects, see `TrajectoryLikelihood`.
+    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
+        Settings of the fit, see `FitOptions`; `positive` and `input_between` are those of the law by default. With
+        ``errors="white"`` the coefficients are those of least squares, with ``"auto"`` they are unless there is very
+        strong evidence (2 log B > 10) for other errors or for outliers.
     progress
         Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
     client
@@ -118,10 +98,9 @@ def refine(
     <BLANKLINE>
     with v = x'
     """
-    calls = (*law.provenance.calls, call(refine, locals(), "cl.refine", "law", "trials"))
-    check_choice("covariance", covariance, get_args(CovarianceKind))
-    check_choice("errors", errors, ("auto", *get_args(ErrorKind)))
-    check_choice("input_between", input_between, (None, "auto", *BETWEEN))
+    given = locals()
+    check_settings("refine", given)
+    calls = (*law.provenance.calls, call(refine, given, "cl.refine", "law", "trials"))
     progress = on_terminal() if progress is None else progress
     how = _Fit(positive, input_between, noise, errors, errors == "white", huber_threshold, covariance, seed)
     if isinstance(trials, TrialStream):

@@ -1,0 +1,106 @@
+"""Settings of a fit are written once, and are the same wherever they are taken, shown or read."""
+
+import inspect
+import re
+from typing import get_args
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.runtime.fit_options import (
+    CovarianceKind,
+    ErrorKind,
+    FitOptions,
+    changed_settings,
+    read_settings,
+    setting_rows,
+    settings_of,
+)
+from tests.refusals import refused
+
+FUNCTIONS = {"fit": cl.fit, "refine": cl.refine, "compare": cl.compare}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_takes_its_settings_by_name_in_order_and_with_their_defaults(name):
+    known = settings_of(FitOptions, name)
+    taken = {each.name: each for each in inspect.signature(FUNCTIONS[name]).parameters.values() if each.name in known}
+    assert list(taken) == list(known)
+    for setting, (field, about) in known.items():
+        assert taken[setting].default == about.default_of(name, field.default), setting
+        assert taken[setting].kind is inspect.Parameter.KEYWORD_ONLY, setting
+
+
+def test_the_method_of_discover_has_all_settings():
+    assert list(inspect.signature(cl.TrajectoryLikelihood).parameters) == list(settings_of(FitOptions))
+
+
+def test_discover_has_the_parameters_of_the_estimator():
+    ours, estimators = inspect.signature(cl.discover).parameters, inspect.signature(cl.LawDiscovery).parameters
+    assert list(ours) == ["trials", *estimators]
+    assert all(ours[name].default == estimators[name].default for name in estimators)
+
+
+@pytest.mark.parametrize("function", [cl.discover, cl.TrajectoryLikelihood, FitOptions, *FUNCTIONS.values()])
+def test_a_docstring_describes_every_parameter_in_order(function):
+    described = (inspect.getdoc(function) or "").partition("Parameters\n----------\n")[2]
+    described = re.split(r"\n\n(?:Raises|Returns)\n", described)[0]
+    names = [name for line in re.findall(r"(?m)^(\w[\w, ]*)$", described) for name in line.split(", ")]
+    taken = list(inspect.signature(function).parameters)
+    assert [name for name in names if name in taken] == taken
+
+
+def test_choices_are_those_of_their_types():
+    choices = {name: [*about.choices] for name, (_, about) in settings_of(FitOptions).items() if about.choices}
+    assert choices["errors"] == ["auto", *get_args(ErrorKind)]
+    assert choices["covariance"] == [*get_args(CovarianceKind)]
+
+
+@pytest.mark.parametrize(
+    ("texts", "values"),
+    [
+        ({"positive": ["x", "y"]}, {"positive": ("x", "y")}),
+        ({"noise": ["x=0.1", "y=2"]}, {"noise": {"x": 0.1, "y": 2.0}}),
+        ({"huber_threshold": ["inf"], "max_samples": ["500"]}, {"huber_threshold": np.inf, "max_samples": 500}),
+        ({"partial_pooling": ["false"], "solver": ["forward"]}, {"partial_pooling": False, "solver": "forward"}),
+    ],
+)
+def test_texts_are_read_as_values_of_their_types(texts, values):
+    assert read_settings(FitOptions, texts) == values
+
+
+@pytest.mark.parametrize(
+    ("texts", "code"),
+    [
+        ({"huber": ["3"]}, "unknown-name"),
+        ({"huber_threshold": ["three"]}, "setting-not-a-number"),
+        ({"huber_threshold": ["3", "4"]}, "setting-twice"),
+        ({"noise": ["x=1", "x=2"]}, "setting-twice"),
+        ({"noise": ["0.1"]}, "setting-not-a-number"),
+        ({"partial_pooling": ["maybe"]}, "unknown-name"),
+    ],
+)
+def test_texts_that_are_no_settings_are_refused(texts, code):
+    with refused(code):
+        read_settings(FitOptions, texts)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_refuses_a_setting_that_does_not_fit(name):
+    drops = cl.datasets.linear_drag(drag=(-0.1,), trials=1, noise=0.05)
+    with refused("huber-threshold"):
+        FUNCTIONS[name]("x'' = -g", drops, huber_threshold=0.0)
+
+
+def test_settings_that_differ_from_the_defaults_are_those_that_were_changed():
+    values = {"errors": "white", "seed": 0, "partial_pooling": False}
+    assert changed_settings("discover", values) == {"errors": "white", "partial_pooling": False}
+    assert changed_settings("fit", values) == {"errors": "white"}
+
+
+def test_a_table_of_settings_has_their_defaults():
+    defaults = {name: default for name, default, _ in setting_rows(FitOptions)}
+    assert defaults["partial_pooling"] == "true"
+    assert defaults["noise"] == ""
+    assert {name: default for name, default, _ in setting_rows(FitOptions, "refine")}["partial_pooling"] == "false"
