@@ -14,6 +14,7 @@ from scipy.stats import norm, t
 
 import commonlaw as cl
 from benchmarks.machine import machine
+from commonlaw.law.parameters import coefficient_intervals, named_parameters
 
 Floats = NDArray[np.float64]
 
@@ -113,14 +114,15 @@ def experiment(name: str, samples: int, objects: int, seed: int, scatter: float 
 
 def stated(law: cl.Law, family: Family) -> tuple[Floats, Floats]:
     """Return the middles of a law's intervals and half their widths, both (objects, letters)."""
-    low, high = law.parameter_intervals(LEVEL)
-    order = [law.parameters.names.index(letter) for letter in family.letters]
+    parameters = named_parameters(law)
+    low, high = parameters.intervals(LEVEL)
+    order = [parameters.names.index(letter) for letter in family.letters]
     return (low + high)[:, order] / 2, (high - low)[:, order] / 2
 
 
 def stated_of_terms(law: cl.Law, family: Family, averaged: bool) -> tuple[Floats, Floats]:
     """Return the same of the coefficients of the terms, see `Law.conf_int`; NaN for a law that has others."""
-    low, high = law.coefficient_intervals(LEVEL, averaged)
+    low, high = coefficient_intervals(law, LEVEL, averaged)
     own = [law.terms.names.index(term) for term in family.terms]
     is_right = np.array_equal(np.flatnonzero(law.support[0]), sorted(own))
     found = np.array([low, high])[:, :, 0, own] if is_right else np.full((2, len(law.objects), len(own)), np.nan)

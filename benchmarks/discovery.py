@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 import commonlaw as cl
 from benchmarks.machine import machine
+from commonlaw.law.law import object_index
 from commonlaw.library import AbstractLibrary, Terms, parse_library
 
 Arrays = Sequence[NDArray[np.float64]]
@@ -151,7 +152,9 @@ def method(objects: Sequence[tuple[Arrays, Arrays]], info: Mapping[str, Any]) ->
     variables = replace(law.terms.variables, states=tuple(f"x{i}" for i in range(order * size)))
     names = Terms(variables, law.terms.terms).names
     known = [{f"x{size + i}": 1.0} for i in range(size)] if order == 2 else []
-    return [[*known, *(_named(names, row) for row in law.coefficients[law.index(name)])] for name in trials.objects]
+    return [
+        [*known, *(_named(names, row) for row in law.coefficients[object_index(law, name)])] for name in trials.objects
+    ]
 
 
 def library_of(info: Mapping[str, Any]) -> AbstractLibrary:

@@ -15,6 +15,8 @@ from benchmarks.coverage import interval
 from benchmarks.machine import machine
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY, drag_coefficient, reynolds_number
 from commonlaw.discrepancy.function import Discrepancy
+from commonlaw.law.law import object_index
+from commonlaw.law.parameters import standard_errors
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +53,7 @@ def fallen(seed: int, span: float) -> list[float]:
     trials = fall(seed, span)
     law = cl.fit("x' = v; v' = g", trials, noise=ERRORS, errors="white")
     found = law.discrepancy(trials, of="v", noise=ERRORS)
-    values = [(each.coefficients[0][each.support][-1], np.nanmax(each.standard_errors)) for each in (found.law, law)]
+    values = [(each.coefficients[0][each.support][-1], np.nanmax(standard_errors(each))) for each in (found.law, law)]
     held = [abs(value - GRAVITY) < 1.96 * error for value, error in values]
     speeds = np.linspace(0.0, np.sqrt(GRAVITY / DRAG) * np.tanh(np.sqrt(GRAVITY * DRAG) * span), 21)[1:]
     function, truth = found(speeds), -DRAG * speeds**2
@@ -79,7 +81,7 @@ def dropped(seed: int, equation: str) -> list[list[float]]:
         radius, mass = (float(drops.properties[name][each]) for each in ("radius", "mass"))
         fastest = max(abs(np.gradient(each.states[:, 0], each.times)).max() for each in drops.of_object(name))
         speeds = np.linspace(SPEEDS[0], SPEEDS[1], 15) * fastest
-        slope = found.law.coefficients[found.law.index(name)][0, found.law.terms.index("v")]
+        slope = found.law.coefficients[object_index(found.law, name)][0, found.law.terms.index("v")]
         reynolds = reynolds_number(speeds, 2 * radius)
         force = mass * (-slope * speeds) - found(reynolds) * radius**2 * speeds**2
         right = drag_coefficient(reynolds) * AIR_DENSITY * np.pi * radius**2 * speeds**2 / 2

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from benchmarks.machine import machine
+from commonlaw.law.parameters import named_parameters
 
 Floats = NDArray[np.float64]
 
@@ -129,7 +130,7 @@ def line(name: str, level: float, draws: int, library: str = RATIO) -> str:
     cells = [name, f"{100 * level:g} %", f"{len(right)} of {draws}", "", "", f"{took:.1f}"]
     if known.signs and right:
         truth = np.array([*known.objects.values()]) * known.signs
-        errors = np.array([law.parameters.values - truth for law in right]) / known.bounds(level)
+        errors = np.array([named_parameters(law).values - truth for law in right]) / known.bounds(level)
         tables = [law.conf_int() for law in right]
         held = [each["low"].le(truth.ravel()) & each["high"].ge(truth.ravel()) for each in tables]
         cells[3:5] = f"{np.sqrt(np.mean(errors**2)):.2f}", f"{np.sum(held)} of {np.size(held)}"

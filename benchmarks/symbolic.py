@@ -23,6 +23,7 @@ import commonlaw as cl
 from benchmarks.machine import machine
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import RobustSpline
+from commonlaw.law.law import object_index
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -242,7 +243,7 @@ def counts(law: cl.Law, name: str) -> list[int]:
     """Return how many numbers each equation of an object has: coefficients, and constants inside of its terms."""
     first = len(law.terms.variables.measured)
     found = []
-    for row in law.coefficients[law.index(name)]:
+    for row in law.coefficients[object_index(law, name)]:
         used = [k for k in np.flatnonzero(row) if law.terms.is_factor[k]]
         inside = {column for k in used for column in law.terms.terms[k].columns() if column >= first}
         found.append(len(used) + len(inside))

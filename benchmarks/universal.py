@@ -22,6 +22,7 @@ from joblib import Parallel, delayed
 
 import commonlaw as cl
 from benchmarks.machine import machine
+from commonlaw.law.equations import left_hand_sides
 
 Truth = Mapping[str, Mapping[str, tuple[Any, ...]]]
 
@@ -153,7 +154,8 @@ def _relation(want: tuple[Any, ...]) -> tuple[str, dict[str, float]]:
 def _powers(law: cl.Law, left: str, term: str) -> dict[str, float]:
     """Return the exponents of a coefficient's relation by property."""
     assert law.uncertainty.explanation is not None
-    places = [(law.left_hand_sides[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
+    lefts = left_hand_sides(law)
+    places = [(lefts[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
     relation = law.uncertainty.explanation.relations[places.index((left, term))]
     assert relation is not None
     return dict(zip(relation.properties, map(float, relation.exponents), strict=False))

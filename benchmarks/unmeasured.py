@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import commonlaw as cl
 from benchmarks.machine import machine
 from commonlaw.array_types import Bools, Floats
+from commonlaw.law.parameters import named_parameters
 
 OBJECTS, SCATTER, NOISE = 10, 0.15, 0.01
 """Objects, how much their parameters scatter, and the noise relative to the spread of a state."""
@@ -173,11 +174,11 @@ def _fitted(system: System, seeds: int) -> tuple[float, str, float]:
         begun = time.process_time()
         law = cl.fit(system.equations, trials, errors="white", partial_pooling=False, **system.options)
         took += time.process_time() - begun
-        columns = [law.parameters.names.index(each) for each in system.letters]
-        low, high = (each[:, columns] for each in law.parameter_intervals())
+        columns = [named_parameters(law).names.index(each) for each in system.letters]
+        low, high = (each[:, columns] for each in named_parameters(law).intervals())
         inside.append(np.asarray((low < values) & (values < high)))
         bounds = np.array([system.bound(own, noise, free) for own in values])
-        relative.append((law.parameters.values[:, columns] - values) / bounds)
+        relative.append((named_parameters(law).values[:, columns] - values) / bounds)
     held = np.concatenate(inside)
     return (
         float(np.sqrt(np.mean(np.concatenate(relative) ** 2))),

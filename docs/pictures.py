@@ -36,7 +36,7 @@ def _draw_forecasts(heights: Axes, errors: Axes, law: cl.Law, forecast: cl.Forec
         heights.plot(trial.times, measured, ".", ms=4, color=GREY)
         heights.plot(trial.times, expected, color=color, lw=1.2)
         errors.plot(trial.times, measured - expected, ".", ms=2.5, color=color)
-        band = 1.96 * np.hypot(std[:, 0], law.noise[0])
+        band = 1.96 * np.hypot(std[:, 0], law.uncertainty.noise[0])
         errors.fill_between(trial.times, -band, band, color=GREY, alpha=0.08, lw=0)
     heights.tick_params(labelbottom=False)
     heights.set(ylabel="height (m)", title="held-out drops")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.law.parameters import standard_errors
 
 
 @dataclass(frozen=True)
@@ -22,9 +23,10 @@ class Ordinary:
         """Check terms and coefficients, to 5 % and to 4 standard errors."""
         assert law.structure == (self.structure,)
         assert set(law.objects) == set(self.coefficients)
+        standard = standard_errors(law)
         for name, truth in self.coefficients.items():
             o = law.objects.index(name)
-            estimates, errors = law.coefficients[o, law.support], law.standard_errors[o, law.support]
+            estimates, errors = law.coefficients[o, law.support], standard[o, law.support]
             assert estimates == pytest.approx(truth, rel=0.05)
             assert (abs(estimates - truth) < 4 * errors).all()
 

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.law import Law
+from commonlaw.law.law import shares_terms
 from commonlaw.plots import plot_forecast
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from studies.falling_balls.default_forecasts import (
@@ -87,7 +88,7 @@ def _frame(found: Forecasts) -> pd.DataFrame:
 
 
 def _form(law: Law) -> str:
-    return form_of(law) if law.shared else "each ball its own"
+    return form_of(law) if shares_terms(law) else "each ball its own"
 
 
 def _comparison(found: Forecasts) -> str:

@@ -44,7 +44,7 @@ class Choice:
     @property
     def noise(self) -> float:
         """Of the heights (m)."""
-        return float("nan") if self.law.noise is None else float(self.law.noise[0])
+        return float("nan") if self.law.uncertainty.noise is None else float(self.law.uncertainty.noise[0])
 
     @property
     def errors(self) -> str:

@@ -64,7 +64,7 @@ class Example:
 
     def curves(self, x: str, y: str) -> list[Curve]:
         """Return the true trajectory in its two parts, and the prediction: one variable against another."""
-        names = ("t", *self.law.states)
+        names = ("t", *self.law.schema.states)
         true, predicted = (
             dict(zip(names, (self.times, *states.T), strict=True)) for states in (self.true, self.predicted)
         )

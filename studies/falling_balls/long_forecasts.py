@@ -11,6 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.integration import Trajectory
 from commonlaw.law import Law
+from commonlaw.law.law import object_index
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from commonlaw.report.document import cell
 from commonlaw.trials import Trial, Trials
@@ -180,7 +181,7 @@ def _equations(balls: Mapping[str, _Ball]) -> Table:
 def _verdict(balls: Mapping[str, _Ball]) -> Verdict:
     golf, whiffle = balls["Golf Ball"].forecasts, balls["Whiffle Ball 2"].forecasts
     ended, law = golf["4"].far.ended, golf["3"].law
-    coefficient = float(law.coefficients[law.index("Golf Ball")][0, law.terms.index("v^2")])
+    coefficient = float(law.coefficients[object_index(law, "Golf Ball")][0, law.terms.index("v^2")])
     runs_away = ended is not None and UNBOUNDED_AFTER[0] <= ended < UNBOUNDED_AFTER[1]
     # Heights count upwards: what hurries a falling ball has the sign of gravity
     hurries = coefficient < 0 and golf["3"].end < golf["1"].end

@@ -7,6 +7,7 @@ import numpy as np
 
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
+from commonlaw.law.law import object_index
 from commonlaw.solvers import STLSQ, AbstractSolver
 from commonlaw.trials import Trials
 from studies.falling_balls.settings import DIFFERENTIATION, LIBRARY
@@ -33,7 +34,7 @@ METHODS: Mapping[str, Callable[..., Law]] = {"single": single_law, "group": grou
 
 def coefficients_of(law: Law, ball: str) -> dict[str, float]:
     """Return the coefficients of the terms that are in a ball's equation, by term."""
-    own = law.coefficients[law.index(ball)][0]
+    own = law.coefficients[object_index(law, ball)][0]
     return {law.terms.names[k]: float(own[k]) for k in np.flatnonzero(own)}
 
 

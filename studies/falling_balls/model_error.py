@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.law import Law
+from commonlaw.law.law import shares_terms
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from commonlaw.trials import Trial, Trials
 from studies.falling_balls.errata import PREDICTION
@@ -129,7 +130,7 @@ def _simple_models(medians: Medians, laws: Mapping[str, Mapping[str, Law]]) -> V
         f"model {model} has the terms {', '.join(_terms(law))} on drop {drop}"
         for model, wanted in MODEL_TERMS.items()
         for drop, law in laws[model].items()
-        if _terms(law) != wanted or not law.shared
+        if _terms(law) != wanted or not shares_terms(law)
     ]
     gains = {drop: medians["1"][drop] - medians["2"][drop] for drop in OTHER_DROP}
     changes = {drop: abs(medians["3"][drop] - medians["2"][drop]) for drop in OTHER_DROP}
@@ -186,7 +187,7 @@ def _median_table(medians: Medians, laws: Mapping[str, Mapping[str, Law]]) -> Ta
         {
             "model": MODEL_NAMES[model],
             **{
-                f"terms, drop {drop}": ", ".join(_terms(law)) if law.shared else "each ball its own"
+                f"terms, drop {drop}": ", ".join(_terms(law)) if shares_terms(law) else "each ball its own"
                 for drop, law in laws[model].items()
             },
             **{f"median, drop {drop} (m)": medians[model][drop] for drop in OTHER_DROP},

@@ -12,6 +12,7 @@ from commonlaw.experiments import Design, design
 from commonlaw.experiments.search import MAX_REPEATS
 from commonlaw.inference import Bounds
 from commonlaw.law import Law
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.quantiles import upper_bound
 from commonlaw.plots import plot_design
 from commonlaw.report import Picture, Section, Table, Text, Verdict
@@ -80,7 +81,8 @@ def _added_mass(law: Law, drops: Trials) -> pd.DataFrame:
     With r the density of the fluid over that of the ball, and C the added mass in masses of displaced fluid, a ball
     at rest accelerates by g (1 - r) / (1 + C r).
     """
-    values, errors = law.parameters.values, law.parameters.errors
+    parameters = named_parameters(law)
+    values, errors = parameters.values, parameters.errors
     freedom = law.uncertainty.degrees_of_freedom
     degrees, rows = np.inf if freedom is None else float(freedom[0]), []
     for i, ball in enumerate(law.objects):

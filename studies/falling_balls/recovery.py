@@ -7,6 +7,7 @@ from scipy.stats import binomtest
 
 from commonlaw.array_types import Bools
 from commonlaw.law import Law
+from commonlaw.law.law import object_index
 
 
 @dataclass(frozen=True)
@@ -43,4 +44,4 @@ def recovered(law: Law, truth: Law) -> Bools:
 
 def _terms(law: Law, name: str) -> set[tuple[int, str]]:
     """Return the equation and name of each term of an object."""
-    return {(int(j), law.terms.names[k]) for j, k in np.argwhere(law.coefficients[law.index(name)])}
+    return {(int(j), law.terms.names[k]) for j, k in np.argwhere(law.coefficients[object_index(law, name)])}

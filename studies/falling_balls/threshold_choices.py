@@ -73,7 +73,7 @@ def _interval_at(path: pd.DataFrame, threshold: float) -> "pd.Series[Any]":
 
 def _choice(law: Law) -> dict[str, Any]:
     """Return what a law was chosen for, and the intervals of thresholds that give it."""
-    path = law.path()
+    path = law.provenance.path()
     rows = path[path["chosen"]]
     return {
         "terms": rows["terms"].iloc[0].split(", "),

@@ -82,7 +82,7 @@ def _coefficients(examples: Mapping[str, Example]) -> list[Coefficient]:
     for name, example in examples.items():
         terms, (coefficients,) = example.law.terms.names, example.law.coefficients
         for j, k in np.ndindex(coefficients.shape):
-            index = (name, example.law.states[j], terms[k])
+            index = (name, example.law.schema.states[j], terms[k])
             if coefficients[j, k] or index in printed:
                 rows.append(Coefficient(*index, printed.get(index, ""), float(coefficients[j, k])))
     return rows

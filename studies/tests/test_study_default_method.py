@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from scipy.signal import savgol_filter
 
 import commonlaw as cl
+from commonlaw.law.law import object_index
 from studies.falling_balls.default_method import default_method
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.model_error import model_error
@@ -55,7 +56,7 @@ def first_speed(trial):
 
 def heights(law, trial, speed):
     """Integrate ``x'' = a + b v + c v^2`` from the trial's first height."""
-    a, b, c = law.coefficients[law.index(trial.object)][0]
+    a, b, c = law.coefficients[object_index(law, trial.object)][0]
     start, span = [trial.states[0, 0], speed], trial.times[[0, 41]]
 
     def rates(_, y):
@@ -151,7 +152,7 @@ def whitened(trial, law):
     apart = np.sqrt(3) * np.abs(fine - fine[:, np.newaxis]) / errors.force_time
     pushed = np.maximum(t[:, np.newaxis] - fine, 0) * np.gradient(fine)
     moved = errors.force**2 * pushed @ ((1 + apart) * np.exp(-apart)) @ pushed.T
-    return np.linalg.inv(np.linalg.cholesky(law.noise**2 * np.eye(len(t)) + moved))
+    return np.linalg.inv(np.linalg.cholesky(law.uncertainty.noise**2 * np.eye(len(t)) + moved))
 
 
 def misfit(trials, law, power):

@@ -16,6 +16,7 @@ from commonlaw.app.result import of_terms, results, support_of
 from commonlaw.app.sessions import answer
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.forecast import fitted
+from commonlaw.law.parameters import named_parameters
 from commonlaw.report.markup import formula, law_latex
 from commonlaw.text import r_squared
 from tests.refusals import refused
@@ -96,11 +97,11 @@ def test_bands_of_a_forecast_of_ones_own_are_as_wide_as_drawn_coefficients_and_n
     drawn = law.sample(4000, seed=1).xs(drops.objects[0], level="object")
     g, c, t = drawn["g"].to_numpy(), drawn["c"].to_numpy(), course["t"][-1]
     ends = 50.0 - g / c * (t - (1 - np.exp(-c * t)) / c)
-    std = np.hypot(ends.std(), law.noise[0])
+    std = np.hypot(ends.std(), law.uncertainty.noise[0])
     assert line[-1] == pytest.approx(ends.mean(), abs=0.1 * std)
     assert high[-1] - low[-1] == pytest.approx(2 * 1.96 * std, rel=0.05)
     width = student.ppf(0.975, law.uncertainty.degrees_of_freedom[0])  # As the noise itself is estimated
-    assert high[0] - low[0] == pytest.approx(2 * width * law.noise[0], rel=0.01)  # The start is certain
+    assert high[0] - low[0] == pytest.approx(2 * width * law.uncertainty.noise[0], rel=0.01)  # The start is certain
 
 
 def test_equations_are_cut_where_a_line_may_break_and_lose_nothing(law, drops):
@@ -261,7 +262,7 @@ def test_experiments_are_suggested_for_a_budget(law, drops):
 
 def test_numbers_stand_beside_the_formula_with_the_ends_of_their_intervals(law, drops):
     table = next(results(law, drops, drops, lambda _: None)).candidates[0].shown["table"]
-    low, high = law.parameter_intervals()
+    low, high = named_parameters(law).intervals()
     for row, *ends in zip(table["rows"], low, high, strict=True):
         shown = [[float(each) for each in cell.split("\n")[1].split(" to ")] for cell in row[1:]]
         np.testing.assert_allclose(np.transpose(shown), ends, rtol=0.02)

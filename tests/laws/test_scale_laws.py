@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
 
 TINY, HUGE = 2.0**-27, 2.0**27
 """Eight orders of magnitude down and up; powers of two scale without rounding."""
@@ -48,7 +49,7 @@ def test_a_fit_with_a_constant_inside_is_the_same_whatever_the_scale(scale):
     measured = np.interp(times, np.linspace(0, 10, 4001), s) + 0.01 * np.random.default_rng(1).standard_normal(40)
     for own in (1.0, scale):
         law = cl.fit("s' = -V s/(K + s)", cl.Trials.from_arrays(times, own * measured, names=["s"]), errors="white")
-        found.append(law.parameters.values[0] / own)
+        found.append(named_parameters(law).values[0] / own)
     np.testing.assert_allclose(found[1], found[0], rtol=1e-6)
 
 
@@ -68,6 +69,6 @@ def test_a_law_of_second_order_with_an_input_is_the_same_whatever_the_scale(scal
     for own in (1.0, scale):
         trials = cl.Trials.from_arrays(times, own * motion, inputs=push / own, names=["x", "u"])
         law = cl.fit("x'' = a u - k x - c v", trials, errors="white")
-        values = dict(zip(law.parameters.names, law.parameters.values[0], strict=True))
+        values = dict(zip(named_parameters(law).names, named_parameters(law).values[0], strict=True))
         found.append([values["a"] / own**2, values["k"], values["c"]])
     np.testing.assert_allclose(found[1], found[0], rtol=1e-6)

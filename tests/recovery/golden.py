@@ -11,6 +11,7 @@ from unittest.mock import patch
 from commonlaw.inference.fit import convergence, fit
 from commonlaw.inference.result import assembly
 from commonlaw.inference.verbs import refinement
+from commonlaw.law.parameters import standard_errors
 from tests.recovery.problems import PROBLEMS
 
 FILE = Path(__file__).with_name("golden.json")
@@ -33,7 +34,7 @@ def recovered(name: str) -> Recovered:
         _noted("fit_each", fit, convergence) as fits,
     ):
         law = PROBLEMS[name]()
-    estimates, errors = law.coefficients[:, law.support], law.standard_errors[:, law.support]
+    estimates, errors = law.coefficients[:, law.support], standard_errors(law)[:, law.support]
     # The first law is the one that is returned, others are beside it
     score = laws[0][1].score.total if laws else None
     return Recovered(list(law.structure), estimates.tolist(), errors.tolist(), score, len(fits))

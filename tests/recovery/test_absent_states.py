@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.inference.fit.problem import prepare
+from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Variables, parse_library
 
 COMPETITION = ("a' = r a - s a^2 - m a b", "b' = q b - p b^2 - n a b")
@@ -46,10 +47,11 @@ def test_zeros_of_absent_species_do_not_count_as_measurements(cultures):
 
 def test_a_species_that_is_absent_stays_so_in_the_fit_and_in_forecasts(cultures):
     law = cl.fit(COMPETITION, cultures, errors="white")
-    values, errors = (each[0] for each in (law.parameters.values, law.parameters.errors))
-    true = np.array([TRUE[name] for name in law.parameters.names])
+    parameters = named_parameters(law)
+    values, errors = (each[0] for each in (parameters.values, parameters.errors))
+    true = np.array([TRUE[name] for name in parameters.names])
     assert np.all(np.abs(values - true) < 4 * errors)
-    assert law.noise == pytest.approx([NOISE, NOISE], rel=0.3)
+    assert law.uncertainty.noise == pytest.approx([NOISE, NOISE], rel=0.3)
     # Given four samples, the absent species does not invade
     forecast = law.predict(cultures, start=4)
     assert np.abs(forecast.trajectories[0].states[:, 1]).max() < 1e-3

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from commonlaw.law.parameters import standard_errors
 
 
 def _rates(_: float, z: np.ndarray) -> list[float]:
@@ -25,7 +26,7 @@ def test_what_objects_have_in_common_is_found_among_many():
     drops = cl.datasets.linear_drag(drag=tuple(drag), trials=1, noise=0.2, seed=1)
     law = cl.discover(drops, order=2, library="poly:2")
     assert law.structure == ("x'' = a + b v",)
-    errors = law.standard_errors[:, 0, law.terms.index("v")]
+    errors = standard_errors(law)[:, 0, law.terms.index("v")]
     misses = (law.coefficients[:, 0, law.terms.index("v")] - drag) / errors
     assert np.sqrt(np.mean(misses**2)) < 1.5
 

@@ -13,6 +13,7 @@ from scipy.stats import t
 import commonlaw as cl
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.law import Uncertainty
+from commonlaw.law.parameters import standard_errors
 from commonlaw.likelihood import ErrorModel
 from tests.refusals import refused
 
@@ -63,13 +64,13 @@ def discover(measurement, **settings):
 def test_the_errors_of_measurements_are_found_with_the_law(errors):
     law = discover(errors)
     assert law.structure == ("x'' = a x + b v",)
-    missed = (law.coefficients[law.support[np.newaxis]] - [-2, -0.1]) / law.standard_errors[law.support[np.newaxis]]
+    missed = (law.coefficients[law.support[np.newaxis]] - [-2, -0.1]) / standard_errors(law)[law.support[np.newaxis]]
     assert np.all(np.abs(missed) < 3.5)
     assert {each.kind for each in law.diagnostics} <= {"not identifiable"}
     found = law.uncertainty.error_model
     if errors is white:
         assert not found
-        assert law.noise == pytest.approx([0.02], rel=0.1)
+        assert law.uncertainty.noise == pytest.approx([0.02], rel=0.1)
     elif errors is proportional:
         assert found.proportional == pytest.approx([0.05], rel=0.15)
         assert found.correlated is None
@@ -77,7 +78,7 @@ def test_the_errors_of_measurements_are_found_with_the_law(errors):
         noise, level, memory = most_likely([correlated(TIMES, np.random.default_rng(i)) for i in range(3)])
         assert found.correlated == pytest.approx([level], rel=0.15)
         assert found.memory == pytest.approx(memory, rel=0.2)
-        assert law.noise == pytest.approx([noise], rel=0.3)
+        assert law.uncertainty.noise == pytest.approx([noise], rel=0.3)
 
 
 def test_noise_in_proportion_is_so_to_the_fitted_states_where_these_cross_zero():
@@ -91,18 +92,18 @@ def test_noise_in_proportion_is_so_to_the_fitted_states_where_these_cross_zero()
 
     found = np.array([-2.0, -0.1, 2.0, 0.0])
     for _ in range(4):
-        std = errors.white_std(solution(found)[:, np.newaxis], law.noise)[:, 0]
+        std = errors.white_std(solution(found)[:, np.newaxis], law.uncertainty.noise)[:, 0]
         fitted = least_squares(lambda p, std=std: (solution(p) - measured) / std, found, x_scale="jac", diff_step=1e-5)
         found = fitted.x
     expected = np.sqrt(np.diag(np.linalg.inv(fitted.jac.T @ fitted.jac)))[:2]
-    np.testing.assert_allclose(law.standard_errors[law.support[np.newaxis]], expected, rtol=0.1)
+    np.testing.assert_allclose(standard_errors(law)[law.support[np.newaxis]], expected, rtol=0.1)
     np.testing.assert_allclose(law.coefficients[law.support[np.newaxis]], found[:2], atol=0.3 * expected.max())
 
 
 def test_errors_with_a_memory_leave_coefficients_less_certain():
     asked, as_white = discover(correlated), discover(correlated, errors="white")
     assert as_white.uncertainty.error_model.correlated is None
-    assert np.all((asked.standard_errors > 1.5 * as_white.standard_errors)[asked.support[np.newaxis]])
+    assert np.all((standard_errors(asked) > 1.5 * standard_errors(as_white))[asked.support[np.newaxis]])
 
 
 def test_a_law_with_other_errors_survives_its_file(tmp_path):
@@ -121,7 +122,7 @@ def test_a_law_with_other_errors_survives_its_file(tmp_path):
     measured, state = (first.margins(measured=each)[0] for each in (True, False))
     known, times = law.uncertainty, trials[0].times
     reach = t.ppf(0.975, known.degrees_of_freedom[0]) * known.widening.at(np.maximum(0.0, times - times[19]))
-    own = np.hypot(law.noise, known.error_model.correlated)
+    own = np.hypot(law.uncertainty.noise, known.error_model.correlated)
     np.testing.assert_allclose(measured[:, 0], np.hypot(state[:, 0], reach * own), rtol=1e-4)
 
 
@@ -165,14 +166,14 @@ def test_a_start_under_a_law_that_errs_is_the_last_state_that_samples_tell():
     # Free of the law it follows the samples; what they tell of the state is less
     assert np.abs(loose.trajectories[0].states[near, 0] - measured[near]).mean() < 0.05
     assert np.all(loose.std[0][120:, 0] > exact.std[0][120:, 0])
-    assert loose.std[0][119, 0] < law.noise[0]
+    assert loose.std[0][119, 0] < law.uncertainty.noise[0]
     assert loose.std[0][-1, 0] > 5 * loose.std[0][119, 0]
 
 
 def test_noise_is_no_less_than_that_of_rounded_values():
     slow = np.round(np.exp(-0.01 * TIMES), 2)[:, np.newaxis]
     law = cl.discover(cl.Trials.from_arrays([TIMES], [slow], names=["x"]), order=1, library="poly:3")
-    assert law.noise == pytest.approx([0.01 / np.sqrt(12)])
+    assert law.uncertainty.noise == pytest.approx([0.01 / np.sqrt(12)])
     assert noise_floor(cl.Trials.from_arrays([TIMES], [slow + 1e-3 * slow**2], names=["x"]))[0] < 1e-4
 
 
@@ -225,8 +226,9 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     error_model = without.uncertainty.error_model
     assert 0.2 < error_model.force[0] < 3
     assert 0.1 < error_model.force_time < 2 * np.pi / 5
-    assert without.standard_errors[0, 0, 0] > 5 * within.standard_errors[0, 0, 0]
-    assert np.isfinite(without.standard_errors[without.coefficients != 0]).all()
+    errors = standard_errors(without)
+    assert errors[0, 0, 0] > 5 * standard_errors(within)[0, 0, 0]
+    assert np.isfinite(errors[without.coefficients != 0]).all()
     assert np.all(
         (without.uncertainty.inclusion_probabilities >= 0) & (without.uncertainty.inclusion_probabilities <= 1)
     )

@@ -6,6 +6,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference.result import approximation
 from commonlaw.inference.result.approximation import effective_count, gain
+from commonlaw.law.parameters import named_parameters
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials.transformations import with_starts
 
@@ -35,7 +36,7 @@ def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_pro
     law = cl.discover(delayed, order=1, library="poly:1")
     assert {"T", "u"} <= set(np.array(law.terms.names)[law.support[0]])
     assert not law.uncertainty.error_model.of_law
-    assert law.score(delayed, start="all") > 0.98
+    assert law.predict(delayed, start="all").score() > 0.98
     (lack,) = (each for each in law.diagnostics if each.kind is OutcomeKind.APPROXIMATION)
     assert lack.code == "lack-of-fit"
     verdict = law.assess(delayed)
@@ -46,7 +47,8 @@ def test_a_fit_without_process_noise_is_the_answer_where_it_explains_whole_trial
     law = cl.fit("T' = (K u - T)/tau", delayed)
     white = cl.fit("T' = (K u - T)/tau", delayed, errors="white")
     np.testing.assert_allclose(law.coefficients, white.coefficients, rtol=1e-3)
-    values = dict(zip(law.parameters.names, law.parameters.values[0], strict=True))
+    parameters = named_parameters(law)
+    values = dict(zip(parameters.names, parameters.values[0], strict=True))
     assert TIME < values["tau"] < TIME + 2 * DELAY  # A lag makes up for the dead time
     assert values["K"] == pytest.approx(GAIN, rel=0.05)
 

@@ -7,6 +7,7 @@ import commonlaw as cl
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import search
 from commonlaw.inference.search import law_search
+from commonlaw.law.parameters import standard_errors
 
 
 def swinging(damping, noise, samples, springs=1, step=0.05):
@@ -38,7 +39,7 @@ def test_all_samples_tell_terms_and_coefficients_that_few_cannot(few):
     assert len(few) == 1
     assert few[0] <= 200
     assert law.structure == ("x'' = a x + b v",)
-    errors = law.standard_errors[0][law.support]
+    errors = standard_errors(law)[0][law.support]
     assert np.all(np.abs(law.coefficients[0][law.support] - [-1, -3e-4]) < 4 * errors)
     alone = cl.discover(trials, **question, method=cl.TrajectoryLikelihood(max_samples=200))
     assert alone.structure == ("x'' = a x",)
@@ -52,4 +53,4 @@ def test_all_objects_tell_a_term_that_groups_of_them_cannot():
     law = cl.discover(springs, **question)
     assert law.structure == ("x'' = a x + b v",)
     average, v = law.average(), law.terms.index("v")
-    assert abs(average.coefficients[0, 0, v] + 1.2e-3) < 3 * average.standard_errors[0, 0, v]
+    assert abs(average.coefficients[0, 0, v] + 1.2e-3) < 3 * standard_errors(average)[0, 0, v]

@@ -7,6 +7,8 @@ import commonlaw as cl
 from commonlaw import Law, Trials
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law.equations import vector_field
+from commonlaw.law.parameters import standard_errors
 from commonlaw.library.expansion import summands, traced
 from tests.refusals import refused
 
@@ -31,7 +33,7 @@ def test_gravity_is_a_base_in_every_form_and_drag_is_what_is_left(drops, known):
     law = cl.discover(drops, known=known, **SETTINGS)
     assert law.structure == ("x'' = -9.8 + a v",)
     np.testing.assert_array_equal(law.coefficients[:, 0, law.terms.index("1")], [-9.8, -9.8])
-    np.testing.assert_array_equal(law.standard_errors[:, 0, law.terms.index("1")], [0.0, 0.0])
+    np.testing.assert_array_equal(standard_errors(law)[:, 0, law.terms.index("1")], [0.0, 0.0])
     np.testing.assert_allclose(law.coefficients[:, 0, law.terms.index("v")], [-0.3, -0.5], rtol=0.01)
 
 
@@ -45,16 +47,16 @@ def test_a_function_of_speed_and_properties_is_a_base_and_gravity_is_left():
     drops = cl.datasets.reynolds_drag(trials=1, samples=25).select(object=["Ball 1", "Ball 5"])
     law = cl.discover(drops, known=sphere_drag, **SETTINGS)
     assert law.coefficients[:, 0, law.terms.index("1")] == pytest.approx(-9.8, abs=0.05)
-    free = law.standard_errors[0, 0] > 0
+    free = standard_errors(law)[0, 0] > 0
     assert [law.terms.names[k] for k in np.flatnonzero(free)] == ["1"]
     values = np.column_stack([np.zeros(9), np.linspace(-30.0, -1.0, 9), np.zeros(9)])
     own = drops.properties["Ball 5"]
     gravity = law.uncertainty.pooled.coefficients[1, np.flatnonzero(law.support).tolist().index(law.terms.index("1"))]
     expected = gravity + sphere_drag(values[:, 1], own["radius"], own["mass"])
-    np.testing.assert_allclose(law.vector_field("Ball 5").derivatives(values)[:, 1], expected, rtol=1e-9)
+    np.testing.assert_allclose(vector_field(law, "Ball 5").derivatives(values)[:, 1], expected, rtol=1e-9)
     assert law.provenance.calls == ()
     again = Law.from_json(law.to_json())
-    np.testing.assert_allclose(again.vector_field("Ball 5").derivatives(values)[:, 1], expected, rtol=1e-9)
+    np.testing.assert_allclose(vector_field(again, "Ball 5").derivatives(values)[:, 1], expected, rtol=1e-9)
 
 
 def test_traced_functions_are_sums_of_numbers_and_terms():

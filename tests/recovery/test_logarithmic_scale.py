@@ -10,6 +10,7 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference.search.setup import on_log_scale
 from commonlaw.integration import InitialValueProblem, VectorField, simulate
+from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms, Variables, parse_library
 from commonlaw.plots import plot_forecast
 from commonlaw.trials.transformations import with_logarithms
@@ -77,18 +78,18 @@ def test_exponential_growth_is_a_straight_line_through_the_logarithms():
     columns = np.column_stack([np.tile(TIMES, 2), np.repeat(np.eye(2), len(TIMES), axis=0)])
     slope = np.linalg.lstsq(columns, np.log(np.concatenate(states)), rcond=None)[0][0]
     assert law.coefficients[0, 0, 0] == pytest.approx(slope, rel=1e-6)
-    assert law.standard_errors[0, 0, 0] == pytest.approx(
+    assert standard_errors(law)[0, 0, 0] == pytest.approx(
         0.1 * np.sqrt(np.linalg.inv(columns.T @ columns)[0, 0]), rel=1e-3
     )
 
 
 def test_the_law_is_in_units_of_the_state_and_its_intervals_hold_the_truth(law):
     assert law.structure == ("w' = a w + b w^2",)
-    assert law.noise == pytest.approx([0.08], rel=0.15)
+    assert law.uncertainty.noise == pytest.approx([0.08], rel=0.15)
     assert not law.uncertainty.error_model
     assert "% of it, on a logarithmic scale" in law.history[0].choice
     own = law.support[0]
-    missed = (law.coefficients[0, 0, own] - [0.6, -0.006]) / law.standard_errors[0, 0, own]
+    missed = (law.coefficients[0, 0, own] - [0.6, -0.006]) / standard_errors(law)[0, 0, own]
     assert np.all(np.abs(missed) < 3.5)
 
 
@@ -142,7 +143,7 @@ def test_errors_that_are_known_for_each_measurement_are_shares():
         cl.fit("w' = a w + b w^2", noisy, positive=["w"]),
     )
     np.testing.assert_allclose(by_column.coefficients, given.coefficients, rtol=1e-9)
-    np.testing.assert_allclose(by_column.noise, [0.08])
+    np.testing.assert_allclose(by_column.uncertainty.noise, [0.08])
 
 
 def test_laws_keep_their_scale(law, tmp_path):
@@ -152,7 +153,7 @@ def test_laws_keep_their_scale(law, tmp_path):
     trials = growing()
     before, after = (each.predict(trials).trajectories[0].states for each in (law, again))
     np.testing.assert_array_equal(before, after)
-    assert cl.refine(again, trials).noise == pytest.approx(law.noise)
+    assert cl.refine(again, trials).uncertainty.noise == pytest.approx(law.uncertainty.noise)
     assert cl.refine(again, trials, positive=[]).schema.logarithmic == ()
     np.testing.assert_allclose(law.simulate([0.0, 12.0], [2.0])["plant"].states[:, 0], [2.0, 96.4], rtol=0.05)
     both = cl.compare({"logistic": law, "exponential": cl.fit("w' = a w", trials[:2], positive=["w"])}, trials[:2])

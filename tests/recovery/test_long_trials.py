@@ -7,6 +7,7 @@ import commonlaw as cl
 from commonlaw.discovery import default_method
 from commonlaw.inference import can_be_carried
 from commonlaw.inference.data.subsampling import as_many_as_are_carried
+from commonlaw.law.parameters import standard_errors
 from commonlaw.outcomes import OutcomeKind
 
 NOISE = 0.01
@@ -68,10 +69,10 @@ def test_the_law_of_a_part_has_errors_and_says_what_it_was_fitted_to(step, sampl
     trials = swinging(step, samples)
     law = cl.discover(trials, order=2, library="poly:1", method=cl.TrajectoryLikelihood(max_samples=500))
     assert law.structure == ("x'' = a x",)
-    error = law.standard_errors[0][law.support][0]
+    error = standard_errors(law)[0][law.support][0]
     assert 0 < error < 1e-3
     assert law.coefficients[0][law.support][0] == pytest.approx(-1.0, abs=4 * error)
-    assert law.noise[0] == pytest.approx(NOISE, rel=0.05)  # By all samples
+    assert law.uncertainty.noise[0] == pytest.approx(NOISE, rel=0.05)  # By all samples
     (said,) = [each for each in law.diagnostics if each.kind is OutcomeKind.SAMPLES]
     assert how in said.text
     assert law.history[0].stage == "samples"

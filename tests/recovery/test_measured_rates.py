@@ -10,6 +10,7 @@ from scipy.signal import savgol_filter
 import commonlaw as cl
 from commonlaw.discovery.measured_rates import is_computed, measured_rates
 from commonlaw.law.alignment import matched
+from commonlaw.law.parameters import named_parameters, standard_errors
 from tests.refusals import refused
 
 TRUTH = {"a": (9.0, 0.2), "b": (6.0, 0.1)}
@@ -44,7 +45,7 @@ def found(request):
 def test_the_law_is_of_the_angle_alone_and_calls_its_rate_by_the_column(found):
     _, law = found
     assert law.structure == ("theta'' = a sin(theta) + b omega",)
-    errors, truth = law.standard_errors[:, law.support], np.array([(-k, -c) for k, c in TRUTH.values()])
+    errors, truth = standard_errors(law)[:, law.support], np.array([(-k, -c) for k, c in TRUTH.values()])
     columns = [law.terms.names.index(name) for name in ("sin(theta)", "omega")]
     assert (abs(law.coefficients[:, 0, columns] - truth) < 4 * errors).all()
     assert (errors < 0.1).all()
@@ -56,7 +57,7 @@ def test_trials_that_still_have_the_column_are_forecast_scored_and_judged(found)
     alone = cl.Trials.from_arrays([TIMES] * 2, [each.states[:, 0] for each in trials], object=[*TRUTH], names=["theta"])
     forecast = law.predict(trials, start=30)
     np.testing.assert_array_equal(forecast.trajectories[1].states, law.predict(alone, start=30).trajectories[1].states)
-    assert law.score(trials) == law.score(alone) > 0.99
+    assert law.predict(trials).score() == law.predict(alone).score() > 0.99
     assert law.assess(trials).usable
     assert matched(law, trials).notes[-1] == "left out: omega is the rate of theta"
 
@@ -143,18 +144,19 @@ def test_of_states_that_are_rates_of_each_other_one_stays():
 
 def test_equations_of_the_angle_are_fitted_to_trials_that_have_its_rate_too():
     law = cl.fit("theta'' = -k sin(theta) - c omega", pendulum((True, False)))
-    values, errors = law.parameters.values, law.parameters.errors
+    parameters = named_parameters(law)
+    values, errors = parameters.values, parameters.errors
     assert (abs(np.array(values) - list(TRUTH.values())) < 4 * np.array(errors)).all()
     assert [each.kind for each in law.diagnostics] == ["rates"]
 
 
 def test_a_rate_that_has_an_equation_of_its_own_stays():
     law = cl.fit("theta'' = -k theta; omega'' = -l omega", pendulum(noise=0.02))
-    assert law.states == ("theta", "omega")
+    assert law.schema.states == ("theta", "omega")
 
 
 def test_first_order_keeps_the_rate_as_a_state():
     law = cl.discover(
         pendulum(noise=0.0), library="poly:1", method=cl.DerivativeRegression(solver="stlsq:0.05"), order=1
     )
-    assert law.states == ("theta", "omega")
+    assert law.schema.states == ("theta", "omega")

@@ -12,6 +12,8 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.app.result import results
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law.equations import left_hand_sides, rate_names, state_rates
+from commonlaw.law.parameters import coefficient_units, named_parameters
 from commonlaw.library import Terms
 from tests.refusals import refused
 
@@ -93,10 +95,8 @@ def test_a_fit_is_that_of_least_squares_by_scipy():
     errors = np.sqrt(np.diag(np.linalg.inv(expected.jac.T @ expected.jac)))[:5]
     settings = {"noise": noise, "errors": "white", "huber_threshold": np.inf, "input_between": "cubic"}
     found = cl.fit(EQUATIONS, trials, **settings)
-    values, own = (
-        dict(zip(found.parameters.names, each[0], strict=True))
-        for each in (found.parameters.values, found.parameters.errors)
-    )
+    parameters = named_parameters(found)
+    values, own = (dict(zip(parameters.names, each[0], strict=True)) for each in (parameters.values, parameters.errors))
     for name, value, error in zip(TRUE, expected.x, errors, strict=False):
         assert values[name] == pytest.approx(value, abs=0.02 * error)
         assert own[name] == pytest.approx(error, rel=0.02)
@@ -132,12 +132,12 @@ def test_forecasts_and_their_bands_are_those_of_its_states(law):
 
 def test_what_it_says_names_the_order_of_each(law):
     assert law.order == (2, 1)
-    assert law.left_hand_sides == ("theta''", "i'")
-    assert law.state_rates == (("theta", "v_theta"),)
+    assert left_hand_sides(law) == ("theta''", "i'")
+    assert state_rates(law) == (("theta", "v_theta"),)
     assert "with v_theta = theta'" in str(law)
     assert r"\ddot{\theta} &=" in law.to_latex()
     assert r"\dot{i} &=" in law.to_latex()
-    units = law.coefficient_units()
+    units = coefficient_units(law)
     assert (units["theta''", "i"], units["i'", "v_theta"], units["i'", "i"]) == ("rad/A/s²", "A/rad", "1/s")
     assert [str(each) for each in law.to_sympy()] == ["theta''", "i'"]
 
@@ -188,7 +188,7 @@ def test_the_orders_of_the_law_that_made_the_data_are_found(name, noise):
     assert law.order == order
     if noise < 0.05:
         assert law.structure == equations
-    said = ", ".join(f"{state} {each}" for state, each in zip(law.states, order, strict=True))
+    said = ", ".join(f"{state} {each}" for state, each in zip(law.schema.states, order, strict=True))
     assert (law.history[0].stage, law.history[0].choice) == ("order", said)
 
 
@@ -227,8 +227,8 @@ def test_a_column_that_is_the_rate_of_a_state_of_second_order_is_left_out():
         cl.fit(EQUATIONS, trials),
         cl.discover(trials, order={"theta": 2, "i": 1}, library="poly:1 + terms:sin(theta)", cache=False),
     ):
-        assert law.states == ("theta", "i")
-        assert law.rates == ("omega",)
+        assert law.schema.states == ("theta", "i")
+        assert rate_names(law) == ("omega",)
 
 
 @pytest.mark.parametrize(
@@ -282,7 +282,8 @@ def test_a_drive_that_nobody_measured_beside_an_angle_is_fitted_as_by_scipy(know
         huber_threshold=np.inf,
     )
     assert law.order == (2, 1)
-    values, own = (each[0] for each in (law.parameters.values, law.parameters.errors))
+    parameters = named_parameters(law)
+    values, own = (each[0] for each in (parameters.values, parameters.errors))
     np.testing.assert_allclose(values, expected.x[:3], atol=0.02 * errors.min())
     np.testing.assert_allclose(own, errors, rtol=0.02)
 

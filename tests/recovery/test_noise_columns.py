@@ -8,6 +8,7 @@ from scipy.optimize import curve_fit
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law.parameters import standard_errors
 from commonlaw.likelihood import meshes
 from tests.refusals import refused
 
@@ -42,7 +43,7 @@ def test_a_constant_column_is_the_noise_of_the_state():
     np.testing.assert_array_equal(by_column.coefficients, given.coefficients)
     np.testing.assert_array_equal(by_column.uncertainty.covariance, given.uncertainty.covariance)
     assert by_column.comparison.equals(given.comparison)
-    assert by_column.noise.tolist() == given.noise.tolist() == [0.1]
+    assert by_column.uncertainty.noise.tolist() == given.uncertainty.noise.tolist() == [0.1]
     starts = [{"start": 1}, {"start": 20}, {"from_time": 4.0}]
     for start in starts:
         both = [
@@ -65,8 +66,8 @@ def test_coefficients_and_errors_are_those_of_weighted_least_squares_on_the_solu
     )
     law = cl.fit("T' = rest - rate T", trials, huber_threshold=np.inf)
     np.testing.assert_allclose(law.coefficients[0, 0] * [1, -1], found[2:], rtol=1e-4)
-    np.testing.assert_allclose(law.standard_errors[0, 0], np.sqrt(np.diag(covariance))[2:], rtol=2e-3)
-    assert law.noise == [0.3]
+    np.testing.assert_allclose(standard_errors(law)[0, 0], np.sqrt(np.diag(covariance))[2:], rtol=2e-3)
+    assert law.uncertainty.noise == [0.3]
     assert law.history[1].reason == "as given for each measurement, T by T noise; their median"
 
 
@@ -76,7 +77,7 @@ def test_noise_that_grows_is_found_beside_what_was_given():
     trials = cl.Trials.from_arrays([TIMES] * 3, states, object=["cup"] * 3, noise=[LEVELS] * 3)
     law = cl.fit("x' = a - b x", trials, errors="proportional")
     assert law.uncertainty.error_model.proportional == pytest.approx([0.1], rel=0.25)
-    assert law.noise == [0.3]
+    assert law.uncertainty.noise == [0.3]
 
 
 def test_bands_of_measurements_have_the_noise_of_their_samples_or_a_typical_one():

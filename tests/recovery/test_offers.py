@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
 from commonlaw.library import AbstractLibrary, Offer, Terms, Variables, parametric_term, parse_library
 
 
@@ -51,7 +52,7 @@ def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
     library = _InTurn(("s/(K + s)",), "ratio(terms:s, poly:2)")
     law = cl.discover(inhibited, library=library, order=1)
     assert law.structure == ("s' = a s/(K + L*s + s^2)",)
-    np.testing.assert_allclose(law.parameters.values[:, 2], [2.0, 3.0], rtol=0.15)  # L is the inhibition
+    np.testing.assert_allclose(named_parameters(law).values[:, 2], [2.0, 3.0], rtol=0.15)  # L is the inhibition
 
 
 def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heteroscedastic():

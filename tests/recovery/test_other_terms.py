@@ -9,6 +9,7 @@ from scipy.special import lambertw
 import commonlaw as cl
 from commonlaw.law import Law, Provenance
 from commonlaw.law.alignment import with_constants_of
+from commonlaw.law.parameters import coefficient_intervals
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def test_intervals_and_draws_are_of_the_same_terms_and_constants(law):
     with_it = sum(each.probability for each in law.models if "s/(K + s)" in each.law.terms.names)
     drawn = law.sample(20_000)
     assert np.mean(drawn["K"] == 0) == pytest.approx(1 - with_it, abs=0.01)
-    (low,), (high,) = (ends[:, 0, law.terms.index("K")] for ends in law.coefficient_intervals())
+    (low,), (high,) = (ends[:, 0, law.terms.index("K")] for ends in coefficient_intervals(law))
     assert np.quantile(drawn["K"], [0.025, 0.975]) == pytest.approx([low, high], abs=0.03)
 
 

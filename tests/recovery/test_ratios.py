@@ -13,6 +13,7 @@ import commonlaw as cl
 from commonlaw.inference import prepare
 from commonlaw.inference.propose.rational import matching_ratios
 from commonlaw.law import Provenance
+from commonlaw.law.parameters import named_parameters
 from commonlaw.library import PolynomialLibrary, RatioLibrary, Terms, Variables, parse_library, parse_term
 from tests.refusals import refused
 
@@ -172,7 +173,8 @@ def test_they_agree_with_least_squares_on_the_exact_solution(tmp_path):
     )
     assert law.structure == ("s' = a s/(K + s)",)
     expected, covariance = curve_fit(solution, times, measured, [4.0, 1.0, 1.0], np.full(60, noise), True)
-    values, errors = law.parameters.values, law.parameters.errors
+    parameters = named_parameters(law)
+    values, errors = parameters.values, parameters.errors
     np.testing.assert_allclose(values[0], expected[1:] * [-1, 1], rtol=1e-4)
     np.testing.assert_allclose(errors[0], np.sqrt(np.diag(covariance))[1:], rtol=0.01)
     law.save(tmp_path / "law.json")

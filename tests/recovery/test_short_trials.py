@@ -71,4 +71,6 @@ def test_a_law_of_short_trials_has_the_noise_of_the_residuals_of_all_objects(see
     assert law.structure == ("x' = a x^2",)
     fits = [curve_fit(lambda t, a, k: a / (1 + a * k * t), times, own, [own[0], 0.5])[0] for own in states]
     left = sum(np.sum((a / (1 + a * k * times) - own) ** 2) for (a, k), own in zip(fits, states, strict=True))
-    assert law.noise == pytest.approx([np.sqrt(left / (48 - 16))], rel=0.1)  # Pooled rates have more freedom
+    assert law.uncertainty.noise == pytest.approx(
+        [np.sqrt(left / (48 - 16))], rel=0.1
+    )  # Pooled rates have more freedom

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
 from tests.refusals import refused
 
 
@@ -45,7 +46,7 @@ def test_a_depot_is_found_with_its_coefficients(law, swallowed):
     assert law.structure == ("conc' = a conc + b u", "u' = c u")
     ka, volume, k = swallowed[0].T
     truth = np.column_stack([-k, 100 * ka / volume, -ka])  # The depot is counted in what it is at first
-    found, errors = law.parameters.values, law.parameters.errors
+    found, errors = named_parameters(law).values, named_parameters(law).errors
     assert (abs(found - truth) < 4 * errors).mean() > 0.9
     assert (errors < 0.05 * abs(truth)).all()
 
@@ -71,7 +72,8 @@ def test_the_susceptible_are_found_by_the_infected():
     truth, trials = trials_of(epidemic, (5e-4, 0.15), [990.0, 10.0], 40, "I", samples=30, count=3)
     law = cl.discover(trials, library="poly:2", unmeasured=1, order=1)
     assert law.structure == ("I' = a I + b I u", "u' = c I u")
-    values, errors = law.parameters.values, law.parameters.errors
+    parameters = named_parameters(law)
+    values, errors = parameters.values, parameters.errors
     b, g = truth.T
     assert (abs(values - np.column_stack([-g, 990 * b, -b])) < 4 * errors).mean() > 0.9
 
@@ -87,7 +89,8 @@ def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
     truth, trials = trials_of(pendulum, typical, start, 12, "theta", samples=80, count=4)
     law = cl.discover(trials, order=2, library="terms:1,theta,v,v*abs(v),sin(theta)", unmeasured=1)
     assert law.structure == ("theta'' = a v + b sin(theta) + c exp(-r*t)",)
-    values, errors = law.parameters.values, law.parameters.errors
+    parameters = named_parameters(law)
+    values, errors = parameters.values, parameters.errors
     g, c, force, r = truth.T
     assert (abs(values - np.column_stack([-c, -g, force, r])) < 4 * errors).mean() > 0.9
     (step,) = [each for each in law.history if each.stage == "latent state"]

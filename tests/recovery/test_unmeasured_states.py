@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import commonlaw as cl
+from commonlaw.law.parameters import standard_errors
 from tests.refusals import refused
 
 TIMES, NOISE = np.linspace(0, 8, 50), 0.01
@@ -30,7 +31,7 @@ def law():
 
 def test_the_law_of_all_objects_is_found_with_true_errors(law):
     assert law.structure == ("theta' = a omega", "omega' = b theta + c omega")
-    found, errors = law.coefficients[:, law.support], law.standard_errors[:, law.support]
+    found, errors = law.coefficients[:, law.support], standard_errors(law)[:, law.support]
     truth = np.array([(1.0, -stiffness, -drag) for stiffness, drag in TRUTH])
     assert (abs(found - truth) < 4 * errors).all()
     assert (errors < 0.02 * abs(truth) + 0.005).all()

@@ -6,6 +6,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
+from commonlaw.law.parameters import standard_errors
 
 TIMES = np.linspace(0, 5, 50)
 RATES = {"a": (1.0, 2.0), "b": (0.7, 1.5), "c": (1.3, 0.0)}
@@ -31,7 +32,7 @@ def test_a_law_is_found_where_an_input_is_never_on_for_an_object(switched, kerne
     law = cl.discover(switched, library="poly:1", cache=False, order=1)
     assert law.structure == ("s' = a s + b i",)
     column, rates = law.terms.names.index("s"), np.array([rate for rate, _ in RATES.values()])
-    errors = law.standard_errors[:, 0, column]
+    errors = standard_errors(law)[:, 0, column]
     assert (np.abs(-law.coefficients[:, 0, column] - rates) < 4 * errors).all()
     assert (errors < 0.05).all()
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 
 import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
 
 Floats = NDArray[np.float64]
 FOLDER = Path(__file__).with_name("nist")
@@ -247,8 +248,9 @@ def test_a_fit_from_a_free_start_gives_the_certified_estimates_and_standard_erro
     certified, (times, states) = SETS[name], data(name)
     trials = cl.Trials.from_arrays([times], [states], names=["y"])
     law = cl.fit(certified.equation, trials, errors=errors, starts=dict.fromkeys(certified.latent))
-    (estimates,), (deviations,) = law.parameters.values, law.parameters.errors
-    fitted = dict(zip(law.parameters.names, zip(estimates, deviations, strict=True), strict=True))
+    parameters = named_parameters(law)
+    (estimates,), (deviations,) = parameters.values, parameters.errors
+    fitted = dict(zip(parameters.names, zip(estimates, deviations, strict=True), strict=True))
     if certified.equation == LANCZOS:  # The three exponentials stand in any order
         fitted = dict(zip("kmn", sorted(fitted.values()), strict=True))
     for letter, reference in expected(name).items():
@@ -268,7 +270,8 @@ def test_a_growth_curve_gives_the_estimates_and_standard_errors_of_least_squares
     states = logistic(times, 0.8, 2.0, 0.1) + 0.03 * np.random.default_rng(samples).standard_normal(samples)
     estimates, errors = curve_fit(logistic, times, states, [0.8, 2.0, 0.1])
     law = cl.fit("y' = r*y*(1 - y/K)", cl.Trials.from_arrays([times], [states], names=["y"]))
-    (found,), (deviations,) = law.parameters.values, law.parameters.errors
-    order = [law.parameters.names.index(name) for name in ("r", "K")]
+    parameters = named_parameters(law)
+    (found,), (deviations,) = parameters.values, parameters.errors
+    order = [parameters.names.index(name) for name in ("r", "K")]
     assert found[order] == pytest.approx(estimates[:2], rel=1e-4)
     assert deviations[order] == pytest.approx(np.sqrt(np.diag(errors))[:2], rel=0.02)

@@ -6,6 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
 
 SWITCH = "p' = b - d p + a p^2/(K^2 + p^2)"
 LETTERS = ("b", "d", "a", "K")
@@ -36,10 +37,12 @@ def switches():
 
 def test_an_object_that_does_not_tell_a_constant_leaves_others_as_they_are_and_takes_it_from_them(switches):
     law = cl.fit(SWITCH, switches, partial_pooling=True)
-    values = law.parameters.values[:, [law.parameters.names.index(name) for name in LETTERS]]
+    parameters = named_parameters(law)
+    values = parameters.values[:, [parameters.names.index(name) for name in LETTERS]]
     truth = np.array(list(OWN.values()))
     alone = cl.fit(SWITCH, switches, partial_pooling=False)
-    errors = alone.parameters.errors[:, [alone.parameters.names.index(name) for name in LETTERS]]
+    parameters = named_parameters(alone)  # In the order of its own names
+    errors = parameters.errors[:, [parameters.names.index(name) for name in LETTERS]]
     values[:, 3] = np.abs(values[:, 3])
     assert (np.abs(values - truth)[:4] < 4 * errors[:4]).all()
     assert values[4, 3] == pytest.approx(0.6, abs=0.2)

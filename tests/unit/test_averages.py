@@ -11,6 +11,7 @@ from scipy.stats import norm, t
 
 import commonlaw as cl
 from commonlaw.law import Law, PlausibleLaw, Uncertainty
+from commonlaw.law.law import with_other_laws
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.tables import interval_frame
 from tests.refusals import refused
@@ -34,7 +35,7 @@ def law_of(decay: float, constant: float, variance: float = 1e-4, objects: tuple
 @pytest.fixture
 def law() -> Law:
     """A law that could have a constant too, with a probability of 0.3."""
-    return law_of(-1.0, 0.0).with_others((PlausibleLaw(0.3, law_of(-1.4, 0.5)),))
+    return with_other_laws(law_of(-1.0, 0.0), (PlausibleLaw(0.3, law_of(-1.4, 0.5)),))
 
 
 @pytest.fixture
@@ -114,13 +115,13 @@ def test_forecasts_are_the_median_of_the_laws_and_the_quantiles_of_the_mixture(l
 
 def test_where_no_law_is_more_probable_than_all_others_the_middle_one_forecasts(trials):
     others = (PlausibleLaw(0.35, law_of(-1.4, 0.0)), PlausibleLaw(0.25, law_of(-1.2, 0.0)))
-    found = law_of(-1.0, 0.0).with_others(others).predict(trials)
+    found = with_other_laws(law_of(-1.0, 0.0), others).predict(trials)
     middle = law_of(-1.2, 0.0).predict(trials)
     np.testing.assert_allclose(found.trajectories[0].states, middle.trajectories[0].states)
 
 
 def test_forecasts_can_be_those_of_the_law_alone(law, trials):
-    alone = law.with_others(()).predict(trials, return_std=True)
+    alone = with_other_laws(law, ()).predict(trials, return_std=True)
     found = law.predict(trials, return_std=True, averaged=False)
     for one, other in zip(found.bands(measured=True), alone.bands(measured=True), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -143,7 +144,7 @@ def test_averages_go_from_process_to_process_with_their_curves(law, trials):
 def test_what_diverges_where_the_law_does_not_is_left_out_of_its_forecasts(trials):
     wild = law_of(40.0, 0.0)
     long = trials.with_trials([replace(each, times=100 * each.times) for each in trials])
-    law = law_of(-1.0, 0.0).with_others((PlausibleLaw(0.2, wild),))
+    law = with_other_laws(law_of(-1.0, 0.0), (PlausibleLaw(0.2, wild),))
     found, own = law.predict(long, return_std=True), law.predict(long, return_std=True, averaged=False)
     np.testing.assert_array_equal(found.trajectories[0].states, own.trajectories[0].states)
     np.testing.assert_allclose(found.bands()[0], own.bands()[0])
@@ -152,14 +153,14 @@ def test_what_diverges_where_the_law_does_not_is_left_out_of_its_forecasts(trial
 def test_where_the_law_diverges_what_else_it_could_be_forecasts_and_a_note_says_so(trials):
     long = trials.with_trials([replace(each, times=100 * each.times) for each in trials])
     tame = law_of(-1.0, 0.0)
-    found = law_of(40.0, 0.0).with_others((PlausibleLaw(0.2, tame),)).predict(long, return_std=True)
+    found = with_other_laws(law_of(40.0, 0.0), (PlausibleLaw(0.2, tame),)).predict(long, return_std=True)
     own = tame.predict(long, return_std=True)
     np.testing.assert_array_equal(found.trajectories[0].states, own.trajectories[0].states)
     np.testing.assert_allclose(found.bands()[1], own.bands()[1])
     assert found.outcomes == ()
     assert "the law diverges in cup, trial 1, mug, trial 1" in found.trials.notes[-1]
     assert "of total posterior probability 0.2" in found.trials.notes[-1]
-    alone = law_of(40.0, 0.0).with_others((PlausibleLaw(0.2, law_of(50.0, 0.0)),)).predict(long)
+    alone = with_other_laws(law_of(40.0, 0.0), (PlausibleLaw(0.2, law_of(50.0, 0.0)),)).predict(long)
     assert len(alone.outcomes) == 2
 
 
@@ -175,11 +176,11 @@ def test_what_else_it_could_be_goes_with_a_law_through_every_change(law):
 def test_laws_of_other_objects_or_without_a_probability_are_refused(law):
     other = law.uncertainty.other_laws[0].law
     with refused("averaged-law-differs"):
-        law.with_others((PlausibleLaw(0.3, other.select(["mug"])),))
+        with_other_laws(law, (PlausibleLaw(0.3, other.select(["mug"])),))
     with refused("averaged-law-probability", probability=0.0):
-        law.with_others((PlausibleLaw(0.0, other),))
+        with_other_laws(law, (PlausibleLaw(0.0, other),))
     with refused("averaged-laws-probability"):
-        law.with_others((PlausibleLaw(0.6, other), PlausibleLaw(0.4, other)))
+        with_other_laws(law, (PlausibleLaw(0.6, other), PlausibleLaw(0.4, other)))
 
 
 def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
@@ -197,7 +198,7 @@ def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
         behind = table[", ".join(np.array(law.terms.names)[other.support[0]])] - own
         assert probability / law.models[0].probability == pytest.approx(np.exp(-behind / 2), rel=0.5)
         refitted = cl.refine(
-            replace(other, uncertainty=Uncertainty()), trials, errors="white", noise={"x": law.noise[0]}
+            replace(other, uncertainty=Uncertainty()), trials, errors="white", noise={"x": law.uncertainty.noise[0]}
         )
         np.testing.assert_allclose(other.coefficients, refitted.coefficients, rtol=0.02, atol=1e-3)
 
@@ -205,6 +206,6 @@ def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
 def test_forecasts_say_what_else_the_law_could_be_where_that_matters(law, trials):
     (note,) = law.predict(trials, return_std=True).trials.notes
     assert "x' = a x + b is also plausible (posterior probability 0.3)" in note
-    alike = law.with_others((PlausibleLaw(0.3, law_of(-1.0, 1e-6)),))
+    alike = with_other_laws(law, (PlausibleLaw(0.3, law_of(-1.0, 1e-6)),))
     assert alike.predict(trials, return_std=True).trials.notes == ()
     assert law.predict(trials, return_std=True, averaged=False).trials.notes == ()

@@ -31,7 +31,7 @@ def test_candidates_go_from_few_terms_to_many_and_the_chosen_law_is_as_it_was(la
 
 def test_other_candidates_have_the_coefficients_that_a_fit_of_them_gives(law, drops):
     larger = candidate_laws(law, drops)[-1].law
-    noise = dict(zip(law.states, law.noise, strict=True))
+    noise = dict(zip(law.schema.states, law.uncertainty.noise, strict=True))
     fitted = cl.fit("x'' = a + b x + c v", drops, noise=noise, errors="white")
     np.testing.assert_allclose(
         larger.coefficients[:, larger.support], fitted.coefficients[:, fitted.support], rtol=1e-4

@@ -12,6 +12,8 @@ from scipy.integrate import solve_ivp
 from commonlaw import datasets
 from commonlaw.datasets import DATASETS, PRINTED_VISCOSITY, sphere_drag
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law.equations import rate_names
+from commonlaw.law.law import object_index
 from tests.refusals import refused
 
 SIMULATED = [name for name, dataset in DATASETS.items() if dataset.law is not None]
@@ -53,7 +55,7 @@ def test_drops_with_a_squared_velocity_solve_their_equation_and_come_from_their_
         expected = integrated(lambda _, y, d=drag, q=square: [y[1], -9.8 + d * y[1] + q * y[1] ** 2], [47.33, 0.0],
                               trial.times)  # fmt: skip
         np.testing.assert_allclose(trial.states, expected[:, :1], atol=1e-8)
-        np.testing.assert_array_equal(law.coefficients[law.index(trial.object)], [[-9.8, drag, square]])
+        np.testing.assert_array_equal(law.coefficients[object_index(law, trial.object)], [[-9.8, drag, square]])
 
 
 def test_without_a_squared_velocity_drops_are_the_same_bits_and_their_law_has_no_such_term():
@@ -132,7 +134,7 @@ def test_simulating_the_true_law_gives_the_noise_free_data(name):
     assert law.schema == trials.schema
     assert law.objects == trials.objects
     for trial in trials:
-        start = np.concatenate([trial.states[0], np.zeros(len(law.rates))])
+        start = np.concatenate([trial.states[0], np.zeros(len(rate_names(law)))])
         found = law.simulate(trial.times, {trial.object: start})[trial.object].states[:, : trial.states.shape[1]]
         np.testing.assert_allclose(found, trial.states, atol=2e-5 * np.abs(trial.states).max())
 
@@ -159,7 +161,7 @@ def test_prey_and_predators_keep_the_invariant_of_each_pair():
     law = datasets.lotka_volterra.truth()
     assert len(trials) == 10
     for trial in trials:
-        (a, _, b), (_, c, d) = np.abs(law.coefficients[law.index(trial.object)])
+        (a, _, b), (_, c, d) = np.abs(law.coefficients[object_index(law, trial.object)])
         x, y = trial.states.T
         invariant = d * x - c * np.log(x) + b * y - a * np.log(y)
         np.testing.assert_allclose(invariant, invariant[0], rtol=1e-8)

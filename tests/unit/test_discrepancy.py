@@ -12,6 +12,7 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.posterior import SharedRows, posterior
 from commonlaw.discrepancy.smooth_basis import Samples, SmoothBasis, factors, meaning
+from commonlaw.law.parameters import standard_errors
 from tests.refusals import refused
 
 BASIS = SmoothBasis("v", "1", 0.0, 5.0)
@@ -33,7 +34,7 @@ def test_the_drag_that_a_law_lacks_is_found_and_gravity_keeps_its_meaning(withou
     speeds = np.linspace(-18.0, -1.0, 8)
     assert without_drag.claimed
     assert np.all(abs(without_drag(speeds) - -0.3 * speeds) < 2.5 * without_drag.std(speeds))
-    gravity, error = without_drag.law.coefficients[0, 0, 0], without_drag.law.standard_errors[0, 0, 0]
+    gravity, error = without_drag.law.coefficients[0, 0, 0], standard_errors(without_drag.law)[0, 0, 0]
     assert abs(gravity - -9.8) < 2 * error < 1.0
     assert (without_drag.zero_at, without_drag.holds_nothing_of) == (0.0, ())
     assert without_drag.shares["noise"] < 0.1 < without_drag.shares["shared discrepancy"]

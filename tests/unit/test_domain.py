@@ -23,7 +23,11 @@ def law(drops: Trials) -> Law:
 
 
 def test_a_law_knows_the_ranges_of_what_it_was_learned_from_and_keeps_them(law: Law, drops: Trials) -> None:
-    table = Law.from_json(law.to_json()).domain().set_index("variable")
+    table = (
+        Law.from_json(law.to_json())
+        .provenance.domain.to_frame(Law.from_json(law.to_json()).schema.units)
+        .set_index("variable")
+    )
     heights = np.concatenate([each.states for each in drops])
     assert table.loc["x", ["low", "high"]].tolist() == [heights.min(), heights.max()]
     assert table.loc["v", "low"] == pytest.approx(-19.7, abs=1.0)
@@ -56,7 +60,9 @@ def test_rates_and_states_on_a_logarithmic_scale_are_told_as_measured() -> None:
     trials = Trials.from_arrays(times, 3 * np.exp(-times) * np.exp(0.01 * np.sin(50 * times)), names=["x"])
     law = cl.fit("x' = -k x", trials, positive=["x"])
     heights = trials[0].states
-    assert law.domain().iloc[0, 1:3].tolist() == pytest.approx([heights.min(), heights.max()])
+    assert law.provenance.domain.to_frame(law.schema.units).iloc[0, 1:3].tolist() == pytest.approx(
+        [heights.min(), heights.max()]
+    )
 
 
 def test_rates_of_long_trials_are_told_by_segments_of_them() -> None:

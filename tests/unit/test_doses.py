@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
+from commonlaw.law.parameters import named_parameters
 from commonlaw.trials.transformations import with_doses
 from tests.refusals import refused
 
@@ -71,7 +72,7 @@ def cleared():
 
 def test_a_rate_is_found_from_few_samples_with_several_doses(cleared):
     """Rates that were smoothed say nothing of the jumps, and the fit begins with coefficients by these rates."""
-    parameters = cl.fit("c' = -k c + dose", cleared, doses="dose").parameters
+    parameters = named_parameters(cl.fit("c' = -k c + dose", cleared, doses="dose"))
     values, errors = parameters.values, parameters.errors
     assert (np.abs(values - 0.5) < 3 * errors).all()
     assert (errors < 0.1).all()
@@ -90,8 +91,9 @@ def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_d
     _, letters, first, options = CASES[equations]
     truth, noise, measured, trials = drawn(equations)
     law = cl.fit(equations, trials, doses="dose", noise={"conc": noise}, **options, **WHITE)
-    columns = [law.parameters.names.index(each) for each in letters]
-    values, errors = (each[:, columns] for each in (law.parameters.values, law.parameters.errors))
+    parameters = named_parameters(law)
+    columns = [parameters.names.index(each) for each in letters]
+    values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
     for own, error, data, begin in zip(values, errors, measured, truth, strict=True):
         begin = np.append(begin, first)
         found = least_squares(
@@ -126,7 +128,8 @@ def test_a_law_is_simulated_with_doses():
     law = cl.fit(INJECTED, trials, doses="dose")
     times = np.linspace(0, 6, 13)
     found = law.simulate(times, [4.0], doses={"dose": {1.5: 30.0}})["a"].states[:, 0]
-    volume, k = (law.parameters.values[0, law.parameters.names.index(each)] for each in ("V", "k"))
+    parameters = named_parameters(law)
+    volume, k = (parameters.values[0, parameters.names.index(each)] for each in ("V", "k"))
     expected = 4 * np.exp(-k * times) + np.where(times > 1.5, 30 / volume * np.exp(-k * (times - 1.5)), 0.0)
     np.testing.assert_allclose(found, expected, rtol=1e-4)
     np.testing.assert_allclose(law.simulate(times, [4.0])["a"].states[:, 0], 4 * np.exp(-k * times), rtol=1e-6)
@@ -202,7 +205,7 @@ def test_a_trial_begins_at_a_dose_before_its_first_measurement():
     k, volume, _ = least_squares(left, [0.3, 10.0, 0.0], xtol=1e-12, ftol=1e-12).x
     for trials in (of_table, of_arrays):
         law = cl.fit(INJECTED, trials, doses="dose", **WHITE)
-        values = dict(zip(law.parameters.names, law.parameters.values[0], strict=True))
+        values = dict(zip(named_parameters(law).names, named_parameters(law).values[0], strict=True))
         assert values["V"] == pytest.approx(volume, rel=5e-3)
         assert values["k"] == pytest.approx(k, rel=5e-3)
         forecast = law.predict(trials, start="all")

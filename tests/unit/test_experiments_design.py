@@ -56,7 +56,7 @@ def test_what_is_said_of_measurements_agrees_with_forecasts():
     np.testing.assert_allclose(found.mean, forecast.trajectories[0].states[:, 0], rtol=1e-6)
     assert forecast.std is not None
     np.testing.assert_allclose(np.linalg.norm(found.by_unknowns, axis=1), forecast.std[0][:, 0], rtol=1e-5, atol=1e-12)
-    np.testing.assert_allclose(found.noise, np.asarray(law.noise) ** 2 * np.ones(9))
+    np.testing.assert_allclose(found.noise, np.asarray(law.uncertainty.noise) ** 2 * np.ones(9))
     assert found.coloured is None
 
 
@@ -217,7 +217,7 @@ def test_new_objects_have_coefficients_by_their_properties():
     states = wanted.simulate(np.linspace(0, 2, 9), [40.0, 0.0], sensitivities=True)["new"]
     np.testing.assert_allclose(found.forecasts.means[0, :, 0], states.states[:, 0], rtol=1e-4)
     slopes, covariance = states.sensitivities[:, 0, :-2], wanted.uncertainty.covariance[0]
-    variances = np.einsum("ni,ij,nj->n", slopes, covariance, slopes) + laws[0].noise[0] ** 2
+    variances = np.einsum("ni,ij,nj->n", slopes, covariance, slopes) + laws[0].uncertainty.noise[0] ** 2
     np.testing.assert_allclose(found.forecasts.std[0, :, 0], np.sqrt(variances), rtol=1e-3)
     varied = cl.design(laws, {**vary, "object.mass": "0.03..0.5"})
     assert varied.chance >= cl.design(laws, vary).chance

@@ -30,7 +30,7 @@ def unsure(law: Law, relative: float, noise: float, seed: int = 0) -> Law:
     return replace(
         law,
         uncertainty=replace(
-            law.uncertainty, covariance=mixed @ mixed.transpose(0, 2, 1), noise=np.full(len(law.states), noise)
+            law.uncertainty, covariance=mixed @ mixed.transpose(0, 2, 1), noise=np.full(len(law.schema.states), noise)
         ),
     )
 

@@ -10,6 +10,7 @@ import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference.fit.structural_identifiability import may_be_mixed, may_be_rescaled, may_be_shifted
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.trials import Schema
 from tests.refusals import refused
@@ -56,8 +57,9 @@ def test_coefficients_starts_and_errors_are_those_of_independent_least_squares(c
     equations, _, name, hidden, letters, *_ = CASES[case]
     truth, starts, noise, measured, trials = drawn(case)
     law = cl.fit(equations, trials, starts={hidden: None}, noise={name: noise}, **WHITE)
-    columns = [law.parameters.names.index(each) for each in letters]
-    values, errors = (each[:, columns] for each in (law.parameters.values, law.parameters.errors))
+    parameters = named_parameters(law)
+    columns = [parameters.names.index(each) for each in letters]
+    values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
     forecast = law.predict(trials, start=len(CASES[case][-1]))
     for k, data in enumerate(measured):
         begin = np.concatenate([truth[k], starts[k]])

@@ -11,6 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.discovery.data_check import outcomes_of_stand_ins
 from commonlaw.discovery.further_trials import outcomes_of_rivals
 from commonlaw.law import Law, PlausibleLaw, Provenance
+from commonlaw.law.law import with_other_laws
 from commonlaw.law.provenance import Domain
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, Variables, parse_library, parse_term
@@ -35,7 +36,7 @@ def law(coefficients: list[float], error: float = 1e-3) -> Law:
 
 def test_a_height_that_stands_in_for_gravity_is_told_by_a_drop_from_elsewhere() -> None:
     rival = law([0, -0.3, 0])
-    (said,) = outcomes_of_rivals(law([-9.8, 0, 0]).with_others((PlausibleLaw(0.3, rival),)), _FALL)
+    (said,) = outcomes_of_rivals(with_other_laws(law([-9.8, 0, 0]), (PlausibleLaw(0.3, rival),)), _FALL)
     assert said.kind is OutcomeKind.NOT_IDENTIFIABLE
     assert said.code == "rival-plausible"
     assert "x in place of 1" in said.text
@@ -58,7 +59,7 @@ def test_a_height_that_stands_in_for_gravity_is_told_by_a_drop_from_elsewhere() 
     ids=["improbable", "alike", "uncertain"],
 )
 def test_nothing_is_said_of_rivals_that_no_trial_need_tell(rival: Law, probability: float) -> None:
-    asked = law([-9.8, 0, 0], error=0.05).with_others((PlausibleLaw(probability, rival),))
+    asked = with_other_laws(law([-9.8, 0, 0], error=0.05), (PlausibleLaw(probability, rival),))
     assert outcomes_of_rivals(asked, _FALL) == ()
 
 

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference.fit.latent_initialization import _Object
+from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Variables, parse_library
 from tests.refusals import refused
 from tests.unit.trajectories import trial
@@ -58,8 +59,8 @@ def starts_of(equations):
 
 def by_letters(law, equations):
     """Values and standard errors, with columns in the order of the letters."""
-    columns = [law.parameters.names.index(name) for name in LETTERS[equations]]
-    return [each[:, columns] for each in (law.parameters.values, law.parameters.errors)]
+    columns = [named_parameters(law).names.index(name) for name in LETTERS[equations]]
+    return [each[:, columns] for each in (named_parameters(law).values, named_parameters(law).errors)]
 
 
 def least_squares_of(equations, dose, measured, begin):
@@ -164,9 +165,9 @@ def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
     angles += 0.01 * np.random.default_rng(0).standard_normal(len(times))
     swings = cl.Trials.from_arrays(times, angles, names=["theta"])
     law = cl.fit("theta' = omega; omega' = -g sin(theta) - c omega", swings, starts={"omega": 0.0})
+    parameters = named_parameters(law)
     values, errors = (
-        each[0, [law.parameters.names.index(name) for name in "gc"]]
-        for each in (law.parameters.values, law.parameters.errors)
+        each[0, [parameters.names.index(name) for name in "gc"]] for each in (parameters.values, parameters.errors)
     )
     assert (abs(values - truth) < 4 * errors).all()
     assert (errors < (0.01, 0.004)).all()

@@ -8,6 +8,7 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
 from commonlaw.integration import Event
 from commonlaw.law import Law, Provenance
+from commonlaw.law.parameters import coefficient_units
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema, Trial, Trials
@@ -89,7 +90,7 @@ def test_sympy(predators):
 
 
 def test_units_of_coefficients(drag):
-    assert drag.coefficient_units() == {("x''", "1"): "m/s²", ("x''", "v"): "1/s"}
+    assert coefficient_units(drag) == {("x''", "1"): "m/s²", ("x''", "v"): "1/s"}
 
 
 def test_evaluation_agrees_with_the_equations(drag, predators):
@@ -123,7 +124,7 @@ def test_simulation_finds_when_each_object_reaches_the_ground(drag, method):
     ground = Event("x", direction="falling", terminal=True)
     found = drag.simulate([0.0, 2.0, 4.0], [20.0, 0.0], method=method, events=[ground], dense=True, sensitivities=True)
     for name, each in found.items():
-        gravity, own = drag.coefficients[drag.index(name)][0, [drag.terms.index("1"), drag.terms.index("v")]]
+        gravity, own = drag.coefficients[drag.objects.index(name)][0, [drag.terms.index("1"), drag.terms.index("v")]]
 
         def height(t, gravity=gravity, own=own):
             return 20 - gravity / own * t + gravity / own**2 * (np.exp(own * t) - 1)

@@ -8,6 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law import Provenance
+from commonlaw.law.parameters import named_parameters
 from commonlaw.report import law_report, to_page
 from commonlaw.report.curves import forecasts
 from commonlaw.report.document import Fold, Gallery, Table
@@ -69,14 +70,15 @@ def test_tables_hold_the_numbers_of_the_law(report, law, drops):
     assert {*sizes["terms"]} == {1, 2, 3}
     assert sizes["terms"].is_monotonic_increasing
     assert sizes.loc[sizes[""] == "*", "terms"].item() == 2
-    assert sizes.loc[sizes[""] == "*", "R² of forecasts"].item() == pytest.approx(law.score(held_out, start=10))
+    score = law.predict(held_out, start=10).score()
+    assert sizes.loc[sizes[""] == "*", "R² of forecasts"].item() == pytest.approx(score)
     visited = table_of(report, "visited").set_index("")
     heights = np.concatenate([trial.states for trial in learned])
     assert visited.loc["x", ["from", "to"]].tolist() == [heights.min(), heights.max()]
     assert visited.loc["v", "unit"] == "m/s"
     assert visited.loc["length of a trial"].tolist() == [3.2, 3.2, "s"]
     fit, forecast = table_of(report, "fit-by-state"), table_of(report, "forecast-by-state")
-    residuals = law.residuals(learned).to_frame()["x residual/noise"] * law.noise[0]
+    residuals = law.residuals(learned).to_frame()["x residual/noise"] * law.uncertainty.noise[0]
     assert fit["RMS residual"].item() == pytest.approx(np.sqrt(np.mean(residuals**2)))
     tolerance = 1e-8 * heights.max()  # Of both integrations, relative to the states
     assert fit["mean residual"].item() == pytest.approx(np.mean(residuals), abs=tolerance)
@@ -181,7 +183,7 @@ def test_of_several_objects_many_coefficients_have_a_figure_each():
 def test_known_coefficients_are_said_to_be_so_and_have_no_interval(drops):
     law = cl.refine(cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}), drops)
     report = law_report(find(law, drops))
-    assert law.parameters.errors.all()
+    assert named_parameters(law).errors.all()
     sure = replace(
         law.uncertainty, covariance=0 * law.uncertainty.covariance, shared_factor=None, unpooled=None, pooled=None
     )

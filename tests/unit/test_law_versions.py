@@ -24,7 +24,7 @@ def test_a_law_of_version_2_is_read_whole():
     a, ab, b = raw["covariance"]["Ball 2"]
     assert law.uncertainty.covariance[1].tolist() == [[a, ab], [ab, b]]
     assert law.uncertainty.shared_factor.tolist() == list(raw["common"].values())
-    assert law.noise.tolist() == raw["noise"]
+    assert law.uncertainty.noise.tolist() == raw["noise"]
     assert law.uncertainty.inclusion_probabilities.tolist() == raw["inclusion"]
     assert [(each.stage, each.choice, each.reason) for each in law.history] == [
         (each["stage"], each["choice"], each["reason"]) for each in raw["history"]

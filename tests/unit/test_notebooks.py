@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
 from commonlaw.plots import Figure
 from commonlaw.report import notebook
 from commonlaw.runtime import progress
@@ -34,7 +35,7 @@ def test_laws_trials_and_forecasts_show_a_table_and_a_figure(law, drops):
         assert words in shown.replace("&#x27;", "'")
         assert "<table" in shown
         assert shown.count("<svg") == 1
-    assert law.parameters.names[0] == "c"
+    assert named_parameters(law).names[0] == "c"
 
 
 def test_verdicts_and_residuals_are_pages_with_a_heading_sentences_and_a_table(law, drops):

@@ -55,7 +55,7 @@ def unsure(law: Law) -> Law:
     links = np.eye(size) + 0.5 * (np.eye(size, k=1) + np.eye(size, k=-1))
     covariance = values[:, :, np.newaxis] * links * values[:, np.newaxis]
     return replace(
-        law, uncertainty=replace(law.uncertainty, covariance=covariance, noise=np.full(len(law.states), 0.05))
+        law, uncertainty=replace(law.uncertainty, covariance=covariance, noise=np.full(len(law.schema.states), 0.05))
     )
 
 

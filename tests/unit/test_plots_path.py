@@ -8,7 +8,7 @@ from matplotlib.patches import Rectangle
 
 import commonlaw as cl
 from commonlaw.law import Alternative, Law
-from commonlaw.law.tables import path_segments
+from commonlaw.law.provenance import path_segments
 from commonlaw.plots import plot_path
 from tests.refusals import refused
 
@@ -28,7 +28,7 @@ def law() -> Law:
 
 
 def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_end(law: Law) -> None:
-    path = law.path()
+    path = law.provenance.path()
     np.testing.assert_array_equal(path["to"].to_numpy()[:-1], path["from"].to_numpy()[1:])
     assert path["from"].iloc[0] == 0
     assert path["to"].iloc[-1] == np.inf
@@ -43,7 +43,7 @@ def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_en
 
 
 def test_the_path_is_saved_with_the_law(law: Law) -> None:
-    assert cl.Law.from_json(law.to_json()).path().equals(law.path())
+    assert cl.Law.from_json(law.to_json()).provenance.path().equals(law.provenance.path())
 
 
 def test_hyperparameters_of_several_solvers_are_not_mixed_into_one_path() -> None:
@@ -52,7 +52,7 @@ def test_hyperparameters_of_several_solvers_are_not_mixed_into_one_path() -> Non
         cl.discover(DROPS, method=regression(solver="group-stlsq:1.5"), **SETTINGS),
     ):
         with refused("path-unknown"):
-            several.path()
+            several.provenance.path()
 
 
 def test_a_candidate_that_comes_twice_has_two_segments_and_neighbours_are_joined() -> None:
@@ -67,7 +67,7 @@ def test_a_candidate_that_comes_twice_has_two_segments_and_neighbours_are_joined
 def test_the_figure_steps_where_the_terms_change_and_shades_what_was_chosen(law: Law) -> None:
     figure = plot_path(law, marks={"mine": 1.5})
     above, below = figure.axes
-    path = law.path()
+    path = law.provenance.path()
     chosen = path[path["chosen"]].iloc[0]
     for panel, column in ((above, "size"), (below, "held-out error")):
         x, y = panel.get_lines()[0].get_data()

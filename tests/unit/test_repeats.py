@@ -6,6 +6,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import commonlaw as cl
+from commonlaw.law.parameters import standard_errors
 from commonlaw.trials import Trial
 from commonlaw.trials.transformations import with_logarithms
 from tests.refusals import refused
@@ -44,8 +45,8 @@ def test_a_law_is_fitted_to_all_rows():
     (start, k), (_, error), noise = of_all_rows(frame)
     k_of_law = -law.coefficients[0][0, 0]
     assert k_of_law == pytest.approx(k, abs=0.1 * error)
-    assert law.standard_errors[0][0, 0] == pytest.approx(error, rel=0.1)
-    assert law.noise[0] == pytest.approx(noise, rel=0.1)
+    assert standard_errors(law)[0][0, 0] == pytest.approx(error, rel=0.1)
+    assert law.uncertainty.noise[0] == pytest.approx(noise, rel=0.1)
     assert law.uncertainty.degrees_of_freedom[0] == 16
     assert law.predict(trials, start="all").trajectories[0].states[0, 0] == pytest.approx(start, rel=1e-3)
     assert "18 measurements" in str([step for step in law.history if step.stage == "coefficients"])

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.inference.fit.structural_identifiability import may_be_rescaled
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.trials import Schema
 from tests.refusals import refused
@@ -77,8 +78,9 @@ def test_estimates_and_errors_are_those_of_independent_least_squares(case):
     equations, solution, _, letters, name = CASES[case]
     truth, noise, measured, trials = drawn(case)
     law = cl.fit(equations, trials, **STARTS[case], noise={name: noise}, **WHITE)
-    columns = [law.parameters.names.index(each) for each in letters]
-    values, errors = (each[:, columns] for each in (law.parameters.values, law.parameters.errors))
+    parameters = named_parameters(law)
+    columns = [parameters.names.index(each) for each in letters]
+    values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
     for own, error, data, begin in zip(values, errors, measured, truth, strict=True):
         scale = np.abs(begin) + 0.01
         found = least_squares(lambda each, data=data: (solution(each) - data) / noise, begin, x_scale=scale, xtol=1e-12)

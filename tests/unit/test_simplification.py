@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.uncertainty import Uncertainty
 from tests.refusals import refused
 
@@ -18,7 +19,7 @@ def law_of(equations, values, errors, correlation=0.0, **names):
     law = cl.Law.from_text(equations, values, **names)
     covariance = np.outer(errors, errors) * (np.eye(len(errors)) * (1 - correlation) + correlation)
     covariances = np.tile(covariance, (len(law.objects), 1, 1))
-    return replace(law, uncertainty=Uncertainty(covariance=covariances, noise=np.full(len(law.states), 0.1)))
+    return replace(law, uncertainty=Uncertainty(covariance=covariances, noise=np.full(len(law.schema.states), 0.1)))
 
 
 def replaced(law, **settings):
@@ -149,8 +150,9 @@ def test_the_form_is_fitted_again_to_what_follows_by_covariance():
     assert found.equations == ("T' = a - T/4",)
     law = found.fit(trials)
     assert law.structure == found.equations
-    assert abs(law.parameters.values - found.values).max() < 0.2 * found.errors.max()
-    np.testing.assert_allclose(law.parameters.errors, found.errors, rtol=0.05)
+    parameters = named_parameters(law)
+    assert abs(parameters.values - found.values).max() < 0.2 * found.errors.max()
+    np.testing.assert_allclose(parameters.errors, found.errors, rtol=0.05)
 
 
 @pytest.mark.parametrize(

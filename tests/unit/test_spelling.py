@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 
 SPELLINGS = [
@@ -50,11 +51,13 @@ def test_every_spelling_has_the_same_right_hand_sides_and_as_many_constants(stat
     laws = [cl.Law.from_text(text, values, inputs=states[1]) for text in (first, *others)]
     names = laws[0].terms.variables.measured
     points = source.uniform(0.5, 2, (20, len(names)))
-    rates = [dict(zip(law.states, law.rhs("object", _ordered(law, names, points)).T, strict=True)) for law in laws]
+    rates = [
+        dict(zip(law.schema.states, law.rhs("object", _ordered(law, names, points)).T, strict=True)) for law in laws
+    ]
     for law, found in zip(laws, rates, strict=True):
         assert {*law.terms.variables.constants} == {*laws[0].terms.variables.constants}
         assert law.support.sum() == laws[0].support.sum()
-        for name in laws[0].states:
+        for name in laws[0].schema.states:
             np.testing.assert_allclose(found[name], rates[0][name], rtol=1e-12)
 
 
@@ -84,10 +87,10 @@ def test_a_fit_with_a_latent_state_finds_the_same_whatever_the_spelling():
     trials, found = room(), []
     for text in SPELLINGS[0][1], *SPELLINGS[0][2][:2]:
         law = cl.fit(text, trials, starts={"Te": None}, errors="white")
-        values, errors = law.parameters.values, law.parameters.errors
-        found.append(dict(zip(law.parameters.names, values[0], strict=True)))
+        values, errors = named_parameters(law).values, named_parameters(law).errors
+        found.append(dict(zip(named_parameters(law).names, values[0], strict=True)))
         truth = {"p": 0.3, "q": 0.02, "r": 0.05, "s": 0.02}
-        for name, error in zip(law.parameters.names, errors[0], strict=True):
+        for name, error in zip(named_parameters(law).names, errors[0], strict=True):
             assert abs(found[-1][name] - truth[name]) < 4 * error
             assert found[-1][name] == pytest.approx(found[0][name], abs=0.05 * error)
 

@@ -44,7 +44,7 @@ def law():
         lambda law, trials: law.discrepancy(trials),
         lambda law, trials: law.update(trials),
         lambda law, trials: law.bounds(trials),
-        lambda law, trials: law.score(trials),
+        lambda law, trials: law.predict(trials).score(),
         lambda _, trials: cl.plots.plot_trials(trials),
         lambda _, trials: trials.check(),
         lambda _, trials: trials.clip_irregular(),

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law.parameters import named_parameters
 from commonlaw.trials import Trials
 from tests.refusals import refused
 
@@ -169,7 +170,7 @@ def test_equations_name_what_was_measured_and_the_law_reads_such_tables_and_writ
     assert done.exit_code == 0, done.output
     law = cl.Law.load(law_path)
     assert law.objects == tuple(WELLS)
-    np.testing.assert_allclose(law.parameters.values[:, 0], [0.3, 0.4, 0.5, 0.6], rtol=1e-3)
+    np.testing.assert_allclose(named_parameters(law).values[:, 0], [0.3, 0.4, 0.5, 0.6], rtol=1e-3)
     done = CliRunner().invoke(commonlaw, ["predict", law_path, path])
     assert "R^2 of all forecasts: 1" in done.output
     made = {}

@@ -54,7 +54,7 @@ def test_forecasts_are_those_in_the_units_of_the_law(law, drops):
 
 def test_scores_verdicts_and_residuals_are_the_same(law, drops):
     other = in_other_units(drops)
-    same(law.score(other), law.score(drops))
+    same(law.predict(other).score(), law.predict(drops).score())
     assert str(law.assess(other)) == str(law.assess(drops))
     assert str(law.residuals(other)) == str(law.residuals(drops))
 
@@ -93,7 +93,7 @@ def test_a_known_law_has_its_own_units_kept(law, drops):
     "ask",
     [
         lambda law, trials: law.predict(trials),
-        lambda law, trials: law.score(trials),
+        lambda law, trials: law.predict(trials).score(),
         lambda law, trials: law.assess(trials),
         lambda law, trials: law.residuals(trials),
         lambda law, trials: law.update(trials),

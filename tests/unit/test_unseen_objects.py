@@ -7,6 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.forecast.population import is_typical, with_objects_of
+from commonlaw.law.parameters import standard_errors
 from tests.refusals import refused
 
 DRAGS = [0.1, 0.2, 0.3, 0.5, 0.7, 0.4]
@@ -73,7 +74,7 @@ def test_an_object_whose_properties_are_not_known_is_the_typical_one(drops, law)
         assert forecast.trials.notes[-1] == f"Ball 6 is not in the law: it has the mean coefficients of the others{why}"
         found, _ = with_objects_of(each, bare)
         np.testing.assert_allclose(found.coefficients[0], law.coefficients.mean(axis=0))
-        assert found.standard_errors[0, 0, 1:].max() > np.std(law.coefficients[:, 0, 1:], axis=0).max()
+        assert standard_errors(found)[0, 0, 1:].max() > np.std(law.coefficients[:, 0, 1:], axis=0).max()
 
 
 def test_the_bands_of_an_unseen_object_carry_the_scatter_between_objects(drops):
@@ -82,7 +83,7 @@ def test_the_bands_of_an_unseen_object_carry_the_scatter_between_objects(drops):
     own = law.uncertainty.explanation.relations[1]
     assert str(own.kind) == "own"
     found, _ = with_objects_of(law, drops.select(object="Ball 6"))
-    value, error = (each[0][found.support][1] for each in (found.coefficients, found.standard_errors))
+    value, error = (each[0][found.support][1] for each in (found.coefficients, standard_errors(found)))
     # The mean of draws from the population, and what holds 95 % of them where the scatter is drawn as well
     spread = np.hypot(own.scatter, own.scatter_error)
     drawn = own.factors[0] * np.exp(spread * generator.standard_normal(400_000))

@@ -107,7 +107,7 @@ def test_forecasts_that_are_worse_than_the_mean_are_not_to_be_used_however_good_
 
 def test_bands_that_fail_are_told(drops):
     law = cl.fit("x'' = -g - c v", drops)
-    certain = replace(law.uncertainty, noise=law.noise / 50, covariance=law.uncertainty.covariance / 2500)
+    certain = replace(law.uncertainty, noise=law.uncertainty.noise / 50, covariance=law.uncertainty.covariance / 2500)
     verdict = replace(law, uncertainty=certain).assess(drops)
     assert verdict.coverage < 0.5
     assert verdict.usable is False

@@ -7,6 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law import Uncertainty
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.simplify import within_errors
 from commonlaw.report.markup import law_markdown
 
@@ -16,7 +17,9 @@ def law(
 ) -> cl.Law:
     names = tuple(f"o{k}" for k in range(objects))
     found = cl.Law.from_text(equations, {key: dict.fromkeys(names, value) for key, value in values.items()})
-    places = {(part.equation, part.term): each.name for each in found.parameters.definitions for part in each.parts}
+    places = {
+        (part.equation, part.term): each.name for each in named_parameters(found).definitions for part in each.parts
+    }
     variances = [errors[places[index]] ** 2 for index in map(tuple, np.argwhere(found.support).tolist())]
     return replace(found, uncertainty=Uncertainty(np.tile(np.diag(variances), (objects, 1, 1))))
 
@@ -64,7 +67,7 @@ def test_objects_that_differ_by_more_than_their_errors_are_not_called_one():
 def test_a_number_with_a_unit_is_no_pure_number():
     trials = cl.datasets.linear_drag(drag=(-1.0,), noise=0.01)
     found = cl.fit("x'' = -g + c v", trials)
-    assert abs(found.parameters.values[0, 1] + 1) < 0.02
+    assert abs(named_parameters(found).values[0, 1] + 1) < 0.02
     assert within_errors(found) == ()
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.text import with_error
 from commonlaw.outcomes import OutcomeKind
 
@@ -52,7 +53,7 @@ def test_a_fit_that_departs_from_the_measurements_says_so_as_a_discovery_does(sw
 def test_noise_that_was_given_is_said_to_be_given(swayed):
     for errors in ("white", "correlated"):
         law = cl.fit("x' = -k x", swayed, noise={"x": 0.3}, errors=errors)
-        assert law.noise[0] == 0.3
+        assert law.uncertainty.noise[0] == 0.3
         assert step(law, "noise").reason == "as given"
 
 
@@ -71,7 +72,8 @@ def test_errors_that_were_chosen_are_said_with_what_they_change():
     (said,) = (each.text for each in law.diagnostics if each.kind is OutcomeKind.ERRORS)
     assert said.startswith("proportional noise: ")
     (here, error), (there, other) = (
-        tuple(map(np.ndarray.item, (each.parameters.values, each.parameters.errors))) for each in (law, white)
+        tuple(map(np.ndarray.item, (named_parameters(each).values, named_parameters(each).errors)))
+        for each in (law, white)
     )
     assert said.endswith(f"k is {with_error(here, error)}, and {with_error(there, other)} under white noise")
     assert OutcomeKind.ERRORS not in kinds(white)

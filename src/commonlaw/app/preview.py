@@ -13,6 +13,7 @@ from commonlaw.experiments import suggestions
 from commonlaw.forecast import forecast_from
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.law import Law
+from commonlaw.law.law import object_index
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.check import Finding, Report
 from commonlaw.trials.columns import Codes, Table as Cells
@@ -166,7 +167,7 @@ def _of_own_object(law: Law, asked: Sample) -> Law:
     """Return the law of an object that has these properties."""
     if law.uncertainty.explanation is None:
         raise CommonlawError("candidate-without-relations")
-    trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.states))))
+    trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.schema.states))))
     trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})
     return with_objects_of(law, trials)[0]
 
@@ -178,15 +179,15 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
         raise CommonlawError("forecast-settings")
     if asked.properties:
         law = _of_own_object(law, asked)
-    law.index(asked.object)
+    object_index(law, asked.object)
     times = np.linspace(0.0, asked.duration, _POINTS)
     forecast = forecast_from(law, asked.object, times, np.array(asked.start))
     (trajectory,) = forecast.trajectories
     ends = () if forecast.std is None else forecast.bands(measured=True)[0]
-    columns = [trajectory.states[:, : len(law.states)], *ends]
+    columns = [trajectory.states[:, : len(law.schema.states)], *ends]
     states = [
         dict(zip(("line", "low", "high"), (numbers(each[:, j]) for each in columns), strict=False))
-        for j in range(len(law.states))
+        for j in range(len(law.schema.states))
     ]
     return {"t": times.tolist(), "states": states, "outcome": str(trajectory.outcome or "")}
 

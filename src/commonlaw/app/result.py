@@ -16,6 +16,9 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Law
+from commonlaw.law.equations import left_hand_sides, rate_names
+from commonlaw.law.law import shares_terms
+from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import rounded, said_within_errors, with_error
 from commonlaw.library import order_of_each
@@ -101,13 +104,13 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
     about = {
         "verdict": [text_in_page(each) for each in findings.sentences],
         "objects": law.objects,
-        "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.states],
-        "orders": order_of_each(law.order, len(law.states)),
-        "rates": law.rates,
+        "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.schema.states],
+        "orders": order_of_each(law.order, len(law.schema.states)),
+        "rates": rate_names(law),
         "inputs": schema.inputs,
         "terms": law.terms.names,
-        "known": _terms(law, (law.standard_errors == 0).all(axis=0)),
-        "others": law.shared and law.order != 0,
+        "known": _terms(law, (standard_errors(law) == 0).all(axis=0)),
+        "others": shares_terms(law) and law.order != 0,
         "follows": () if law.uncertainty.explanation is None else law.uncertainty.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
         "views": [
@@ -131,8 +134,8 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
 
 def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:
     """Return which terms of its library a law has if each equation has those of these names."""
-    if len(terms) != len(law.states):
-        raise CommonlawError("equation-count", equations=len(law.states), given=len(terms))
+    if len(terms) != len(law.schema.states):
+        raise CommonlawError("equation-count", equations=len(law.schema.states), given=len(terms))
     for name in chain.from_iterable(terms):
         check_choice("term", name, law.terms.names)
     return np.array([[name in own for name in law.terms.names] for own in terms])
@@ -154,10 +157,10 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "size": candidate.size,
         "chosen": candidate.chosen,
         "evidence": candidate.evidence,
-        "text": list(law.structure) if law.shared else list(law.equations(law.objects[0])),
+        "text": list(law.structure) if shares_terms(law) else list(law.equations(law.objects[0])),
         "formula": _mathml(law),
         "simpler": said_within_errors(within_errors(law)),
-        "left": law.left_hand_sides,
+        "left": left_hand_sides(law),
         "terms": _terms(law, law.support),
         "table": _table(law),
         "views": [_view(law, each, found.findings.start) for each in _views(found.findings)],
@@ -203,10 +206,11 @@ def _terms(law: Law, support: Bools) -> list[list[str]]:
 
 def _table(law: Law) -> dict[str, Any]:
     """Return the coefficients of each object: ``0.447 ± 0.005``, and on a line the ends of a 95 % interval."""
-    if not law.shared or not law.parameters.names:
+    parameters = named_parameters(law)
+    if not shares_terms(law) or not parameters.names:
         return {"head": [], "rows": []}
-    values, errors = law.parameters.values, law.parameters.errors
-    low, high = (values, values) if law.uncertainty.covariance is None else law.parameter_intervals()
+    values, errors = parameters.values, parameters.errors
+    low, high = (values, values) if law.uncertainty.covariance is None else parameters.intervals()
     units = [f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law)]
 
     def cell(value: float, error: float, *ends: float) -> str:

@@ -71,12 +71,14 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
 
 def parameter_columns(law: "Law") -> dict[str, list[object]]:
     """Return the columns of a table with a row for each letter of given equations and each object."""
+    from commonlaw.law.parameters import named_parameters
     from commonlaw.law.text import Written, rounded
 
     columns = defaultdict[str, list[object]](list)
-    (values, errors), ends = (law.parameters.values, law.parameters.errors), law.parameter_intervals()
+    parameters = named_parameters(law)
+    values, errors, ends = parameters.values, parameters.errors, parameters.intervals()
     for i, name in enumerate(law.objects):
-        for j, (letter, unit) in enumerate(zip(law.parameters.names, law.parameters.units, strict=True)):
+        for j, (letter, unit) in enumerate(zip(parameters.names, parameters.units, strict=True)):
             error = float(errors[i, j])
             columns[law.schema.object].append(name)
             columns["parameter"].append(letter)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from commonlaw.law import Law
-    from commonlaw.law.parameters import Coefficient
+    from commonlaw.law.parse import Coefficient
     from commonlaw.plots import Figure
     from commonlaw.stream import ManyFindings
     from commonlaw.trials import Trials, TrialStream
@@ -46,11 +46,13 @@ def print_spread(law: "Law", heads: list[str]) -> None:
 
     Nothing of a law that has none.
     """
+    from commonlaw.law.parameters import named_parameters
     from commonlaw.law.tables import letter_values, strangest
 
     if not heads:
         return
-    values, errors = law.parameters.values, law.parameters.errors
+    parameters = named_parameters(law)
+    values, errors = parameters.values, parameters.errors
     print_frame(letter_values(dict(zip(heads, values.T, strict=True)), "object"))
     say(f"\nThe {_STRANGEST} objects farthest from the medians, in standard deviations of a normal spread:\n")
     rows: list[list[object]] = []
@@ -232,6 +234,8 @@ class Learned:
 
     def show(self) -> None:
         """Print the law and how well it forecasts."""
+        from commonlaw.law.law import shares_terms
+        from commonlaw.law.parameters import named_parameters
         from commonlaw.law.simplify import within_errors
         from commonlaw.law.tables import MEANINGS, readable_candidates
         from commonlaw.law.text import MANY, said_within_errors
@@ -242,13 +246,14 @@ class Learned:
         else:
             of = f"{counted(len(self.stream.parts), 'file')} with", ""
         say(f"{of[0]} {counted(len(law.objects), 'object')}{of[1]}\n")
-        if law.shared and law.uncertainty.explanation is None:
+        parameters = named_parameters(law)
+        if shares_terms(law) and law.uncertainty.explanation is None:
             say("\n".join((*map(in_line, law.structure), "")))
-            if len(law.objects) == 1 and law.parameters.names:
+            if len(law.objects) == 1 and parameters.names:
                 say("\n".join((*map(in_line, law.equations()), "")))
             if (
                 law.provenance.equations
-                and 0 < len(law.objects) * len(law.parameters.names) <= MANY
+                and 0 < len(law.objects) * len(parameters.names) <= MANY
                 and law.uncertainty.covariance is not None
             ):
                 self._show_parameters()
@@ -334,10 +339,12 @@ class Learned:
 
     def _show_parameters(self) -> None:
         """Print a line for each letter of given equations, then the RMS residuals of several objects."""
+        from commonlaw.law.parameters import named_parameters
+
         law = self.law
         columns = parameter_columns(law)
         if self.truth is not None:
-            true = np.array([self._true_values(each) for each in law.parameters.definitions])
+            true = np.array([self._true_values(each) for each in named_parameters(law).definitions])
             columns["true"] = [float(each) for each in true.T.flat]
         print_table(list(columns), zip(*columns.values(), strict=True))
         if self.findings.shown is not None and len(law.objects) > 1:
@@ -346,24 +353,31 @@ class Learned:
 
     def _show_coefficients(self) -> None:
         """Print what the letters of the law stand for, of many objects how they are spread."""
+        from commonlaw.law.parameters import named_parameters
         from commonlaw.law.text import MANY
 
         if len(self.law.objects) > MANY:
             law = self.law
-            names = [each.name for each in law.parameters.definitions]
+            names = [each.name for each in named_parameters(law).definitions]
             if law.uncertainty.explanation is not None:  # Its equations have letters of their own
-                parts = [(law.terms.names[each.term], law.states[each.equation]) for each in law.parameters.definitions]
-                names = [f"of {term}{f' in {state}' * (len(law.states) > 1)}" for term, state in parts]
-            print_spread(law, [_with_unit(*each) for each in zip(names, law.parameters.units, strict=True)])
+                parts = [
+                    (law.terms.names[each.term], law.schema.states[each.equation])
+                    for each in named_parameters(law).definitions
+                ]
+                names = [f"of {term}{f' in {state}' * (len(law.schema.states) > 1)}" for term, state in parts]
+            print_spread(law, [_with_unit(*each) for each in zip(names, named_parameters(law).units, strict=True)])
         else:
             print_columns(self._coefficient_columns())
 
     def _coefficient_columns(self) -> dict[str, list[object]]:
         """Return coefficients, with standard errors where they are known and true ones beside, and RMS residuals."""
+        from commonlaw.law.parameters import named_parameters
+
         law, truth = self.law, self.truth
         columns = {law.schema.object: list[object](law.objects)}
-        values, errors = law.parameters.values, law.parameters.errors
-        letters = zip(law.parameters.definitions, law.parameters.units, values.T, np.nan_to_num(errors.T), strict=True)
+        parameters = named_parameters(law)
+        values, errors = parameters.values, parameters.errors
+        letters = zip(parameters.definitions, parameters.units, values.T, np.nan_to_num(errors.T), strict=True)
         for each, unit, own, deviations in letters:
             head = _with_unit(each.name, unit)
             pairs = zip(own.tolist(), deviations.tolist(), strict=True)
@@ -403,9 +417,11 @@ def _with_unit(name: str, unit: str | None) -> str:
 
 def _true_value(truth: "Law", name: str, equation: int, term: str) -> float:
     """Return a true coefficient; zero where the true law has no such term."""
+    from commonlaw.law.law import object_index
+
     if term not in truth.terms.names:
         return 0.0
-    return float(truth.coefficients[truth.index(name)][equation, truth.terms.index(term)])
+    return float(truth.coefficients[object_index(truth, name)][equation, truth.terms.index(term)])
 
 
 def learned_by_stream(

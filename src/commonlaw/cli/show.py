@@ -41,7 +41,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
             print_frame(pd.DataFrame(rows, columns=["probability", "law"]))
         if law.provenance.domain.visited:
             say("\nRanges of the training data; forecasts outside of them are extrapolations:\n")
-            print_frame(law.domain())
+            print_frame(law.provenance.domain.to_frame(law.schema.units))
         if law.provenance.domain.horizon is not None:
             say(f"\n{law.provenance.domain.horizon_sentence(law.schema.units.get(law.schema.time, ''))}")
         if history:
@@ -104,6 +104,7 @@ def explain(
       commonlaw explain law.json --properties balls.csv --save explained.json
     """
     from commonlaw.law import Law
+    from commonlaw.law.parameters import named_parameters
     from commonlaw.trials.properties import given_properties
 
     law = Law.load(law_path)
@@ -125,7 +126,7 @@ def explain(
     else:
         say(f"{law}\n")
         print_frame(law.relations().dropna(axis=1, how="all"))
-        if law.provenance.equations and law.parameters.names:
+        if law.provenance.equations and named_parameters(law).names:
             columns = parameter_columns(law)
             say(f"\nParameters of {'; '.join(law.provenance.equations)}:\n")
             print_table(list(columns), zip(*columns.values(), strict=True))

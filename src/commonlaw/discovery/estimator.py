@@ -25,6 +25,7 @@ from commonlaw.inference import can_be_carried
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
+from commonlaw.law.equations import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, CappedLibrary, one_order, order_of_each, parse_library
@@ -127,7 +128,7 @@ class LawDiscovery:
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
                 raise CommonlawError("known-of-stream")
-            if isinstance(known, Law) and known.states == trials.schema.states:
+            if isinstance(known, Law) and known.schema.states == trials.schema.states:
                 trials = matched(known, trials, inputs="any")
             if self.order == "auto":
                 own = order_of_base(known, trials)
@@ -154,7 +155,7 @@ class LawDiscovery:
             (*law.diagnostics, *rates, *copies, *outcome_of_rest(resting), *instead),
         )
         if isinstance(trials, Trials):
-            domain = replace(Domain.of(trials, law.state_rates), at_rest=resting)
+            domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting)
             outcomes = with_outcomes_of_zero(outcomes, law, trials)
             outcomes = (*outcomes, *outcomes_of_stand_ins(trials, law.order, library))
             if self.order == "auto" and law.order != 0:
@@ -175,7 +176,7 @@ class LawDiscovery:
         """Return how well these trials are forecast, a finite number from -1 to 1, see `Forecast.bounded_score`.
 
         It is the mean of R^2 over trials and states, each of which counts as -1 if it is below that or the forecast
-        diverged: one trial that is lost does not decide a comparison, as it would by `Law.score`.
+        diverged: one trial that is lost does not decide a comparison, as it would by `Forecast.score`.
 
         Parameters
         ----------

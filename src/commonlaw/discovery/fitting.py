@@ -18,6 +18,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import fitted_by_parts, outcomes_of_constants, refine, with_constants_found
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
@@ -196,8 +197,9 @@ def fit(
     provenance = Provenance(differentiation, known, history=history, equations=given.texts, domain=domain)
     settings["input_between"] = settings["input_between"] or "auto"
     unfitted = _unfitted(given, trials, provenance)
+    parameters = named_parameters(unfitted)
     for name, value in (guesses or {}).items():
-        check_choice("coefficient", name, unfitted.parameters.names)
+        check_choice("coefficient", name, parameters.names)
         within = [each for each in given.bounds if each.name == name]
         if not np.isfinite(value) or value == 0 or not all(each.holds(np.array(value)) for each in within):
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
@@ -223,7 +225,10 @@ def fit(
 
 def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
     """Return which coefficients letters stand for, shape (equations, terms)."""
-    found, named = np.zeros(law.support.shape, dtype=np.bool_), {each.name: each for each in law.parameters.definitions}
+    found, named = (
+        np.zeros(law.support.shape, dtype=np.bool_),
+        {each.name: each for each in named_parameters(law).definitions},
+    )
     for letter in letters:
         check_choice("coefficient", letter, [*named])
         if len(named[letter].parts) > 1:
@@ -236,22 +241,22 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
     """Return which errors were chosen in place of white noise, and what they change, if there are any."""
     steps = {each.stage: each.choice for each in law.history if each.choice != "none"}
     chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
-    if not chosen or not law.parameters.names:
+    parameters = named_parameters(law)
+    if not chosen or not parameters.names:
         return ()
     try:
         white = under_white_noise()
     except CommonlawError as error:
         return (note("errors-without-comparison", errors=chosen, error=error.sentence(marked)),)
-    (here, errors), (there, others) = (
-        (law.parameters.values, law.parameters.errors),
-        (white.parameters.values, white.parameters.errors),
-    )
+    here, errors = parameters.values, parameters.errors
+    comparison = named_parameters(white)
+    there, others = comparison.values, comparison.errors
     with np.errstate(divide="ignore", invalid="ignore"):
         changes = np.nan_to_num(abs(there - here) / errors)
     i, j = np.unravel_index(np.argmax(changes), here.shape)
     of = f" of {law.objects[i]}" if len(law.objects) > 1 else ""
     under = with_error(there[i, j], float(np.nan_to_num(others[i, j])))
-    changed = f"{law.parameters.names[j]}{of} is {with_error(here[i, j], errors[i, j])}, and {under} under white noise"
+    changed = f"{parameters.names[j]}{of} is {with_error(here[i, j], errors[i, j])}, and {under} under white noise"
     return (note("errors-chosen", errors=chosen, changed=changed),)
 
 
@@ -278,10 +283,11 @@ def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
     unpooled, own, found = law.uncertainty.unpooled, law.coefficients.copy(), list[tuple[str, Bound, str]]()
     if unpooled is not None:
         own[:, law.support] = unpooled.coefficients
-    letters = {each.name: each for each in law.parameters.definitions}
+    parameters = named_parameters(law)
+    letters = {each.name: each for each in parameters.definitions}
     for bound in bounds:
-        index = law.parameters.names.index(bound.name)
-        values, errors = (each[:, index] for each in (law.parameters.values, law.parameters.errors))
+        index = parameters.names.index(bound.name)
+        values, errors = (each[:, index] for each in (parameters.values, parameters.errors))
         for name, value, error, alone in zip(law.objects, values, errors, own, strict=True):
             outside = next((each for each in (value, letters[bound.name].of(alone)) if not bound.holds(each)), None)
             if outside is not None:
@@ -335,8 +341,9 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
 
 def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[tuple[Bound, float]]:
     """Return bounds that coefficients of the only object are outside of, each with the end that is nearest."""
-    letters, found = {each.name: each for each in law.parameters.definitions}, list[tuple[Bound, float]]()
-    values = dict(zip(law.parameters.names, law.parameters.values[0].tolist(), strict=True))
+    parameters = named_parameters(law)
+    letters, found = {each.name: each for each in parameters.definitions}, list[tuple[Bound, float]]()
+    values = dict(zip(parameters.names, parameters.values[0].tolist(), strict=True))
     for bound in bounds:
         value, name = values[bound.name], bound.name
         if name not in held and len(letters[name].parts) == 1 and not bound.holds(np.array(value)):
@@ -347,12 +354,12 @@ def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[
 def _held(law: Law, held: Mapping[str, float]) -> Law:
     """Return the law of one object with coefficients that are known by their letters, and others that are not."""
     coefficients, is_free = law.coefficients.copy(), np.broadcast_to(law.support, law.coefficients.shape).copy()
-    for each in law.parameters.definitions:
+    for each in named_parameters(law).definitions:
         if each.name in held:
             (part,) = each.parts
             coefficients[:, part.equation, part.term] = part.factor * held[each.name] ** float(part.power)
             is_free[:, part.equation, part.term] = False
-    certain = law.standard_errors == 0
+    certain = standard_errors(law) == 0
     free = (is_free & ~certain)[:, np.any(coefficients != 0, axis=0)].astype(np.float64)
     uncertainty = Uncertainty(free[:, :, np.newaxis] * np.eye(free.shape[1]))
     return replace(law, coefficients=coefficients, uncertainty=uncertainty)
@@ -365,8 +372,9 @@ def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
     """
     from scipy.stats import norm
 
-    index = law.parameters.names.index(bound.name)
-    value, error = (float(each[0, index]) for each in (law.parameters.values, law.parameters.errors))
+    parameters = named_parameters(law)
+    index = parameters.names.index(bound.name)
+    value, error = (float(each[0, index]) for each in (parameters.values, parameters.errors))
     side = 1 if end == bound.low else -1
     reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if error > 0 else np.nan
     within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""

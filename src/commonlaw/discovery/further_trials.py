@@ -12,6 +12,8 @@ from commonlaw.forecast import forecast_from
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, PlausibleLaw
+from commonlaw.law.equations import left_hand_sides, rate_names
+from commonlaw.law.law import with_other_laws
 from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Trials
 
@@ -66,7 +68,7 @@ def _starts(law: Law) -> Iterator[Floats]:
     values = []
     for name in variables:
         low, high = visited[name]
-        middle = 0.0 if name in law.rates and _beyond(np.zeros(1), (low, high))[0] <= _NEAR else (low + high) / 2
+        middle = 0.0 if name in rate_names(law) and _beyond(np.zeros(1), (low, high))[0] <= _NEAR else (low + high) / 2
         values.append((middle, low, high))
     for _, start in zip(range(_STARTS), product(*values), strict=False):
         yield np.array(start)
@@ -81,13 +83,13 @@ def _beyond(values: Floats, ends: tuple[float, float]) -> Floats:
 def _within(law: Law, forecast: Forecast) -> Floats:
     """Return 1 while a forecast stays near what was visited and 0 from then on, shape (n, 1)."""
     visited, (states, _) = law.provenance.domain.visited, _first(forecast)
-    pairs = zip(law.states, states.T, strict=True)
+    pairs = zip(law.schema.states, states.T, strict=True)
     near = np.all([_beyond(np.nan_to_num(own, nan=np.inf), visited[name]) <= _NEAR for name, own in pairs], axis=0)
     return np.logical_and.accumulate(near)[:, np.newaxis].astype(np.float64)
 
 
 def _alone(law: Law, times: Floats, start: Floats) -> Forecast:
-    return forecast_from(law.with_others(()), law.objects[0], times, start)
+    return forecast_from(with_other_laws(law, ()), law.objects[0], times, start)
 
 
 def _bands_apart(one: Forecast, other: Forecast) -> Floats:
@@ -140,7 +142,7 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
 def _exchange(law: Law, rival: Law) -> str:
     """Return which terms a rival has in place of those of the law, equation by equation."""
     parts = []
-    for side, own, others in zip(law.left_hand_sides, _names(law), _names(rival), strict=True):
+    for side, own, others in zip(left_hand_sides(law), _names(law), _names(rival), strict=True):
         more, fewer = (", ".join(x for x in one if x not in other) for one, other in ((others, own), (own, others)))
         if more or fewer:
             change = f"{more} in place of {fewer}" if more and fewer else f"{more} as well" if more else f"no {fewer}"

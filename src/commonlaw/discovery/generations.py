@@ -40,10 +40,10 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     """
     if not _are_at_whole_numbers(trials) or not (regressions := [*_regressions(trials)]):
         return ()
-    equations = dict(zip(law.states, left_hand_sides(law.states, law.order), strict=True))
+    equations = dict(zip(law.schema.states, left_hand_sides(law.schema.states, law.order), strict=True))
     solutions, found = _next_by_law(law, trials), list[Outcome]()
     for each in regressions:
-        own = solutions[each.rows, law.states.index(each.state)]
+        own = solutions[each.rows, law.schema.states.index(each.state)]
         squares = float(np.sum((each.target - own) ** 2)) if np.isfinite(own).all() else np.inf
         if each.evidence_against(squares) > VERY_STRONG:
             by_law, by_regression = (100 * max(0.0, 1 - left / each.about_means) for left in (squares, each.squares))
@@ -117,4 +117,4 @@ def _next_by_law(law: Law, trials: Trials) -> Floats:
     """Return the states of all samples but the first of each trial by the law's solutions; NaN if they diverge."""
     with suppress(CommonlawError):
         return np.concatenate([each.states[1:] for each in fitted(law, trials).trajectories])
-    return np.full((sum(len(each) - 1 for each in trials), len(law.states)), np.nan)
+    return np.full((sum(len(each) - 1 for each in trials), len(law.schema.states)), np.nan)

@@ -11,8 +11,8 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law
-from commonlaw.law.parameters import Product
-from commonlaw.law.parse import read_equations
+from commonlaw.law.law import object_index
+from commonlaw.law.parse import Product, read_equations
 from commonlaw.law.text import left_hand_sides, order_in_words
 from commonlaw.library import AbstractLibrary, ExpressionLibrary, Order
 from commonlaw.library.expansion import summands, traced
@@ -73,16 +73,18 @@ def order_of_base(base: str | Law | Callable[..., Any], trials: Trials) -> Order
 
 def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
     states = trials.schema.states
-    if law.order != order or law.states != states:
-        own, sought = order_in_words(law.order, law.states), order_in_words(order, states)
-        raise CommonlawError("known-physics-order", order=own, known_states=law.states, sought=sought, states=states)
+    if law.order != order or law.schema.states != states:
+        own, sought = order_in_words(law.order, law.schema.states), order_in_words(order, states)
+        raise CommonlawError(
+            "known-physics-order", order=own, known_states=law.schema.states, sought=sought, states=states
+        )
     if law.terms.constants:
         raise CommonlawError("known-physics-parameters")
     law, names = with_objects_of(law, trials)[0], law.terms.variables.names
     texts = [each.expression(names) for each in law.terms.terms]
     return {
-        (state, text): {name: float(law.coefficients[law.index(name)][j, k]) for name in trials.objects}
-        for j, state in enumerate(law.states)
+        (state, text): {name: float(law.coefficients[object_index(law, name)][j, k]) for name in trials.objects}
+        for j, state in enumerate(law.schema.states)
         for k, text in enumerate(texts)
         if law.support[j, k]
     }

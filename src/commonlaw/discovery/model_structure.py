@@ -99,7 +99,7 @@ class ModelStructure:
         """Return which coefficients of a law all objects are to have in common, shape (equations, terms)."""
         schema = replace(law.schema, states=law.schema.measured, starts={}, starts_at=None)
         universal, names = self.universal_coefficients(schema), self.terms(schema).names
-        universal = np.pad(universal, ((0, len(law.states) - len(universal)), (0, 0)))
+        universal = np.pad(universal, ((0, len(law.schema.states) - len(universal)), (0, 0)))
         columns = {name: universal[:, k] for k, name in enumerate(names)}
         return np.column_stack([columns.get(name, np.zeros(len(universal), dtype=bool)) for name in law.terms.names])
 

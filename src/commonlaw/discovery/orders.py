@@ -180,7 +180,7 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     refused
         Why no law of other orders was found.
     """
-    states = law.states
+    states = law.schema.states
     named = [(order_in_words(order, states), each) for order, each in others]
     against = [
         f"2 log B is {each:.3g} against the best law of order {order}"

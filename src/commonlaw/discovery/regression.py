@@ -214,4 +214,4 @@ def _forecast_scores(
     if not isinstance(trials, Trials) or any(len(trials.of_object(name)) > MAX_GROUPS for name in trials.objects):
         raise CommonlawError("scoring-of-stream", limit=MAX_GROUPS)
     folds = make_folds(data.groups)
-    return [ForecastError(folds, target, law, free, trials) for target in range(len(law.states))]
+    return [ForecastError(folds, target, law, free, trials) for target in range(len(law.schema.states))]

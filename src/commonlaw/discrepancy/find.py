@@ -20,6 +20,7 @@ from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, conv
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.covariance import errors_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law.equations import left_hand_sides
 from commonlaw.law.script import call
 from commonlaw.library import Terms
 from commonlaw.library.notation import quoted
@@ -57,7 +58,7 @@ def discrepancy(
     # What the choice among several costs: all of them are as probable beforehand
     evidence = law_alone.value - found.value - 2 * float(np.log(len(listed)))
     visited = setting.visited.evaluate(first.basis.coordinate)
-    left = law.left_hand_sides
+    left = left_hand_sides(law)
     return Discrepancy(
         law=_refitted(law, setting, found, first, called),
         equation=left[first.equation],
@@ -81,7 +82,7 @@ def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: CandidateF
     own, posterior = law.select(setting.problem.trials.objects), found.posterior
     whole = _whole(law, setting, found)
     size, wide = setting.law.terms, found.model.terms
-    shape = (len(law.states), len(wide))
+    shape = (len(law.schema.states), len(wide))
     in_law = np.zeros(shape, dtype=np.bool_)
     in_law[:, : len(size)] = setting.law.support
     coefficients = own.coefficients.copy()
@@ -90,7 +91,7 @@ def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: CandidateF
     uncertainty = whole.uncertainty.restrict(inner)
     step = Step(
         "discrepancy",
-        f"a function of {chosen.basis.coordinate} in {law.left_hand_sides[chosen.equation]}",
+        f"a function of {chosen.basis.coordinate} in {left_hand_sides(law)[chosen.equation]}",
         f"coefficients estimated jointly with it; noise scaled by {posterior.noise_factor:.3g}",
     )
     return replace(

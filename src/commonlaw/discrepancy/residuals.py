@@ -11,6 +11,8 @@ from commonlaw.discrepancy.residual_tests import Residuals, patterns
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
+from commonlaw.law.equations import rate_names
+from commonlaw.law.law import object_index
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
 
@@ -18,8 +20,8 @@ from commonlaw.trials import Trials
 def residuals(law: Law, trials: Trials) -> Residuals:
     """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
     refuse_discrete_time(law)
-    found, spent = untested(law, trials, law.noise)
-    tested = patterns(law.states, found.standardized, found.columns, law.schema.time, spent.sum(axis=0).tolist())
+    found, spent = untested(law, trials, law.uncertainty.noise)
+    tested = patterns(law.schema.states, found.standardized, found.columns, law.schema.time, spent.sum(axis=0).tolist())
     return replace(found, patterns=tested)
 
 
@@ -40,12 +42,12 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     forecast = replace(law, uncertainty=known).predict(trials, start=longest, averaged=False)
     forecast = forecast.followed or forecast
     fitted = tuple(each.states for each in forecast.trajectories)
-    states, errors = len(law.states), law.uncertainty.error_model
+    states, errors = len(law.schema.states), law.uncertainty.error_model
     standardized = []
     for trial, own in zip(forecast.trials, fitted, strict=True):
         std = errors.measurement_std(own[:, :states], trial.std(noise))
         standardized.append((trial.states - own[:, :states]) / std)
-    found = Residuals(forecast.trials, fitted, tuple(standardized), law.rates, ())
+    found = Residuals(forecast.trials, fitted, tuple(standardized), rate_names(law), ())
     counts = np.array([[len(trials.of_object(name))] for name in trials.objects])
     return found, counts * np.array(law.order) + _spent(law, trials)
 
@@ -56,7 +58,7 @@ def _spent(law: Law, trials: Trials) -> Floats:
     Pooled coefficients count by the trace of their covariance times the information of the object's own trials.
     """
     there = np.array([name in law.objects for name in trials.objects])
-    indices = [law.index(name) for name in trials.objects if name in law.objects]
+    indices = [object_index(law, name) for name in trials.objects if name in law.objects]
     known, unpooled = law.uncertainty.covariance, law.uncertainty.unpooled
     found = np.zeros((len(trials.objects), *law.support.shape))
     shares = np.ones((len(law.objects), int(law.support.sum())))

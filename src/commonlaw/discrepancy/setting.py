@@ -148,14 +148,14 @@ class Setting:
         """Return the law with a function in one equation."""
         law, visited = self.law, self.visited
         terms = Terms(law.terms.variables, (*law.terms.terms, *basis.terms(law.terms.variables)))
-        shape = (len(law.states), len(basis))
+        shape = (len(law.schema.states), len(basis))
         shared = np.zeros(shape, dtype=np.bool_)
         shared[equation] = True
         values, times = visited.evaluate(basis.coordinate), visited.evaluate(basis.times)
         matrix = law.terms.evaluate(visited.values)[:, self.own[equation]]
         samples = [Samples(values[own], times[own], matrix[own]) for own in visited.objects]
         kept = meaning(basis, samples, zero_in(basis, zero_at, law.schema.time))
-        column = highest_columns(law.order, len(law.states))[equation]
+        column = highest_columns(law.order, len(law.schema.states))[equation]
         size = visited.rate_size(column) / np.sqrt(np.mean(times**2))
         return FunctionModel(
             terms,
@@ -218,7 +218,7 @@ def _value(setting: Setting, alone: FunctionFit, candidate: CandidateFunction, z
 
 def equations_of(setting: Setting, equation: str | None) -> list[int]:
     """Return the equations that a function may stand in: the given one, or those with coefficients to be found."""
-    states = setting.law.states
+    states = setting.law.schema.states
     if equation is not None:
         check_choice("equation", equation, states)
         return [states.index(equation)]

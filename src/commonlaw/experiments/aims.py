@@ -11,6 +11,9 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.experiments.gaussian import Evidence
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.integration import InitialValueProblem, simulate
+from commonlaw.law.equations import vector_field
+from commonlaw.law.law import object_index
+from commonlaw.law.parameters import named_parameters
 
 _FORECAST = re.compile(r"(?P<state>\S+) at (?:\S+ *= *)?(?P<time>\S+) from (?P<start>.+?)(?: of (?P<object>.+))?")
 _COEFFICIENT = re.compile(r"(?P<name>.+?)(?: of (?P<object>.+))?")
@@ -67,8 +70,9 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
 def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:
     """Return the mean of a coefficient of the first law over objects as another law has it, and its derivatives."""
     law, terms = first.law, each.law.terms.names
-    named = {own.name: own for own in law.parameters.definitions}
-    named = {law.terms.names[own.term]: own for own in law.parameters.definitions} | named
+    parameters = named_parameters(law)
+    named = {own.name: own for own in parameters.definitions}
+    named = {law.terms.names[own.term]: own for own in parameters.definitions} | named
     if name not in named:
         raise unknown("coefficient of this law", name, named)
     parts = [part._replace(term=_index(law.terms.names[part.term], terms)) for part in named[name].parts]
@@ -76,7 +80,7 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
     if not all(there):
         return 0.0, np.zeros(each.unknowns)
     coefficient = named[name]._replace(parts=tuple(parts))
-    own = each.law.coefficients[[each.law.index(own) for own in names]]
+    own = each.law.coefficients[[object_index(each.law, own) for own in names]]
     slopes, places = np.zeros((len(names), each.roots.shape[1])), np.argwhere(each.law.support).tolist()
     for part, gradient in zip(parts, coefficient.gradient(own).T, strict=True):
         slopes[:, places.index([part.equation, part.term])] = gradient
@@ -98,12 +102,12 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
         time, start = float(parts["time"]), [float(own) for own in parts["start"].split(",")]
     except ValueError as error:
         raise CommonlawError("design-forecast-syntax", error=error) from None
-    if not (time > 0 and len(law.states) <= len(start) <= len(states)):
+    if not (time > 0 and len(law.schema.states) <= len(start) <= len(states)):
         raise CommonlawError(
             "design-forecast-numbers",
             time=time,
             given=len(start),
-            least=len(law.states),
+            least=len(law.schema.states),
             most=len(states),
             states=states,
         )
@@ -113,7 +117,7 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
     times = np.array([0.0, time])
     found = simulate(
         [
-            InitialValueProblem(replace(law.vector_field(name), free=law.support), initial, times, name)
+            InitialValueProblem(replace(vector_field(law, name), free=law.support), initial, times, name)
             for name in names
         ],
         sensitivities=True,

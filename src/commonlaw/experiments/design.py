@@ -14,6 +14,8 @@ from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, SETTLED, Search
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.alignment import matched
+from commonlaw.law.equations import state_rates
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.provenance import Domain
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
@@ -234,8 +236,10 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
     """
     if not law.uncertainty.has_std or law.order == 0 or not law.support.any():
         return ()
-    visited = law.provenance.domain.visited or Domain.of(trials, law.state_rates).visited
-    ranges = {name: Range(*visited[name]) for name in law.states if name in visited and np.ptp(visited[name]) > 0}
+    visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
+    ranges = {
+        name: Range(*visited[name]) for name in law.schema.states if name in visited and np.ptp(visited[name]) > 0
+    }
     vary: dict[str, Options] = {**usual(law, trials), **ranges}
     found = []
     for purpose, about in _purposes(law):
@@ -251,12 +255,13 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
 def _purposes(law: Law) -> list[tuple[str, str]]:
     purposes = [("To find out which law is right", LAW)] if law.models[0].probability < SETTLED else []
     purposes.append(("To know all coefficients better", COEFFICIENTS))
-    values, errors = law.parameters.values, law.parameters.errors
+    parameters = named_parameters(law)
+    values, errors = parameters.values, parameters.errors
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(errors > 0, errors / np.abs(values), 0.0)
     if len(relative) * relative.shape[1] > 1 and np.nanmax(relative) > 0:
         owner, letter = np.unravel_index(int(np.nanargmax(relative)), relative.shape)
-        name = law.parameters.names[int(letter)]
+        name = parameters.names[int(letter)]
         about = name if len(law.objects) == 1 else f"{name} of {law.objects[int(owner)]}"
         purposes.append((f"To know {about} better, the coefficient that is known worst", about))
     return purposes

@@ -12,6 +12,7 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
+from commonlaw.law.equations import state_rates
 from commonlaw.text import counted
 
 Value = float | str | tuple[float, ...]
@@ -339,7 +340,7 @@ class Experiment:
     def described(self, law: Law) -> str:
         """Return the experiment in plain words."""
         units, time = dict(law.schema.units), law.schema.units.get(law.schema.time, "")
-        units |= {rate: f"{units.get(state, '')}/{time}".strip("/") for state, rate in law.state_rates}
+        units |= {rate: f"{units.get(state, '')}/{time}".strip("/") for state, rate in state_rates(law)}
 
         def valued(name: str, value: float) -> str:
             return f"{name} = {value:.3g} {units.get(name, '')}".rstrip()

@@ -13,6 +13,8 @@ from commonlaw.experiments.gaussian import Gaussian
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
+from commonlaw.law.equations import vector_field
+from commonlaw.law.law import object_index
 from commonlaw.library import highest_columns
 from commonlaw.trials import Trial, Trials
 
@@ -134,9 +136,9 @@ class Hypothesis:
         """
         if law.order == 0:
             raise CommonlawError("discrete-between-samples")
-        known = law.uncertainty.select([law.index(name) for name in objects])
+        known = law.uncertainty.select([object_index(law, name) for name in objects])
         own = known.known_covariance()
-        if law.noise is None:
+        if law.uncertainty.noise is None:
             raise CommonlawError("noise-unknown")
         factor = known.shared_factor
         if factor is not None:
@@ -268,7 +270,7 @@ class _Planned:
     def _own(self) -> Callable[[str], VectorField]:
         """The law of an object."""
         return cache(
-            lambda name: replace(self.law.vector_field(name), free=self.law.support, inputs=self.experiment.inputs)
+            lambda name: replace(vector_field(self.law, name), free=self.law.support, inputs=self.experiment.inputs)
         )
 
     @cached_property
@@ -285,7 +287,7 @@ class _Planned:
     @cached_property
     def free_starts(self) -> list[int]:
         """The states (and rates) whose starts the measurements alone tell."""
-        estimated, states = ~np.isfinite(self.experiment.start_std), len(self.law.states)
+        estimated, states = ~np.isfinite(self.experiment.start_std), len(self.law.schema.states)
         seen = np.append(~self.law.schema.unmeasured, np.ones(len(estimated) - states, dtype=np.bool_))
         return np.flatnonzero(estimated & seen).tolist()
 
@@ -313,7 +315,7 @@ class _Planned:
     def gaussian(self, name: str, found: Trajectory, known: Hypothesis) -> Gaussian | None:
         """Return the prediction of the trial of one object; None if its forecast diverges, or its errors do."""
         law, own = self.law, self.experiment
-        assert law.noise is not None
+        assert law.uncertainty.noise is not None
         if found.outcome is not None or found.sensitivities is None or not np.isfinite(found.sensitivities).all():
             return None
         width = found.states.shape[1]
@@ -324,7 +326,7 @@ class _Planned:
         measured = by_own[:, seen].reshape(-1, by_own.shape[2])
         common = None
         if self.is_new:
-            common = measured @ law.uncertainty.known_covariance()[law.index(name)] @ measured.T
+            common = measured @ law.uncertainty.known_covariance()[object_index(law, name)] @ measured.T
             by_unknowns = np.zeros((len(measured), known.unknowns))
         else:
             by_unknowns = measured @ known.roots[known.objects.index(name)]
@@ -346,7 +348,7 @@ def _planned(law: Law, experiment: Experiment) -> _Planned:
     times = times[evenly_spaced(len(times), most)]
     is_new = bool(experiment.properties)
     if is_new:
-        (name,), states = experiment.objects, np.zeros((1, len(law.states)))
+        (name,), states = experiment.objects, np.zeros((1, len(law.schema.states)))
         trial = Trial(name, "1", experiment.times[:1], states, np.zeros((1, len(law.schema.inputs))))
         trials = Trials((trial,), replace(law.schema, noise_columns={}), {name: experiment.properties})
         law, _ = with_objects_of(law, trials)
@@ -359,10 +361,12 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: flo
     The trajectory has times, states and derivatives by the start of shapes (n,), (n, D), (n, D, D); each sample stands
     for the mean of 1/`share` samples.
     """
-    assert law.noise is not None
+    assert law.uncertainty.noise is not None
     errors, measured = law.uncertainty.error_model, ~law.schema.unmeasured
-    own = states[:, : len(law.states)]
-    white_std = np.asarray(law.uncertainty.error_model.white_std(own, np.asarray(law.noise)) + np.zeros_like(own))
+    own = states[:, : len(law.schema.states)]
+    white_std = np.asarray(
+        law.uncertainty.error_model.white_std(own, np.asarray(law.uncertainty.noise)) + np.zeros_like(own)
+    )
     white = white_std[:, measured]
     parts = list[Floats]()
     if errors.correlated is not None:
@@ -389,7 +393,7 @@ def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
         middles = times[1:] - steps / 2
         apart = np.sqrt(3) * np.abs(middles[:, np.newaxis] - middles) / errors.force_time
         kernel = (1 + apart) * np.exp(-apart) + 1e-10 * np.eye(len(steps))
-        pushed = highest_columns(law.order, len(law.states))
+        pushed = highest_columns(law.order, len(law.schema.states))
         forced = carried[..., pushed] * errors.force * steps[:, np.newaxis]
         parts.append(np.einsum("namc,mk->nakc", forced, np.linalg.cholesky(kernel)))
     return np.concatenate([each.reshape(count, width, -1) for each in parts], axis=2)

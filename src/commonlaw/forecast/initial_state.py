@@ -14,6 +14,8 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast.model_error import MESH_POINTS, MODEL_ERRORS, FilteredStart, filtered_start, unit_of_errors
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
+from commonlaw.law.equations import rate_names
+from commonlaw.law.law import object_index
 from commonlaw.library import order_of_each, with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
@@ -100,18 +102,18 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     """
     if law.order == 0:
         raise CommonlawError("discrete-start")
-    if law.noise is None or not can_fit_initial_state(law):
-        lacks = "has no noise estimate" if law.noise is None else "has zero noise for a state"
+    if law.uncertainty.noise is None or not can_fit_initial_state(law):
+        lacks = "has no noise estimate" if law.uncertainty.noise is None else "has zero noise for a state"
         raise CommonlawError("initial-values-without-noise", lacking=lacks)
-    noise = law.noise
+    noise = law.uncertainty.noise
     unmeasured = _unmeasured(law, trial)
     trial = _with_exact_zeros(trial.cut(count), noise)
     _check_measured(law, trial, unmeasured)
     # An unmeasured state begins in the middle of its range in the training data
     states, visited = trial.states.copy(), law.provenance.domain.visited
     for name in unmeasured:
-        states[:, law.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
-    guess = _curve(trial.times, states, with_rates(law.order, len(law.states)))
+        states[:, law.schema.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
+    guess = _curve(trial.times, states, with_rates(law.order, len(law.schema.states)))
     if law.uncertainty.error_model:
         filtered = filtered_start(law, trial, inputs, guess, noise)
         if filtered is None:
@@ -121,7 +123,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     (mesh,) = meshes([trial], MESH_POINTS, len(trial))
     mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) * mesh.averaging / noise)
     model = TrajectoryModel(law.terms, (mesh,), observation_model, unit_of_errors(law, noise, trial))
-    own = law.coefficients[law.index(trial.object)]
+    own = law.coefficients[object_index(law, trial.object)]
     found = fit(
         model,
         Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), own),
@@ -148,7 +150,7 @@ def _not_finite(trial: Trial) -> CommonlawError:
 
 def can_fit_initial_state(law: Law) -> bool:
     """Whether the law has noise for every state, so that a start can be fitted to samples."""
-    return law.order != 0 and law.noise is not None and bool(law.noise.all())
+    return law.order != 0 and law.uncertainty.noise is not None and bool(law.uncertainty.noise.all())
 
 
 def with_weights(law: Law, trials: Trials) -> Law:
@@ -156,7 +158,7 @@ def with_weights(law: Law, trials: Trials) -> Law:
 
     Unknown or zero noise is the difference-based estimate, at least the size of rounding errors.
     """
-    known = np.zeros(len(law.states)) if law.noise is None else law.noise
+    known = np.zeros(len(law.schema.states)) if law.uncertainty.noise is None else law.uncertainty.noise
     if law.order == 0 or known.all():
         return law
     largest = np.fmax.reduce(np.abs(np.concatenate([each.states for each in trials])), axis=0, initial=0.0)
@@ -169,7 +171,7 @@ def with_weights(law: Law, trials: Trials) -> Law:
 def _unmeasured(law: Law, trial: Trial) -> list[str]:
     """Return the states that were never measured in a trial in which others were: by these the law tells them."""
     measured: Bools = np.asarray(np.isfinite(trial.states).any(axis=0))
-    return [name for name, own in zip(law.states, measured, strict=True) if not own] if measured.any() else []
+    return [name for name, own in zip(law.schema.states, measured, strict=True) if not own] if measured.any() else []
 
 
 def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
@@ -183,8 +185,8 @@ def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
 
 
 def _check_measured(law: Law, trial: Trial, unmeasured: Sequence[str]) -> None:
-    orders = order_of_each(law.order, len(law.states))
-    for name, column, order in zip(law.states, trial.states.T, orders, strict=True):
+    orders = order_of_each(law.order, len(law.schema.states))
+    for name, column, order in zip(law.schema.states, trial.states.T, orders, strict=True):
         measured = int(np.isfinite(column).sum())
         if measured < order and name not in unmeasured:
             raise CommonlawError(
@@ -270,7 +272,7 @@ def begin(
     if not found:
         raise CommonlawError("forecast-no-trial", reason=why)
     notes = [f"trials not forecast {why.sentence(marked)}"] if lost else []
-    unknown = [each.start_samples.label for each in found if law.rates and len(each.start_samples) == 1]
+    unknown = [each.start_samples.label for each in found if rate_names(law) and len(each.start_samples) == 1]
     if unknown:
         notes.append(f"rates not identifiable from one sample were set to zero, without a band: {'; '.join(unknown)}")
     # Trials that are forecast as they are stay the same
@@ -286,7 +288,7 @@ def _begin_later(
     measured = trial.measured()
     stop = int(np.searchsorted(measured.times, from_time))
     fits = can_fit_initial_state(law)
-    count = start or (min(stop, _MAX_DRAWS) if fits else MIN_SAMPLES if law.rates else 1)
+    count = start or (min(stop, _MAX_DRAWS) if fits else MIN_SAMPLES if rate_names(law) else 1)
     start_samples = measured.rows(slice(max(0, stop - count), stop))
     first = int(np.searchsorted(extended.times, start_samples.times[0]))
     fitted = None
@@ -308,11 +310,11 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
         return len(trial) if ahead and can_fit_initial_state(law) else 1
     is_known = np.isfinite(trial.states)
     known = is_known[:, ~law.schema.unmeasured].cumsum(axis=0).min(axis=1)
-    if law.rates and law.provenance.differentiation is not None:
+    if rate_names(law) and law.provenance.differentiation is not None:
         count = max(MIN_SAMPLES, _samples(law.provenance.differentiation, len(trial)))
         if known[:count][-1] >= MIN_SAMPLES:
             return count
-    ready = is_known[0].all() and (not law.rates or _differentiation(law, trial) is not None)
+    ready = is_known[0].all() and (not rate_names(law) or _differentiation(law, trial) is not None)
     return 1 if ready else int(np.searchsorted(known, MIN_SAMPLES)) + 1
 
 
@@ -339,11 +341,11 @@ def _measured_start(law: Law, trial: Trial) -> Floats:
     """Return the first measured states, and the estimated rates of those of second order, shape (width,)."""
     missing = np.isnan(trial.states)
     if missing[0].any():
-        state = law.states[int(np.argmax(missing[0]))]
+        state = law.schema.states[int(np.argmax(missing[0]))]
         whole = np.flatnonzero(~missing.any(axis=1))
         remedy = f"start the trial at sample {whole[0] + 1}, which has every state, or " if len(whole) else ""
         raise CommonlawError("initial-value-missing", where=trial.label, state=state, remedy=remedy)
-    second = with_rates(law.order, len(law.states))
+    second = with_rates(law.order, len(law.schema.states))
     rates = [_first_rates(law, trial, trial.states)[second]] if len(second) else []
     return np.concatenate([trial.states[0], *rates])
 
@@ -367,7 +369,7 @@ def start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Floats
     Rates are estimated again with noise added, with draws that are exactly white: exact for linear differentiators, up
     to a quarter too large for medians.
     """
-    second = with_rates(law.order, len(law.states))
+    second = with_rates(law.order, len(law.schema.states))
     if not len(second):
         return np.diag(noise[0] ** 2)
     method = _differentiation(law, trial)

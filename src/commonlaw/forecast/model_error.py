@@ -7,6 +7,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
+from commonlaw.law.equations import vector_field
+from commonlaw.law.law import object_index
 from commonlaw.library import with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
@@ -85,7 +87,7 @@ class FilteredStart:
 
 def unit_of_errors(law: Law, noise: Floats, trial: Trial) -> Floats:
     """Return the unit of the model error, shape (width,): that of a rate moves the state by its noise."""
-    second = with_rates(law.order, len(law.states))
+    second = with_rates(law.order, len(law.schema.states))
     return np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
 
 
@@ -94,7 +96,7 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
 
     The guess has shape (k, D); None if the likelihood cannot be computed.
     """
-    errors, own = law.uncertainty.error_model, law.coefficients[law.index(trial.object)]
+    errors, own = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
     (mesh,) = meshes([trial], MESH_POINTS, len(trial))
     (states,) = interpolate([guess], MESH_POINTS, len(trial))
     if errors.walk is None:
@@ -138,7 +140,7 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
     latent = LatentProcesses(force=errors.force, force_time=errors.force_time)
     steps = latent.along(mesh) if latent.width else None
     width = states.shape[1]
-    field = law.vector_field(trial.object)
+    field = vector_field(law, trial.object)
     with np.errstate(all="ignore"):
         linear = jacobians(field, mesh, np.pad(between, ((0, 0), (0, latent.width))), steps)
         finite = np.asarray(np.isfinite(linear.end).all(axis=(1, 2)) & np.isfinite(linear.start).all(axis=(1, 2)))

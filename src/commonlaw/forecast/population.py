@@ -9,7 +9,7 @@ from numpy.polynomial.hermite import hermgauss
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation
-from commonlaw.law.law import Law
+from commonlaw.law.law import Law, object_index, with_other_laws
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.trials import Schema, Trials
@@ -68,7 +68,7 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
     if not unseen:
         return law, ()
     seen = [name for name in trials.objects if name in known_objects]
-    indices = [law.index(name) for name in seen]
+    indices = [object_index(law, name) for name in seen]
     known = law.uncertainty.covariance
     covariance = None
     if known is not None:
@@ -193,7 +193,7 @@ def _typical(law: Law, note: str) -> Population:
     objects there are, the more is added (Student's t, for the 95 % band).
     """
     if law.uncertainty.covariance is not None and law.uncertainty.unpooled is None:
-        law = law.with_others(()).pool()
+        law = with_other_laws(law, ()).pool()
         factor = law.uncertainty.shared_factor
         if factor is not None:  # Objects without information keep their own, see `pooled`
             law = law.select([law.objects[i] for i in np.flatnonzero(factor.any(axis=(1, 2)))])

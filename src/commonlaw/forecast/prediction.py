@@ -18,6 +18,8 @@ from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import Event, InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
+from commonlaw.law.equations import rate_names, vector_field
+from commonlaw.law.law import object_index
 from commonlaw.library import Terms
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trial, Trials
@@ -25,7 +27,7 @@ from commonlaw.trials.transformations import MOMENT, with_logarithms, with_prope
 
 
 def with_remarks(law: Law, forecast: Forecast) -> Forecast:
-    """Return a forecast whose trials say where it leaves what the law was learned from, see `Law.domain`."""
+    """Return a forecast whose trials say where it leaves what the law was learned from, see `Domain`."""
     domain, left, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
     for trial, trajectory in zip(forecast.trials, forecast.trajectories, strict=True):
         for name, values in _values(law, forecast, trial, trajectory.states):
@@ -44,7 +46,7 @@ def with_remarks(law: Law, forecast: Forecast) -> Forecast:
 
 def _values(law: Law, forecast: Forecast, trial: Trial, states: Floats) -> Iterator[tuple[str, Floats]]:
     """Yield the values that a forecast has of every variable and property."""
-    names = (*law.states, *law.rates)
+    names = (*law.schema.states, *rate_names(law))
     yield from zip(names, states.T, strict=True)
     yield from zip(forecast.trials.schema.inputs, trial.inputs.T, strict=True)
     for name, value in forecast.trials.properties.get(trial.object, {}).items():
@@ -79,7 +81,7 @@ def simulate_law(
         if state.shape != (width,):
             wanted = ", ".join(law.terms.variables.states)
             raise CommonlawError("initial-state-size", where=name, given=state.size, expected=width, names=wanted)
-        field = replace(law.vector_field(name), terms=natural, inputs=inputs)
+        field = replace(vector_field(law, name), terms=natural, inputs=inputs)
         problems[name] = InitialValueProblem(field, state, grid, name)
     found = simulate(
         problems.values(),
@@ -168,7 +170,7 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast
     CommonlawError
         If the start has the wrong number of values, or must be positive and is not.
     """
-    variables, states = law.terms.variables.states, len(law.states)
+    variables, states = law.terms.variables.states, len(law.schema.states)
     if len(start) != len(variables):
         raise CommonlawError("start-size", given=len(start), expected=len(variables), variables=variables)
     unknown = np.full((len(times) - 1, states), np.nan)
@@ -207,7 +209,7 @@ class _Forecaster:
         """Return the forecasts at the times of the trials."""
         problems = [self._problem(each) for each in self.beginnings]
         found = simulate(problems, method=self.method, tolerance=self.tolerance, sensitivities=self.return_std)
-        std, noise = (self._std(found), self.law.noise) if self.return_std else (None, None)
+        std, noise = (self._std(found), self.law.uncertainty.noise) if self.return_std else (None, None)
         again = None if self.law.order == 0 else self.at_more_times
         known = self.law.uncertainty
         return Forecast(
@@ -246,7 +248,7 @@ class _Forecaster:
         law, noise, deviations = self.law, _noise_of(self.law), []
         covariance, errors = law.uncertainty.known_covariance(), law.uncertainty.error_model
         for own, trajectory in zip(self.beginnings, found, strict=True):
-            known = covariance[law.index(own.trial.object)]
+            known = covariance[object_index(law, own.trial.object)]
             if own.fitted is None:
                 each = errors.measurement_std(own.start_samples.states, own.start_samples.std(noise))
                 std = trajectory_std(trajectory, known, start_covariance(law, own.start_samples, each, self.seed))
@@ -259,7 +261,7 @@ class _Forecaster:
         return tuple(deviations)
 
     def _problem(self, beginning: Beginning) -> InitialValueProblem:
-        field = replace(self.law.vector_field(beginning.trial.object), inputs=beginning.inputs)
+        field = replace(vector_field(self.law, beginning.trial.object), inputs=beginning.inputs)
         if self.return_std:
             # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
             field = replace(field, free=self.law.support)
@@ -277,7 +279,7 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
     if {*law.objects} <= {*wider.objects}:
         wider = wider.select(law.objects)
     same = np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own])
-    if not same or (wider.states, wider.order) != (law.states, law.order):
+    if not same or (wider.states, wider.order) != (law.schema.states, law.order):
         raise CommonlawError("discrepancy-outdated")
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
     taken = wider.schema.inputs[len(law.schema.inputs) :]
@@ -302,9 +304,9 @@ def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) 
 
 
 def _noise_of(law: Law) -> Floats:
-    if law.noise is None:
+    if law.uncertainty.noise is None:
         raise CommonlawError("noise-unknown-at-start")
-    return law.noise
+    return law.uncertainty.noise
 
 
 def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
@@ -336,14 +338,20 @@ def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
     solution = replace(law, uncertainty=replace(law.uncertainty, error_model=NO_ERRORS))
     return_std = return_std and not errors.of_law
     fit = solution.predict(trials, start="all", return_std=return_std, averaged=False)
-    if law.noise is None or law.schema.logarithmic or (errors.proportional is None and errors.correlated is None):
+    if (
+        law.uncertainty.noise is None
+        or law.schema.logarithmic
+        or (errors.proportional is None and errors.correlated is None)
+    ):
         return fit
     # Errors that grow with the states are known once these are
     deviations = [
-        errors.measurement_std(np.nan_to_num(curve.states[:, : len(law.states)]), trial.std(law.noise))
+        errors.measurement_std(
+            np.nan_to_num(curve.states[:, : len(law.schema.states)]), trial.std(law.uncertainty.noise)
+        )
         for trial, curve in zip(trials, fit.trajectories, strict=True)
     ]
     weighted = tuple(replace(trial, noise=each) for trial, each in zip(trials, deviations, strict=True))
-    names = {name: f"standard deviation of {name}" for name in law.states} | dict(trials.schema.noise_columns)
+    names = {name: f"standard deviation of {name}" for name in law.schema.states} | dict(trials.schema.noise_columns)
     trials = replace(trials, trials=weighted, schema=replace(trials.schema, noise_columns=names))
     return solution.predict(trials, start="all", return_std=return_std, averaged=False)

@@ -2,18 +2,41 @@
 
 import warnings
 from collections.abc import Callable
+from functools import partial
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    import pandas as pd
+
+def _value(function: str) -> Callable[[Any], Any]:
+    """Return what gives a property by a function of laws."""
+    return lambda law: resolve_name(f"commonlaw.law.{function}")(law)
+
+
+def _method(function: str) -> Callable[[Any], Any]:
+    """Return what gives a method by a function of laws and arguments."""
+    return lambda law: partial(resolve_name(f"commonlaw.law.{function}"), law)
+
+
+def _parameters(law: Any) -> Any:
+    return resolve_name("commonlaw.law.parameters:named_parameters")(law)
+
 
 DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "adapt": ("update(trials)", lambda law: law.update),
     "alternatives": ("provenance.alternatives", lambda law: law.provenance.alternatives),
-    "candidates": ("comparison", lambda law: lambda: _candidates(law)),
-    "coefficients_of": ("coefficients[index(name)]", lambda law: lambda name: law.coefficients[law.index(name)]),
+    "candidates": (
+        "comparison",
+        lambda law: partial(resolve_name("commonlaw.law.tables:candidate_frame"), law.provenance.alternatives),
+    ),
+    "coefficient_intervals": ("conf_int(level)", _method("parameters:coefficient_intervals")),
+    "coefficient_units": ("params", _method("parameters:coefficient_units")),
+    "coefficients_of": ("select([name]).coefficients", lambda law: lambda name: law.select([name]).coefficients[0]),
     "covariance": ("uncertainty.covariance", lambda law: law.uncertainty.covariance),
     "differentiation": ("provenance.differentiation", lambda law: law.provenance.differentiation),
+    "domain": (
+        "provenance.domain.to_frame(units)",
+        lambda law: partial(law.provenance.domain.to_frame, law.schema.units),
+    ),
     "draws": ("sample(n)", lambda law: lambda count=1000, *rest, **named: law.sample(count, *rest, **named)),
     "each_other": ("uncertainty.map_other_laws", lambda law: law.uncertainty.map_other_laws),
     "evaluate": ("rhs(name, values)", lambda law: law.rhs),
@@ -23,26 +46,38 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
         "uncertainty.inclusion_probabilities",
         lambda law: law.uncertainty.inclusion_probabilities,
     ),
-    "interval_ends": ("coefficient_intervals(level)", lambda law: law.coefficient_intervals),
-    "intervals": (
-        "conf_int(level)",
-        lambda law: lambda level=0.95, averaged=True: _intervals(law, level, averaged),
-    ),
-    "letter_interval_ends": ("parameter_intervals(level)", lambda law: law.parameter_intervals),
-    "letter_units": ("parameters.units", lambda law: lambda: law.parameters.units),
-    "letter_values": (
-        "parameters.values and parameters.errors",
-        lambda law: lambda: (law.parameters.values, law.parameters.errors),
-    ),
-    "letters": ("parameters.names", lambda law: law.parameters.names),
-    "named_coefficients": ("parameters.definitions", lambda law: law.parameters.definitions),
-    "named_products": ("parameters.products", lambda law: law.parameters.products),
+    "index": ("objects.index(name)", _method("law:object_index")),
+    "interval_ends": ("conf_int(level)", _method("parameters:coefficient_intervals")),
+    "intervals": ("conf_int(level)", _method("tables:interval_frame")),
+    "latex_structure": ("to_latex()", _method("printing:latex_structure")),
+    "left_hand_sides": ("structure", _value("equations:left_hand_sides")),
+    "letter_interval_ends": ("conf_int(level)", lambda law: _parameters(law).intervals),
+    "letter_units": ("params", lambda law: lambda: _parameters(law).units),
+    "letter_values": ("params", lambda law: lambda: (_parameters(law).values, _parameters(law).errors)),
+    "letters": ("params", lambda law: _parameters(law).names),
+    "named_coefficients": ("params", lambda law: _parameters(law).definitions),
+    "named_products": ("structure", lambda law: _parameters(law).products),
+    "noise": ("uncertainty.noise", lambda law: law.uncertainty.noise),
     "other_laws": ("models[1:]", lambda law: law.uncertainty.other_laws),
     "outcomes": ("diagnostics", lambda law: law.diagnostics),
+    "parameter_intervals": ("conf_int(level)", lambda law: _parameters(law).intervals),
+    "parameters": ("params", _parameters),
     "partial_pooling": ("pool()", lambda law: law.pool),
+    "path": ("provenance.path()", lambda law: law.provenance.path),
     "plausible": ("models", lambda law: law.models),
+    "rates": ("terms.variables.states", _value("equations:rate_names")),
+    "score": (
+        "predict(trials).score()",
+        lambda law: lambda trials, start=None: law.predict(trials, start=start).score(),
+    ),
+    "shared": ("support", _value("law:shares_terms")),
+    "standard_errors": ("params", _value("parameters:standard_errors")),
+    "state_rates": ("terms.variables.states", _value("equations:state_rates")),
+    "states": ("schema.states", lambda law: law.schema.states),
+    "vector_field": ("rhs(name, values)", _method("equations:vector_field")),
     "verdict": ("assess(trials)", lambda law: law.assess),
     "with_discrepancy": ("provenance.with_discrepancy", lambda law: law.provenance.with_discrepancy),
+    "with_others": ("uncertainty", _method("law:with_other_laws")),
 }
 """What each name is replaced by, and the function that still gives it."""
 
@@ -76,15 +111,3 @@ class Structure(tuple[str, ...]):
 
 def _warn(name: str, instead: str, stacklevel: int) -> None:
     warnings.warn(f"{name} is deprecated; use {instead}", DeprecationWarning, stacklevel=stacklevel + 1)
-
-
-def _candidates(law: Any) -> "pd.DataFrame":
-    from commonlaw.law.tables import candidate_frame
-
-    return candidate_frame(law.provenance.alternatives)
-
-
-def _intervals(law: Any, level: float, averaged: bool) -> "pd.DataFrame":
-    from commonlaw.law.tables import interval_frame
-
-    return interval_frame(law, level, averaged)

@@ -31,11 +31,10 @@ from commonlaw.law.document import (
     as_now,
     compared_with_the_best,
 )
-from commonlaw.law.explanation import Explanation
-from commonlaw.law.law import Law
+from commonlaw.law.law import Law, with_other_laws
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Provenance
-from commonlaw.law.uncertainty import ObjectEstimates, PlausibleLaw, Uncertainty, Widening
+from commonlaw.law.uncertainty import Explanation, ObjectEstimates, PlausibleLaw, Uncertainty, Widening
 from commonlaw.library import Terms, Variables, parse_terms
 from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.reading import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
@@ -219,7 +218,7 @@ def decode_document(raw: dict[str, Any]) -> Law:
     law = _read_law(document)
     others = tuple(PlausibleLaw(each.probability, _read_other(each, law)) for each in document.other_laws)
     provenance = replace(law.provenance, with_discrepancy=None if wider is None else _read_law(wider))
-    return replace(law, provenance=provenance).with_others(others)
+    return with_other_laws(replace(law, provenance=provenance), others)
 
 
 def check_numbers(document: dict[str, Any]) -> None:
@@ -246,7 +245,7 @@ def _read_other(saved: OtherDocument, law: Law) -> Law:
     terms, objects = law.terms, law.objects
     if saved.terms is not None:
         terms = parse_terms(saved.terms, replace(terms.variables, constants=tuple(saved.constants)))
-    shape = (len(law.states), len(terms))
+    shape = (len(law.schema.states), len(terms))
     support = np.zeros(shape, dtype=np.bool_)
     if len(saved.support) != len(support) or not all(0 <= k < len(terms) for row in saved.support for k in row):
         raise CommonlawError("law-average-terms")

@@ -1,84 +1,23 @@
-"""The parameters of a law: what its names stand for, in the coefficients of terms."""
+"""The parameters and coefficients of a law as arrays: values, standard errors, covariance, intervals, units, draws."""
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from operator import mul
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Floats
+from commonlaw.hierarchy.dimensions import units_of_coefficients
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.law import Law
+from commonlaw.law.parse import Coefficient, Part, Product, read_equations
+from commonlaw.law.quantiles import mixture_interval
+from commonlaw.law.text import free_letters
+from commonlaw.law.uncertainty import PlausibleLaw
 
 if TYPE_CHECKING:
     import pint
-
-
-class Part(NamedTuple):
-    """A power of a coefficient of the law, divided by a number, as it stands in what a name means."""
-
-    equation: int
-    term: int
-    factor: float = 1.0
-    power: int = 1
-
-
-class Coefficient(NamedTuple):
-    """A coefficient by the name that a user knows it by, as a product of powers of coefficients of terms.
-
-    In ``x'' = -2 x/m`` it is -2 over that of x. In ``T' = -k (T - a)``, multiplied out ``-k T + k a``, a is the
-    coefficient of 1 over minus that of T. A constant inside of terms is the coefficient of its own, see
-    `Terms.constants`.
-    """
-
-    name: str
-    parts: tuple[Part, ...]
-
-    @property
-    def equation(self) -> int:
-        """The equation where it stands first."""
-        return self.parts[0].equation
-
-    @property
-    def term(self) -> int:
-        """The term that it stands before first."""
-        return self.parts[0].term
-
-    def value(self, wholes: Sequence[Floats]) -> Floats:
-        """Return what the name stands for, from the whole number before each of its terms; infinite over 0."""
-        found = np.ones_like(wholes[0])
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for part, whole in zip(self.parts, wholes, strict=True):
-                found = found * (whole / part.factor) ** np.float64(part.power)
-        return np.asarray(found)
-
-    def of(self, coefficients: Floats) -> Floats:
-        """Return what it stands for, from coefficients whose last axes are equations and terms."""
-        return self.value([coefficients[..., each.equation, each.term] for each in self.parts])
-
-    def gradient(self, coefficients: Floats) -> Floats:
-        """Return its derivatives by the coefficients of its parts, shape (objects, parts)."""
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            wholes = [coefficients[:, each.equation, each.term] for each in self.parts]
-            shares = [part.power / whole for part, whole in zip(self.parts, wholes, strict=True)]
-            return np.asarray(self.value(wholes)[:, np.newaxis] * np.stack(shares, axis=1))
-
-
-class Product(NamedTuple):
-    """What stands before a term: a number and coefficients with their powers of 1 or -1, by name."""
-
-    equation: int
-    term: int
-    factor: float
-    coefficients: tuple[tuple[str, int], ...]
-
-    def value(self, values: Mapping[str, Floats]) -> Floats:
-        """Return it, from values by name."""
-        found = np.asarray(self.factor, dtype=np.float64)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for name, power in self.coefficients:
-                found = found * np.asarray(values[name], dtype=np.float64) ** power
-        return np.asarray(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,49 +26,45 @@ class Parameters:
 
     Parameters
     ----------
+    law
+        The law.
     definitions
-        Each as a product of powers of coefficients of terms.
+        Each parameter as a product of powers of coefficients of terms.
     products
         What stands before each term, by name.
-    coefficients
-        Of terms, shape (objects, equations, terms).
-    support
-        Which of these are in the law, shape (equations, terms).
-    term_covariance
-        Of each object's coefficients in the support, shape (objects, coefficients, coefficients); None if unknown.
-    term_units
-        Returns the known units of coefficients, by equation and term.
     """
 
+    law: Law
     definitions: tuple[Coefficient, ...]
     products: tuple[Product, ...]
-    coefficients: Floats
-    support: Bools
-    term_covariance: Floats | None
-    term_units: "Callable[[], Mapping[tuple[int, int], pint.Unit]]"
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names, in the order of `Law.structure`."""
         return tuple(each.name for each in self.definitions)
 
+    @property
+    def places(self) -> tuple[list[int], list[int]]:
+        """The equation and the term in which each parameter stands first."""
+        return [each.equation for each in self.definitions], [each.term for each in self.definitions]
+
     @cached_property
     def values(self) -> Floats:
         """Estimates, shape (objects, parameters)."""
-        values = np.empty((len(self.coefficients), len(self.definitions)))
+        values = np.empty((len(self.law.objects), len(self.definitions)))
         for i, each in enumerate(self.definitions):
-            values[:, i] = each.of(self.coefficients)
+            values[:, i] = each.of(self.law.coefficients)
         values.flags.writeable = False
         return values
 
     @cached_property
     def errors(self) -> Floats:
         """Standard errors to first order, shape (objects, parameters); NaN where unknown."""
-        errors = np.full(self.values.shape, np.nan)
+        errors, covariance = np.full(self.values.shape, np.nan), self.law.uncertainty.covariance
         for i, each in enumerate(self.definitions):
             indices = self._indices(each)
-            if self.term_covariance is not None and indices:
-                slopes, inner = each.gradient(self.coefficients), self.term_covariance[:, indices][:, :, indices]
+            if covariance is not None and indices:
+                slopes, inner = each.gradient(self.law.coefficients), covariance[:, indices][:, :, indices]
                 with np.errstate(invalid="ignore"):
                     errors[:, i] = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", slopes, inner, slopes), 0.0))
         errors.flags.writeable = False
@@ -138,27 +73,123 @@ class Parameters:
     @property
     def covariance(self) -> Floats:
         """Covariance to first order, shape (objects, parameters, parameters); NaN where unknown."""
-        slopes = np.full((*self.values.shape, int(self.support.sum())), np.nan)
+        if self.law.uncertainty.covariance is None:
+            return np.full((*self.values.shape, self.values.shape[1]), np.nan)
+        slopes = np.full((*self.values.shape, int(self.law.support.sum())), np.nan)
         for i, each in enumerate(self.definitions):
             if indices := self._indices(each):
                 slopes[:, i] = 0.0
-                slopes[:, i, indices] = each.gradient(self.coefficients)
-        if self.term_covariance is None:
-            return np.full((*self.values.shape, self.values.shape[1]), np.nan)
-        return np.asarray(slopes @ self.term_covariance @ slopes.transpose(0, 2, 1))
+                slopes[:, i, indices] = each.gradient(self.law.coefficients)
+        return np.asarray(slopes @ self.law.uncertainty.covariance @ slopes.transpose(0, 2, 1))
 
     @cached_property
     def units(self) -> tuple[str | None, ...]:
         """Units, as far as those of the variables determine them."""
-        known, found = self.term_units(), list[str | None]()
+        known, units = _units(self.law), list[str | None]()
         for each in self.definitions:
-            units = [known.get((part.equation, part.term)) for part in each.parts]
-            powers = [unit**part.power for unit, part in zip(units, each.parts, strict=True) if unit is not None]
-            found.append(f"{reduce(mul, powers):~P}" if len(powers) == len(each.parts) else None)
-        return tuple(found)
+            parts = [known.get((part.equation, part.term)) for part in each.parts]
+            powers = [unit**part.power for unit, part in zip(parts, each.parts, strict=True) if unit is not None]
+            units.append(f"{reduce(mul, powers):~P}" if len(powers) == len(each.parts) else None)
+        return tuple(units)
+
+    def intervals(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
+        """Return the ends of intervals, each of shape (objects, parameters); NaN where unknown."""
+        j, k = self.places
+        if self.law.uncertainty.other_laws and averaged:
+            low, high = coefficient_intervals(self.law, level)
+            return low[:, j, k], high[:, j, k]
+        half = self.errors * self.law.uncertainty.reach(len(self.law.schema.states), level)[j]
+        return self.values - half, self.values + half
+
+    def draws(self, n: int, seed: int, averaged: bool) -> Floats:
+        """Return draws from the posterior of the parameters, shape (n, objects, parameters), see `Law.sample`."""
+        law = self.law
+        laws = law.models if averaged else law.models[:1]
+        chosen = np.zeros(n, dtype=np.intp)
+        if len(laws) > 1:
+            shares = np.cumsum([each.probability for each in laws])
+            chosen = np.searchsorted(shares, np.random.default_rng([seed, n]).uniform(0.0, shares[-1], n))
+        draws = np.zeros((n, *law.coefficients.shape))
+        for i in np.unique(chosen).tolist():
+            model, rows = laws[i].law, chosen == i
+            drawn = model.uncertainty.draws(model.coefficients[:, model.support], int(rows.sum()), seed)
+            placed = np.zeros((len(drawn), *model.coefficients.shape))
+            placed[..., model.support] = drawn
+            draws[rows] = _by_terms_of(law, model, placed)
+        return np.stack([each.of(draws) for each in self.definitions], axis=-1)
 
     def _indices(self, parameter: Coefficient) -> list[int]:
         """Return the indices of its coefficients among those in the support; none if one is not in it."""
-        indices = {(j, k): i for i, (j, k) in enumerate(np.argwhere(self.support).tolist())}
-        found = [indices.get((part.equation, part.term)) for part in parameter.parts]
-        return [each for each in found if each is not None] if None not in found else []
+        indices = {(j, k): i for i, (j, k) in enumerate(np.argwhere(self.law.support).tolist())}
+        positions = [indices.get((part.equation, part.term)) for part in parameter.parts]
+        return [each for each in positions if each is not None] if None not in positions else []
+
+
+def named_parameters(law: Law) -> Parameters:
+    """Return what the names in `Law.structure` stand for.
+
+    One for each coefficient that is no known number, or those of the equations that were given.
+    """
+    if law.provenance.equations:
+        given = read_equations(law.provenance.equations, law.schema, law.terms.variables)
+        return Parameters(law, given.coefficients, given.products)
+    known = np.all((standard_errors(law) == 0) & (law.coefficients == law.coefficients[:1]), axis=0)
+    places = np.argwhere(law.support & ~(known & law.terms.is_factor)).tolist()
+    letters = iter(free_letters(len(places), law.terms.variables.names))
+    named = [(law.terms.constant_name(k) or next(letters), j, k) for j, k in places]
+    definitions = tuple(Coefficient(name, (Part(j, k),)) for name, j, k in named)
+    return Parameters(law, definitions, tuple(Product(j, k, 1.0, ((name, 1),)) for name, j, k in named))
+
+
+def standard_errors(law: Law) -> Floats:
+    """Return the standard errors of the coefficients, shape (objects, equations, terms).
+
+    Zero for coefficients that are known, NaN for terms that are not in the law, and everywhere without covariance.
+    """
+    errors = np.full(law.coefficients.shape, np.nan)
+    if law.uncertainty.covariance is not None:
+        errors[:, law.support] = np.sqrt(np.diagonal(law.uncertainty.covariance, axis1=1, axis2=2))
+    return errors
+
+
+def coefficient_intervals(law: Law, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
+    """Return the ends of the coefficients' intervals, each of shape (objects, equations, terms); see `Law.conf_int`.
+
+    NaN for terms that an object does not have.
+
+    Raises
+    ------
+    CommonlawError
+        If the covariance is not known, or the level is not between 0 and 1.
+    """
+    law.uncertainty.known_covariance()
+    laws = law.models if averaged else (PlausibleLaw(1.0, law),)
+    weights = np.array([each.probability for each in laws]).reshape(-1, 1, 1, 1)
+    values = np.array([_by_terms_of(law, each.law, each.law.coefficients) for each in laws])
+    errors = np.nan_to_num([_by_terms_of(law, each.law, standard_errors(each.law)) for each in laws])
+    degrees = [each.law.uncertainty.degrees_of_freedom for each in laws]
+    whole = np.array([np.full(len(law.schema.states), np.inf) if each is None else each for each in degrees])
+    low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
+    absent = law.coefficients == 0
+    return np.where(absent, np.nan, low), np.where(absent, np.nan, high)
+
+
+def coefficient_units(law: Law) -> dict[tuple[str, str], str]:
+    """Return the unit of each coefficient by equation and term, where the units of the variables determine it."""
+    lefts, names = left_hand_sides(law), law.terms.names
+    return {(lefts[j], names[k]): f"{unit:~P}" for (j, k), unit in _units(law).items()}
+
+
+def _units(law: Law) -> "dict[tuple[int, int], pint.Unit]":
+    return units_of_coefficients(law.terms, law.support, law.schema, law.order)
+
+
+def _by_terms_of(law: Law, model: Law, values: Floats) -> Floats:
+    """Return values of the terms of a model, shape (..., equations, terms), for the terms of a law, by name."""
+    if model.terms is law.terms:
+        return values
+    placed = np.zeros((*values.shape[:-1], len(law.terms)))
+    for name, column in zip(model.terms.names, np.moveaxis(values, -1, 0), strict=True):
+        if name in law.terms.names:
+            placed[..., law.terms.names.index(name)] = column
+    return placed

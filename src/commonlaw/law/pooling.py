@@ -11,11 +11,13 @@ from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
 from commonlaw.hierarchy.dimensions import dimensions_of
-from commonlaw.law.explanation import Explanation, dependence
-from commonlaw.law.law import Law
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.law import Law, shares_terms, with_other_laws
+from commonlaw.law.parameters import coefficient_units
 from commonlaw.law.provenance import Step
+from commonlaw.law.relations import dependence
 from commonlaw.law.script import written
-from commonlaw.law.uncertainty import ObjectEstimates
+from commonlaw.law.uncertainty import Explanation, ObjectEstimates
 from commonlaw.outcomes import note
 from commonlaw.text import shown
 from commonlaw.trials.properties import Properties, given_properties
@@ -30,7 +32,7 @@ def pooled(law: Law, universal: Bools | None, others: bool) -> Law:
     Objects whose trials say nothing of any coefficient, such as blanks among cultures, keep their own.
     """
     other_laws = law.uncertainty.map_other_laws(lambda other: pooled(other, universal, others))
-    unchanged = law.with_others(other_laws) if other_laws else law
+    unchanged = with_other_laws(law, other_laws) if other_laws else law
     covariance, coefficients, support = law.uncertainty.known_covariance(), law.coefficients, law.support
     if law.uncertainty.shared_factor is not None:
         raise CommonlawError("already-pooled")
@@ -55,10 +57,11 @@ def pooled(law: Law, universal: Bools | None, others: bool) -> Law:
     shrinkage = np.zeros(support.shape)
     shrinkage[*indices] = found.shrinkage
     choices = []
+    lefts = left_hand_sides(law)
     for j, k in np.argwhere(support):
         share = shrinkage[j, k]
         how = "shared" if share > _ALIKE else "object-specific" if share < _OWN else "partly pooled"
-        choices.append(f"{law.terms.names[k]} in {law.left_hand_sides[j]}: {how} ({share:.2f})")
+        choices.append(f"{law.terms.names[k]} in {lefts[j]}: {how} ({share:.2f})")
     reason = "shrinkage of each object's coefficient to the mean, by the between-object variance"
     diagnostics = law.diagnostics
     if not told.all():
@@ -79,7 +82,7 @@ def pooled(law: Law, universal: Bools | None, others: bool) -> Law:
 
 def explained(law: Law, given: Any) -> Law:
     """Return a law whose coefficients follow from properties of the objects, see `Law.explain`."""
-    if not law.shared:
+    if not shares_terms(law):
         raise CommonlawError("explain-own-terms")
     properties, names = _offered(law, given)
     found = _by_properties(law, properties, names)
@@ -91,7 +94,7 @@ def explained(law: Law, given: Any) -> Law:
 
     call = f"law.explain({'' if given is None else written(given)})"
     provenance = replace(found.provenance, calls=(*found.provenance.calls, call))
-    return replace(found, provenance=provenance).with_others(law.uncertainty.map_other_laws(other))
+    return with_other_laws(replace(found, provenance=provenance), law.uncertainty.map_other_laws(other))
 
 
 def _offered(law: Law, given: Any) -> tuple[Properties, list[str]]:
@@ -130,8 +133,9 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
     if len(law.objects) < 2 or not free.any():
         raise CommonlawError("one-object-to-explain")
     rows = [[float(properties.values[name][each]) for each in names] for name in law.objects]
-    units, known = {**law.schema.units, **properties.units}, law.coefficient_units()
-    keys = [(law.left_hand_sides[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
+    units, known = {**law.schema.units, **properties.units}, coefficient_units(law)
+    lefts = left_hand_sides(law)
+    keys = [(lefts[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
     dimensions = dimensions_of(
         [known.get(key) for key, is_free in zip(keys, free, strict=True) if is_free],
         {name: units[name] for name in names if name in units},

@@ -1,10 +1,11 @@
 """How a law was found, and where it may be used."""
 
+import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product, zip_longest
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import natural
 from commonlaw.trials.trial import property_names, value_range
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _BEYOND = 0.1
 """Share of a range that values may lie beyond it before it counts as left."""
@@ -64,6 +68,13 @@ class Domain:
             if isinstance(values[0], float):
                 columns[name] = np.array(values)
         return cls({name: value_range(each) for name, each in columns.items()})
+
+    def to_frame(self, units: Mapping[str, str]) -> "pd.DataFrame":
+        """Return a table of the visited ranges, with the units of their variables."""
+        import pandas as pd
+
+        rows = [(name, *ends, units.get(name, "")) for name, ends in self.visited.items()]
+        return pd.DataFrame(rows, columns=["variable", "low", "high", "unit"])
 
     def horizon_sentence(self, unit: str) -> str:
         """Return how far ahead forecasts are good, in words, given the unit of time."""
@@ -236,6 +247,38 @@ class Provenance:
     def __post_init__(self) -> None:
         object.__setattr__(self, "history", History(self.history))
 
+    def path(self) -> "pd.DataFrame":
+        """Return the equations that all values of the solver's hyperparameter give, in segments from the smallest.
+
+        Each row holds from its threshold, penalty or number of terms to the next row's, with its measures; a candidate
+        may come more than once.
+
+        Raises
+        ------
+        CommonlawError
+            If the law was not chosen from the path of one solver.
+        """
+        import pandas as pd
+
+        rows = [
+            {
+                "equation": equation,
+                "from": begin,
+                "to": end,
+                "terms": ", ".join(candidate.terms),
+                "size": len(candidate.terms),
+                **candidate.measures,
+                "chosen": candidate.chosen,
+            }
+            for equation in dict.fromkeys(each.equation for each in self.alternatives)
+            for begin, end, candidate in path_segments(
+                [each for each in self.alternatives if each.equation == equation]
+            )
+        ]
+        if not rows:
+            raise CommonlawError("path-unknown")
+        return pd.DataFrame(rows)
+
     @property
     def is_learned(self) -> bool:
         """Whether anything is on record of how the law was learned from trials: it may have been given as it is."""
@@ -244,3 +287,12 @@ class Provenance:
     def judged(self, horizon: float, longest: float) -> "Provenance":
         """Return the same for a law that was judged: it knows how far ahead its forecasts are good, of the longest."""
         return replace(self, domain=replace(self.domain, horizon=horizon, judged=longest))
+
+
+def path_segments(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, float, Alternative]]:
+    """Yield where each segment of a solver's path begins and ends (the last has no end), and its candidate."""
+    begins = sorted((value, i) for i, each in enumerate(alternatives) for value in each.hyperparameters)
+    turns = [pair for k, pair in enumerate(begins) if k == 0 or begins[k - 1][1] != pair[1]]
+    ends = [*(begin for begin, _ in turns[1:]), math.inf]
+    for (begin, i), end in zip(turns, ends, strict=False):
+        yield begin, end, alternatives[i]

@@ -235,11 +235,12 @@ def written(value: Any) -> str:
     return f"float({str(value)!r})" if isinstance(value, float) and not np.isfinite(value) else repr(value)
 
 
-def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, source: Source) -> str:
+def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, table: str | Source) -> str:
     """Return a program that reads trials and makes a law by these calls, see `Law.to_script`.
 
     Without calls, or where they cannot be used, it fits the equations.
     """
+    source = table if isinstance(table, Source) else Source(table)
     roles: dict[str, Any] = {
         "object": schema.object if source.stream or schema.object != "object" else None,
         "trial": schema.trial if source.stream or schema.trial != "trial" else None,

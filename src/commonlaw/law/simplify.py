@@ -11,7 +11,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.law import Law
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.law import Law, shares_terms
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.simplification import Replacement, Simplification, p_value
 from commonlaw.law.text import rounded
@@ -43,14 +45,14 @@ def symbol(name: str) -> "sympy.Symbol":
 def right_hand_sides(law: Law) -> "list[sympy.Expr]":
     """Return what the equations give, with symbols for letters."""
     sympy, columns = symbolic(), [symbol(name) for name in law.terms.variables.names]
-    products = {(each.equation, each.term): each for each in law.parameters.products}
+    products = {(each.equation, each.term): each for each in named_parameters(law).products}
     found = []
     for j, k in np.argwhere(law.support & law.terms.is_factor).tolist():
         product = products.get((j, k))
         factors = [symbol(name) ** power for name, power in product.coefficients] if product else []
         number = product.factor if product else float(law.coefficients[0, j, k])
         found.append((j, sympy.Mul(_exact(number), *factors, law.terms.terms[k].sympy(columns))))
-    return [sympy.Add(*(each for i, each in found if i == j)) for j in range(len(law.states))]
+    return [sympy.Add(*(each for i, each in found if i == j)) for j in range(len(law.schema.states))]
 
 
 def shortest(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> tuple[str, ...]:
@@ -58,7 +60,7 @@ def shortest(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> tuple[str, .
     sympy = symbolic()
     forms = (sympy.factor, sympy.factor_terms, sympy.together, sympy.collect_const, sympy.simplify)
     plain, short = list[str](), list[str]()
-    for left, right in zip(law.left_hand_sides, right_hand_sides, strict=True):
+    for left, right in zip(left_hand_sides(law), right_hand_sides, strict=True):
         found = [
             (each.count_ops(), f"{left} = {written(each, order)}")
             for each in (form(right) for form in (sympy.expand, *forms))
@@ -153,7 +155,7 @@ class _Part(NamedTuple):
 
     def along(self, law: Law, values: Floats) -> tuple[Floats, Floats]:
         """Return the value of each object, shape (objects,), and its derivatives, shape (objects, letters)."""
-        sympy, symbols = symbolic(), [symbol(name) for name in law.parameters.names]
+        sympy, symbols = symbolic(), [symbol(name) for name in named_parameters(law).names]
         function = sympy.lambdify(symbols, [self.value, *(self.value.diff(each) for each in symbols)])
         found = np.array([function(*own) for own in values], dtype=np.float64)
         return found[:, 0], found[:, 1:]
@@ -175,7 +177,7 @@ class _Part(NamedTuple):
 
     def replacement(self, law: Law, values: Floats, covariances: Floats) -> Replacement:
         """Return what to say of it: means over objects."""
-        i, count = law.parameters.names.index(self.letter), len(values)
+        i, count = named_parameters(law).names.index(self.letter), len(values)
         error = float(np.sqrt(covariances[:, i, i].sum())) / count
         off = float(np.sqrt(self.chi_square(law, values, covariances) / count))
         return Replacement(self.letter, float(values[:, i].mean()), error, written(self.instead), off)
@@ -185,7 +187,7 @@ def _parts(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> Iterator[_Part
     """Yield the parts of numerators that are sums, with each letter before a term that they are linear in."""
     sympy, constants = symbolic(), law.terms.variables.constants
     measured = [symbol(name) for name in law.terms.variables.measured]
-    factors = [symbol(name) for name in law.parameters.names if name not in constants]
+    factors = [symbol(name) for name in named_parameters(law).names if name not in constants]
     for j, right in enumerate(right_hand_sides):
         above, below = sympy.fraction(sympy.together(right))
         if not below.has(*map(symbol, constants)):
@@ -202,26 +204,27 @@ def _parts(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> Iterator[_Part
 
 
 def _name(law: Law, wanted: "sympy.Symbol") -> str:
-    return next(each for each in law.parameters.names if symbol(each) == wanted)
+    return next(each for each in named_parameters(law).names if symbol(each) == wanted)
 
 
 def _without(law: Law, part: _Part, equations: Sequence[str], values: Floats, covariances: Floats) -> Law:
     """Return the law of equations that lack a letter, with what is known of the others."""
     schema = law.schema
+    parameters = named_parameters(law)
     known = {
-        name: dict(zip(law.objects, own, strict=True)) for name, own in zip(law.parameters.names, values.T, strict=True)
+        name: dict(zip(law.objects, own, strict=True)) for name, own in zip(parameters.names, values.T, strict=True)
     }
     del known[part.letter]
     found = Law.from_text(equations, known, inputs=schema.inputs, time=schema.time, units=schema.units)
     indices = {index: i for i, index in enumerate(zip(*np.nonzero(found.support), strict=True))}
-    slopes = np.zeros((len(law.objects), len(indices), len(law.parameters.names)))
-    own = {name: values[:, i] for i, name in enumerate(law.parameters.names)}
-    for product in found.parameters.products:
+    slopes = np.zeros((len(law.objects), len(indices), len(parameters.names)))
+    own = {name: values[:, i] for i, name in enumerate(parameters.names)}
+    for product in named_parameters(found).products:
         for name, power in product.coefficients:
             slope = product.value(own) * power / own[name]
-            slopes[:, indices[product.equation, product.term], law.parameters.names.index(name)] = slope
+            slopes[:, indices[product.equation, product.term], parameters.names.index(name)] = slope
     covariance = slopes @ covariances @ slopes.transpose(0, 2, 1)
-    return replace(found, uncertainty=Uncertainty(covariance=covariance, noise=law.noise))
+    return replace(found, uncertainty=Uncertainty(covariance=covariance, noise=law.uncertainty.noise))
 
 
 _LARGEST_DENOMINATOR = 12
@@ -237,7 +240,7 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
     """Return the simplest form of a law, see `Law.simplify`."""
     if not tolerance > 0:
         raise CommonlawError("simplify-tolerance", tolerance=tolerance)
-    if not law.shared:
+    if not shares_terms(law):
         raise CommonlawError("simplify-own-terms")
     start = _Estimates.of(law)
     if shorter := without_vanishing_part(law, start.values[:-1], start.covariances[:-1], tolerance):
@@ -245,14 +248,15 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
     constraints, found = _constrained(law, start, tolerance)
     chi_square, degrees = start.chi_square(constraints)
     gone = {each.letter for each in constraints}
-    left = [i for i, name in enumerate(law.parameters.names) if name not in gone]
+    parameters = named_parameters(law)
+    left = [i for i, name in enumerate(parameters.names) if name not in gone]
     return Simplification(
         equations=_shortest(law, constraints),
-        replaced=tuple(each.replacement(law.parameters.names, start) for each in constraints),
+        replaced=tuple(each.replacement(parameters.names, start) for each in constraints),
         chi_square=chi_square,
         degrees_of_freedom=degrees,
         objects=law.objects,
-        letters=tuple(law.parameters.names[i] for i in left),
+        letters=tuple(parameters.names[i] for i in left),
         values=found.values[:-1, left],
         errors=np.sqrt(np.maximum(np.diagonal(found.covariances, axis1=1, axis2=2), 0.0))[:-1, left],
     )
@@ -266,7 +270,7 @@ def within_errors(law: Law) -> tuple[str, ...]:
     """
     known = law.uncertainty
     by_own_trials = known.shared_factor is None or known.unpooled is not None
-    if not (law.shared and by_own_trials and known.explanation is None):
+    if not (shares_terms(law) and by_own_trials and known.explanation is None):
         return ()
     if known.covariance is None or not np.isfinite(known.covariance).all():
         return ()
@@ -274,12 +278,13 @@ def within_errors(law: Law) -> tuple[str, ...]:
     if not constraints:
         return ()
     errors = np.sqrt(np.maximum(np.diagonal(found.covariances[-1]), 0.0))
-    written = {name: (False, name) for name in law.parameters.names}
+    parameters = named_parameters(law)
+    written = {name: (False, name) for name in parameters.names}
     if len(law.objects) == 1:
-        values = zip(law.parameters.names, found.values[0].tolist(), errors.tolist(), strict=True)
+        values = zip(parameters.names, found.values[0].tolist(), errors.tolist(), strict=True)
         written = {name: (value < 0, rounded(abs(value), error)) for name, value, error in values}
     for each in constraints:
-        negative, text = (False, "1") if each.other is None else written[law.parameters.names[each.other]]
+        negative, text = (False, "1") if each.other is None else written[parameters.names[each.other]]
         written[each.letter] = (negative != (each.number < 0), text)
     write = {name: (lambda _, own=own: own) for name, own in written.items()}
     return tuple(_without_ones(each.with_numbers(write)) for each in split_equations(law.structure))
@@ -392,9 +397,10 @@ class _Estimates:
         coefficients[:-1, law.support], coefficients[-1] = own.coefficients, mean.coefficients[0]
         covariances = np.concatenate([own.covariance, mean.uncertainty.known_covariance()])
         indices = {(j, k): i for i, (j, k) in enumerate(np.argwhere(law.support).tolist())}
-        slopes = np.zeros((len(coefficients), len(law.parameters.names), len(indices)))
+        parameters = named_parameters(law)
+        slopes = np.zeros((len(coefficients), len(parameters.names), len(indices)))
         values = np.zeros(slopes.shape[:2])
-        for i, each in enumerate(law.parameters.definitions):
+        for i, each in enumerate(parameters.definitions):
             values[:, i] = each.of(coefficients)
             slopes[:, i, [indices[part.equation, part.term] for part in each.parts]] = each.gradient(coefficients)
         return cls(values, slopes @ covariances @ slopes.transpose(0, 2, 1))
@@ -438,22 +444,23 @@ class _Estimates:
 
 def _candidates(law: Law, found: _Estimates, constraints: Sequence[_Constraint]) -> Iterator[_Constraint]:
     """Yield what each letter that is left could be replaced by."""
-    gone, units = {each.index for each in constraints}, law.parameters.units
-    for i, letter in enumerate(law.parameters.names):
+    parameters = named_parameters(law)
+    gone, units = {each.index for each in constraints}, parameters.units
+    for i, letter in enumerate(parameters.names):
         if i in gone:
             continue
         if all(power > 0 for power in _powers(law, letter)):
             yield _Constraint(letter, i, Fraction(0), None, 0.0)
         if units[i] in (None, ""):
             yield from _ratios(letter, i, float(found.values[-1, i]))
-        for k in range(len(law.parameters.names)):
+        for k in range(len(parameters.names)):
             if k != i and k not in gone and units[k] == units[i]:
                 yield from (_Constraint(letter, i, Fraction(sign), k, 1 + np.log2(len(units))) for sign in (1, -1))
 
 
 def _powers(law: Law, letter: str) -> list[int]:
     """Return the powers with which a letter stands before terms; none for a constant inside of them."""
-    found = [power for each in law.parameters.products for name, power in each.coefficients if name == letter]
+    found = [power for each in named_parameters(law).products for name, power in each.coefficients if name == letter]
     return [0] if letter in law.terms.variables.constants else found
 
 
@@ -471,6 +478,7 @@ def _ratios(letter: str, index: int, value: float) -> Iterator[_Constraint]:
 def _shortest(law: Law, constraints: Sequence[_Constraint]) -> tuple[str, ...]:
     """Return each equation in its shortest form, with what takes the place of letters that are replaced."""
     sums = right_hand_sides(law)
+    parameters = named_parameters(law)
     for each in constraints:
-        sums = [own.subs(symbol(each.letter), each.expression(law.parameters.names)) for own in sums]
+        sums = [own.subs(symbol(each.letter), each.expression(parameters.names)) for own in sums]
     return shortest(law, sums)

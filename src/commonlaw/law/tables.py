@@ -1,7 +1,6 @@
-"""What a law says as tables, and how numbers of very many objects are spread."""
+"""Tables of a law, and letter values of the coefficients of very many objects."""
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,9 +8,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.law import Law, object_index, only_object
+from commonlaw.law.parameters import coefficient_intervals, coefficient_units, named_parameters, standard_errors
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.text import Written, probability_text, rounded
+from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.text import counted
 
 _MORE_TERMS = 2
@@ -19,8 +21,8 @@ _MORE_TERMS = 2
 _WITH_ERRORS = ("coefficient", "estimate", "factor", "standard error", "low", "high")
 """Columns, or how they begin, whose digits mean something as far as the column of standard errors says."""
 
-MOST_DRAWS = 10_000_000
-"""Draws of coefficients; more say nothing that these do not."""
+_MAX_DRAWS = 10_000_000
+"""Draws of parameters, whose statistics more draws do not change."""
 
 LOG_SCORE = "log score difference"
 """How far forecasts of held-out data are less probable than those of the chosen law, in logarithms: 0 is best."""
@@ -57,13 +59,88 @@ def readable(frame: pd.DataFrame) -> pd.DataFrame:
     return shown
 
 
-def interval_frame(law: Any, level: float = 0.95, averaged: bool = True) -> pd.DataFrame:
+def parameter_frame(law: Law, level: float | None = None, averaged: bool = True) -> pd.DataFrame:
+    """Return `Law.params` with intervals of a level, see `Law.conf_int`; without any if there is no level."""
+    lefts = left_hand_sides(law)
+    parameters = named_parameters(law)
+    if law.provenance.equations:
+        values, errors, names = parameters.values, parameters.errors, np.array(parameters.names)
+        rows, p = np.indices(values.shape).reshape(2, -1)
+        indices: tuple[Any, ...] = (rows, p)
+        j, k = (np.array(each, dtype=np.intp)[p] for each in parameters.places)
+        labels, units = names[p].tolist(), [parameters.units[each] or "" for each in p.tolist()]
+        ends = None if level is None else parameters.intervals(level, averaged)
+    else:
+        values, errors = law.coefficients, standard_errors(law)
+        indices = rows, j, k = np.nonzero(values)
+        by_place = {(each.equation, each.term): each.name for each in parameters.definitions}
+        known, places = coefficient_units(law), list(zip(j.tolist(), k.tolist(), strict=True))
+        labels = [by_place.get(place, "") for place in places]
+        units = [known.get((lefts[a], law.terms.names[b]), "") for a, b in places]
+        ends = None if level is None else coefficient_intervals(law, level, averaged)
+    columns: dict[str, Any] = {
+        "object": [law.objects[each] for each in rows.tolist()],
+        "equation": [lefts[each] for each in j.tolist()],
+        "term": [law.terms.names[each] for each in k.tolist()],
+        "parameter": labels,
+        "estimate": values[indices],
+        "standard error": errors[indices],
+        "low": np.nan if ends is None else ends[0][indices],
+        "high": np.nan if ends is None else ends[1][indices],
+        "unit": units,
+    }
+    inclusion = law.uncertainty.inclusion_probabilities
+    if inclusion is not None and not law.provenance.equations:
+        columns["inclusion probability"] = inclusion[j, k]
+    return pd.DataFrame(columns)
+
+
+def covariance_frame(law: Law, name: str | None) -> pd.DataFrame:
+    """Return the covariance of one object's parameters, see `Law.cov_params`."""
+    law.uncertainty.known_covariance()
+    parameters = named_parameters(law)
+    names = pd.Index(parameters.names, name="parameter")
+    matrix = parameters.covariance[object_index(law, only_object(law, name))]
+    return pd.DataFrame(matrix, index=names, columns=names)
+
+
+def sample_frame(law: Law, n: int, seed: int, averaged: bool) -> pd.DataFrame:
+    """Return draws of the parameters, see `Law.sample`."""
+    check_whole_number("n", n, 1, _MAX_DRAWS)
+    parameters = named_parameters(law)
+    values = parameters.draws(n, seed, averaged)
+    index = pd.MultiIndex.from_product([range(n), law.objects], names=["draw", "object"])
+    return pd.DataFrame(values.reshape(n * len(law.objects), -1), index=index, columns=list(parameters.names))
+
+
+def wide_frame(law: Law, with_errors: bool) -> pd.DataFrame:
+    """Return a row for each object and a column for each coefficient, see `Law.to_frame`."""
+    if with_errors:
+        law.uncertainty.known_covariance()
+    if law.provenance.equations:
+        parameters = named_parameters(law)
+        keys = [("", name) for name in parameters.names]
+        values, errors = parameters.values, parameters.errors
+    else:
+        lefts = left_hand_sides(law)
+        keys = [(lefts[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
+        values, errors = law.coefficients[:, law.support], standard_errors(law)[:, law.support]
+    if with_errors:
+        keys = [key for equation, name in keys for key in ((equation, name), (equation, f"{name} ±"))]
+        values = np.stack([values, errors], axis=2).reshape(len(values), -1)
+    columns: pd.Index[Any] = pd.MultiIndex.from_tuples(keys, names=["equation", "term"])
+    if law.provenance.equations or len(law.schema.states) == 1:
+        kind = None if law.provenance.equations else "term"
+        columns = pd.Index([name for _, name in keys], dtype=object, name=kind)
+    return pd.DataFrame(values, index=pd.Index(law.objects, name="object"), columns=columns)
+
+
+def interval_frame(law: Law, level: float = 0.95, averaged: bool = True) -> pd.DataFrame:
     """Return `Law.conf_int` by the names of columns that are kept stable where tables are saved.
 
-    Without averages, where there is something to average over, the ends follow as "low given these terms" and "high
-    given these terms".
+    Where intervals are averaged over models, the ends given these terms follow.
     """
-    found: pd.DataFrame = law.conf_int(level, averaged)
+    found = law.conf_int(level, averaged)
     by_name, ends = bool(law.provenance.equations), ["low", "high"]
     if averaged and law.uncertainty.other_laws and not by_name:
         alone = law.conf_int(level, averaged=False)
@@ -77,7 +154,7 @@ def interval_frame(law: Any, level: float = 0.95, averaged: bool = True) -> pd.D
     return found if found["unit"].any() else found.drop(columns="unit")
 
 
-def coefficient_rows(law: Any) -> pd.DataFrame:
+def coefficient_rows(law: Law) -> pd.DataFrame:
     """Return `Law.params` as a table for other programs; what is not known is empty.
 
     Columns are object, equation, term (or of a law of given equations parameter), value, standard error, low, high and
@@ -142,33 +219,12 @@ def readable_candidates(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     return frame.loc[few, ["", "equation", "terms", *measures]]
 
 
-def path_frame(equations: Sequence[str], alternatives: Sequence[Alternative]) -> pd.DataFrame:
-    """Return the equations along the path of a solver, see `Law.path`."""
-    rows = [
-        {
-            "equation": equation,
-            "from": begin,
-            "to": end,
-            "terms": ", ".join(each.terms),
-            "size": len(each.terms),
-            **each.measures,
-            "chosen": each.chosen,
-        }
-        for equation in equations
-        for begin, end, each in path_segments([each for each in alternatives if each.equation == equation])
-    ]
-    if not rows:
-        raise CommonlawError("path-unknown")
-    return pd.DataFrame(rows)
-
-
-def path_segments(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, float, Alternative]]:
-    """Yield where each segment of a solver's path begins and ends (the last has no end), and its candidate."""
-    begins = sorted((value, i) for i, each in enumerate(alternatives) for value in each.hyperparameters)
-    turns = [pair for k, pair in enumerate(begins) if k == 0 or begins[k - 1][1] != pair[1]]
-    ends = [*(begin for begin, _ in turns[1:]), math.inf]
-    for (begin, i), end in zip(turns, ends, strict=False):
-        yield begin, end, alternatives[i]
+def summary(law: Law) -> str:
+    """Return the law as it prints, with its tables, see `Law.summary`."""
+    tables = [readable(law.params).dropna(axis=1, how="all")]
+    if law.provenance.alternatives:
+        tables.append(readable_candidates(law.provenance.alternatives))
+    return "\n\n".join([str(law), *(each.to_string(index=False, na_rep="") for each in tables)])
 
 
 _DEPTHS = {"fourth": 4, "eighth": 8, "sixteenth": 16}

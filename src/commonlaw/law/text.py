@@ -12,7 +12,6 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.library import Order, order_of_each
 from commonlaw.library.notation import latex_name
 from commonlaw.library.terms import Fraction
-from commonlaw.outcomes import Outcome
 from commonlaw.text import counted, in_line
 
 _DIGITS = 2
@@ -269,25 +268,6 @@ def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients:
         for name, row in rows
     ]
     return [*lines, *([f"and {counted(left_out, 'more object')}"] if left_out > 0 else [])]
-
-
-def printed(
-    body: Sequence[str],
-    rates: Iterable[tuple[str, str]],
-    values: Iterable[tuple[str, float, float]],
-    simpler: Sequence[str],
-    outcomes: Sequence[Outcome],
-) -> str:
-    """Return a law as `print` shows it: its equations, what names stand for, and what a user should know.
-
-    Names are those of rates, with their states, and of coefficients with their values and standard errors. Equations
-    that are simpler within errors follow, if there are any.
-    """
-    known = [f"{name} = {with_error(value, np.nan_to_num(error))}" for name, value, error in values]
-    meaning = ", ".join([*(f"{rate} = {state}'" for state, rate in rates), *known])
-    lines = [*body, *(["", f"with {meaning}"] if meaning else []), *said_within_errors(simpler)]
-    lines += [f"Note: {each}" for each in outcomes]
-    return "\n".join(map(in_line, lines))
 
 
 def said_within_errors(simpler: Sequence[str]) -> list[str]:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.explanation import Explanation, is_whole
+from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.quantiles import two_sided
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 
@@ -126,6 +126,28 @@ class ObjectEstimates:
         """Return the same as read-only arrays, for a law of these objects with so many parameters."""
         values = checked(self.coefficients, "array of estimates", "objects, parameters", (len(objects), size))
         return ObjectEstimates(values, checked_covariance(self.covariance, objects, size))
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The relations of a law's coefficients to its objects, see `Law.explain`; ``print(law)`` shows them.
+
+    Parameters
+    ----------
+    relations
+        One for each of the law's parameters, in the order of ``numpy.argwhere(law.support)``; None for coefficients
+        that are known.
+    covariance
+        Of the factors of all relations together, in their order, shape (factors, factors).
+    """
+
+    relations: tuple[Relation | None, ...]
+    covariance: Floats
+
+    @property
+    def properties(self) -> tuple[str, ...]:
+        """Names of the properties that coefficients follow."""
+        return tuple(dict.fromkeys(name for each in self.relations if each for name in each.properties))
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,10 +363,22 @@ def _checked_explanation(explanation: Explanation, size: int) -> Explanation:
     relations = explanation.relations
     if len(relations) != size:
         raise CommonlawError("relations-count", given=len(relations), expected=size)
-    wrong = next((each for each in relations if each and not is_whole(each)), None)
+    wrong = next((each for each in relations if each and not _is_whole(each)), None)
     if wrong is not None:
         raise CommonlawError("relation-damaged", kind=wrong.kind)
     count = sum(len(each.factors) for each in relations if each)
     return Explanation(
         relations, checked(explanation.covariance, "covariance of factors", "factors, the same", (count, count))
     )
+
+
+def _is_whole(relation: Relation) -> bool:
+    """Return whether the numbers of a relation are as many as its kind has, and can be."""
+    follows = len(relation.properties)
+    powers = follows if relation.kind is RelationKind.POWER_LAW else 0
+    factors = 1 + follows if relation.kind is RelationKind.AFFINE else 1
+    alone = relation.kind in (RelationKind.UNIVERSAL, RelationKind.OWN) and follows
+    counts = len(relation.factors), len(relation.errors), len(relation.exponents)
+    numbers = (relation.scatter, relation.scatter_error, *relation.errors)
+    zero = bool(powers) and 0.0 in (*relation.factors, relation.typical)
+    return not alone and counts == (factors, factors, powers) and min(numbers) >= 0 and not zero

@@ -20,9 +20,12 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import unknown
 from commonlaw.law import Law
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.law import object_index
+from commonlaw.law.parameters import coefficient_intervals, coefficient_units, named_parameters, standard_errors
 from commonlaw.law.text import with_error
 from commonlaw.library.notation import latex_name
-from commonlaw.plots.equations import left_hand_sides, letter_of, term_labels
+from commonlaw.plots.equations import equation_labels, letter_of, term_labels
 from commonlaw.plots.style import (
     ABSENT,
     COLORS,
@@ -83,15 +86,17 @@ class DotPlot:
         """All coefficients that are in the law or in the truth, equation by equation."""
         if self._by_letter:
             return self._letters
-        law, labels, units = self.law, term_labels(self.law.terms), self.law.coefficient_units()
-        low, high = (law.coefficients,) * 2 if law.uncertainty.covariance is None else law.coefficient_intervals()
+        law, labels, units = self.law, term_labels(self.law.terms), coefficient_units(self.law)
+        low, high = (law.coefficients,) * 2 if law.uncertainty.covariance is None else coefficient_intervals(law)
         found = []
+        lefts = left_hand_sides(law)
+        standard = standard_errors(law)
         for j, k in np.ndindex(law.support.shape):
             name, learned = law.terms.names[k], absent_as_nan(law.coefficients[:, j, k])
             true = learned * np.nan if self.truth is None else true_values(law, self.truth, j, name)
             if np.any(np.isfinite([learned, true])):
-                unit = unit_text(units.get((law.left_hand_sides[j], name), ""))
-                errors = np.nan_to_num(law.standard_errors[:, j, k])
+                unit = unit_text(units.get((lefts[j], name), ""))
+                errors = np.nan_to_num(standard[:, j, k])
                 # The equations of an explained law have letters of their own
                 letter = letter_of(law, j, k) if law.uncertainty.explanation is None else ""
                 ends = low[:, j, k], high[:, j, k]
@@ -107,13 +112,14 @@ class DotPlot:
     def _letters(self) -> list[Coefficient]:
         """The letters of given equations."""
         law, found = self.law, list[Coefficient]()
-        (values, errors), (low, high) = (law.parameters.values, law.parameters.errors), law.parameter_intervals()
-        for i, each in enumerate(law.parameters.definitions):
+        parameters = named_parameters(law)
+        values, errors, (low, high) = parameters.values, parameters.errors, parameters.intervals()
+        for i, each in enumerate(parameters.definitions):
             parts = [(part.equation, law.terms.names[part.term]) for part in each.parts]
             true = values[:, i] * np.nan
             if self.truth is not None:
                 true = each.value([true_values(law, self.truth, *part) for part in parts])
-            label, unit = math(latex_name(each.name), each.name), unit_text(law.parameters.units[i] or "")
+            label, unit = math(latex_name(each.name), each.name), unit_text(parameters.units[i] or "")
             ends = (values[:, i],) * 2 if law.uncertainty.covariance is None else (low[:, i], high[:, i])
             own = values[:, i], true, np.nan_to_num(errors[:, i]), *ends
             found.append(Coefficient(each.equation, each.name, label, label, unit, *own))
@@ -132,7 +138,7 @@ class DotPlot:
     @property
     def lines(self) -> int:
         """Number of lines of panels."""
-        return -(-len(self.coefficients) // self.columns) if self.several else len(self.law.states)
+        return -(-len(self.coefficients) // self.columns) if self.several else len(self.law.schema.states)
 
     @property
     def width(self) -> float:
@@ -161,7 +167,7 @@ class DotPlot:
         """Return what stands above the panel of a coefficient: its term, and its equation if there are several."""
         if self._by_letter:
             return each.term
-        lefts = left_hand_sides(self.law)
+        lefts = equation_labels(self.law)
         where = f"{lefts[each.equation]}: " if len(lefts) > 1 else ""
         return where + ("constant term" if each.term == "$1$" else f"{each.term} term")
 
@@ -187,7 +193,7 @@ class DotPlot:
         groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]
         ratios = [1 + len(group) for group in groups]
         panels = index.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
-        for panel, group, left in zip(panels, groups, left_hand_sides(self.law), strict=True):
+        for panel, group, left in zip(panels, groups, equation_labels(self.law), strict=True):
             heights = np.arange(len(group))
             panel.plot([each.learned[0] for each in group], heights, **_DOT)
             panel.plot([each.true[0] for each in group], heights, **_OPEN)
@@ -270,7 +276,7 @@ class IntervalPanels:
     def captions(self) -> list[str]:
         """What each panel shows."""
         before = "" if self.law.provenance.equations and self.law.uncertainty.explanation is None else "before "
-        lefts = self.law.left_hand_sides
+        lefts = left_hand_sides(self.law)
         return [f"{before}{each.name} in {lefts[each.equation]}" for each in self._dots.coefficients]
 
     @styled()
@@ -380,14 +386,14 @@ class HeatMaps:
     @property
     def height(self) -> float:
         """Height in inches."""
-        return 1 + len(self.law.states) * (0.7 + 0.34 * len(self.names))
+        return 1 + len(self.law.schema.states) * (0.7 + 0.34 * len(self.names))
 
     def draw(self, figure: Figure, index: SubplotSpec) -> None:
         """Draw into a part of a figure."""
-        panels = index.subgridspec(len(self.law.states), 1).subplots(squeeze=False)[:, 0]
+        panels = index.subgridspec(len(self.law.schema.states), 1).subplots(squeeze=False)[:, 0]
         norm = scale(self.law.coefficients)
         labels = [label for label, shown in zip(term_labels(self.law.terms), self.shown, strict=True) if shown]
-        for j, (panel, left) in enumerate(zip(panels, left_hand_sides(self.law), strict=True)):
+        for j, (panel, left) in enumerate(zip(panels, equation_labels(self.law), strict=True)):
             values = self.law.coefficients[:, j, self.shown]
             mesh = heat_map(panel, values, norm)
             panel.set_title(f"terms of {left}" + ("" if values.any() else ": none is there"), loc="left")
@@ -425,7 +431,8 @@ def true_values(law: Law, truth: Law, equation: int, term: str) -> Floats:
         return np.full(len(law.objects), np.nan)
     index = truth.terms.index(term)
     values = [
-        truth.coefficients[truth.index(name)][equation, index] if name in truth.objects else 0.0 for name in law.objects
+        truth.coefficients[object_index(truth, name)][equation, index] if name in truth.objects else 0.0
+        for name in law.objects
     ]
     return absent_as_nan(np.array(values))
 

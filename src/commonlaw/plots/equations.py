@@ -3,6 +3,9 @@
 import numpy as np
 
 from commonlaw.law import Law
+from commonlaw.law.equations import left_hand_sides, state_rates
+from commonlaw.law.parameters import named_parameters
+from commonlaw.law.printing import latex_structure
 from commonlaw.law.text import latex_left_hand_sides
 from commonlaw.library import Terms
 from commonlaw.library.notation import latex_name
@@ -20,11 +23,11 @@ def term_labels(terms: Terms) -> list[str]:
     return [math(term.latex(names), text) for term, text in zip(terms.terms, terms.names, strict=True)]
 
 
-def left_hand_sides(law: Law) -> list[str]:
+def equation_labels(law: Law) -> list[str]:
     """Return the left-hand side of every equation as a label."""
     return [
         math(latex, text)
-        for latex, text in zip(latex_left_hand_sides(law.states, law.order), law.left_hand_sides, strict=True)
+        for latex, text in zip(latex_left_hand_sides(law.schema.states, law.order), left_hand_sides(law), strict=True)
     ]
 
 
@@ -34,14 +37,15 @@ def equation_lines(law: Law) -> str:
     A last line defines rates and names.
     """
     lines = []
-    for j, left in enumerate(left_hand_sides(law)):
+    for j, left in enumerate(equation_labels(law)):
         lines += _broken(f"{left} $=$", _summands(law, j))
     rates = [
         f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
-        for state, rate in law.state_rates
+        for state, rate in state_rates(law)
     ]
-    given = law.parameters.names if law.provenance.equations else law.terms.variables.constants
-    own = zip(law.parameters.names, law.parameters.values[0], strict=True) if len(law.objects) == 1 else ()
+    parameters = named_parameters(law)
+    given = parameters.names if law.provenance.equations else law.terms.variables.constants
+    own = zip(parameters.names, parameters.values[0], strict=True) if len(law.objects) == 1 else ()
     values = [f"{math(latex_name(name), name)} $=$ {_number(value)}" for name, value in own if name in given]
     meaning = ", ".join([*rates, *values])
     return "\n".join([*lines, f"with {meaning}"] if meaning else lines)
@@ -56,7 +60,7 @@ def letter_of(law: Law, equation: int, term: int) -> str:
 
 def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
     """Return what a coefficient is as given: a factor times letters or over them, or a number and no letter."""
-    for each in law.parameters.products:
+    for each in named_parameters(law).products:
         if (each.equation, each.term) == (equation, term):
             above, below = (
                 r"\, ".join(latex_name(name) for name, own in each.coefficients if own == power) for power in (1, -1)
@@ -69,7 +73,7 @@ def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
 def _summands(law: Law, j: int) -> list[tuple[str, str]]:
     """Return sign and text of each summand of equation j."""
     if law.provenance.equations:
-        return [("$-$" if each.negative else "$+$", math(each.name, each.name)) for each in law.latex_structure()[j]]
+        return [("$-$" if each.negative else "$+$", math(each.name, each.name)) for each in latex_structure(law)[j]]
     summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
     for k in np.flatnonzero(law.support[j] & law.terms.is_factor):
         value, letter = (law.coefficients[0, j, k], "") if one else _factor_and_letter(law, j, int(k))

@@ -11,8 +11,9 @@ from matplotlib.ticker import MaxNLocator
 from commonlaw.array_types import Floats
 from commonlaw.formulation import StrongForm
 from commonlaw.law import Law
+from commonlaw.law.equations import left_hand_sides
 from commonlaw.library import Order, Terms, Variables, term_unit, with_rates
-from commonlaw.plots.equations import left_hand_sides
+from commonlaw.plots.equations import equation_labels
 from commonlaw.plots.style import (
     COLORS,
     DASHES,
@@ -105,12 +106,12 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     CommonlawError
         If the law was not chosen from the path of one solver.
     """
-    path = law.path()
-    marks, columns = marks or {}, len(law.states)
+    path = law.provenance.path()
+    marks, columns = marks or {}, len(law.schema.states)
     lined = [(name, DASHES[1:][i % 3]) for i, name in enumerate(marks)]
     figure = Figure(figsize=(1.2 + 5 * columns, 5.2), layout="constrained")
     panels = figure.subplots(2, columns, sharex="col", sharey="row", squeeze=False)
-    for (above, below), equation, label in zip(panels.T, law.left_hand_sides, left_hand_sides(law), strict=True):
+    for (above, below), equation, label in zip(panels.T, left_hand_sides(law), equation_labels(law), strict=True):
         own = path[path["equation"] == equation]
         edges = _edges(own, marks)
         size, error, deviation = own[["size", _ERROR, _DEVIATION]].to_numpy(dtype=np.float64).T

@@ -13,9 +13,11 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
-from commonlaw.law.explanation import dependence
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.parameters import coefficient_units
 from commonlaw.law.quantiles import two_sided
-from commonlaw.plots.equations import left_hand_sides, term_labels
+from commonlaw.law.relations import dependence
+from commonlaw.plots.equations import equation_labels, term_labels
 from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
 from commonlaw.text import in_line
 
@@ -103,9 +105,10 @@ def _coefficients(law: Law) -> Iterator[_Coefficient]:
     if law.uncertainty.explanation is None:
         raise CommonlawError("relations-missing-to-draw")
     own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
-    reach = law.uncertainty.reach(len(law.states))[np.nonzero(law.support)[0]]
+    reach = law.uncertainty.reach(len(law.schema.states))[np.nonzero(law.support)[0]]
     halves = reach * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
-    units, lefts, terms = law.coefficient_units(), left_hand_sides(law), term_labels(law.terms)
+    units, lefts, terms = coefficient_units(law), equation_labels(law), term_labels(law.terms)
+    sides = left_hand_sides(law)
     for i, ((j, k), relation) in enumerate(
         zip(np.argwhere(law.support), law.uncertainty.explanation.relations, strict=True)
     ):
@@ -115,7 +118,7 @@ def _coefficients(law: Law) -> Iterator[_Coefficient]:
                 raise CommonlawError("relations-without-properties")
             rows = [[float(each[name]) for name in relation.properties] for each in known]
             values = np.array(rows).reshape(len(law.objects), len(relation.properties))
-            unit = units.get((law.left_hand_sides[j], law.terms.names[k]), "")
+            unit = units.get((sides[j], law.terms.names[k]), "")
             label = f"{terms[k]} in {lefts[j]}: {relation.kind}"
             yield _Coefficient(label, unit, relation, own.coefficients[:, i], halves[:, i], values)
 

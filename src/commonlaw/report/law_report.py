@@ -10,6 +10,7 @@ import pandas as pd
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.script import Source
 from commonlaw.law.tables import letter_values, strangest
 from commonlaw.law.text import MANY, with_error
@@ -79,7 +80,7 @@ def law_report(
     case, law = LawCase(findings, words, tuple(rivals)), findings.law
     first, *others = map(literal, findings.sentences)
     summary = f"**{first}**{law_markdown(law)}"
-    title = f"A law of {', '.join(law.states)}"
+    title = f"A law of {', '.join(law.schema.states)}"
     parts = (
         curves.fit,
         law_sections.coefficients,
@@ -140,7 +141,8 @@ def _forecasts(found: ManyFindings) -> Iterator[Block]:
 
 def _coefficients(law: Law) -> Iterator[Block]:
     heads = [f"{name} [{unit}]" if unit else name for name, unit in coefficient_names(law)]
-    values, errors = law.parameters.values, law.parameters.errors
+    parameters = named_parameters(law)
+    values, errors = parameters.values, parameters.errors
     differ = ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)  # What is universal is said above
     if differ.any():
         heads, values, errors = (

@@ -17,6 +17,9 @@ from commonlaw.experiments import suggestions
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
 from commonlaw.law import Law
+from commonlaw.law.equations import state_rates
+from commonlaw.law.law import shares_terms
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import Source
 from commonlaw.law.tables import MEANINGS, readable_candidates
@@ -197,7 +200,7 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
 
 def _errors(case: LawCase) -> Iterator[Block]:
     """Yield the errors of measurement, and whether the law itself errs."""
-    if case.law.noise is not None:
+    if case.law.uncertainty.noise is not None:
         yield Text(f"Errors of measurement, by the law: {literal('; '.join(_of_measurement(case)))}.")
     if case.law.uncertainty.error_model.of_law:
         yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
@@ -207,12 +210,14 @@ def _of_measurement(case: LawCase) -> Iterator[str]:
     """Yield the levels of the errors of measurement of each kind."""
     law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.schema
     time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
-    kinds = (("noise", law.noise), (f"autocorrelated errors ({time})", errors.correlated))
+    kinds = (("noise", law.uncertainty.noise), (f"autocorrelated errors ({time})", errors.correlated))
     for kind, levels in kinds:
         if levels is not None:
             yield f"{kind} of {levels_in_words(levels, schema)}"
     if errors.proportional is not None:
-        shares = [f"{100 * each:.3g} % of {name}" for name, each in zip(law.states, errors.proportional, strict=True)]
+        shares = [
+            f"{100 * each:.3g} % of {name}" for name, each in zip(law.schema.states, errors.proportional, strict=True)
+        ]
         yield f"noise of {', '.join(shares)}"
 
 
@@ -240,7 +245,7 @@ def coefficients(case: LawCase) -> Section:
         known = law.uncertainty.covariance is not None
         what = "Coefficients by object, with the ends of their 95 % intervals." if known else "Coefficients by object."
         blocks.append(Text(_interval(case) if known else "Their standard errors are unknown."))
-        pairs = zip(coefficient_names(law), law.parameters.errors.T, strict=True)
+        pairs = zip(coefficient_names(law), named_parameters(law).errors.T, strict=True)
         given = [name for (name, _), errors in pairs if known and not errors.any()]
         if given:
             blocks.append(Text(f"Fixed: {literal(', '.join(given))}."))
@@ -252,7 +257,7 @@ def coefficients(case: LawCase) -> Section:
 
 def values(law: Law) -> tuple[Block, ...]:
     """Return the numbers that stand beside the formula of a law: its coefficients, by object, with intervals."""
-    if not law.parameters.names:
+    if not named_parameters(law).names:
         return ()
     ends = "" if law.uncertainty.covariance is None else ", with the ends of their 95 % intervals"
     return (folded(Table("values", f"Coefficients{ends}.", _by_object(law)), "Coefficients by object"),)
@@ -299,11 +304,12 @@ def _relations(law: Law) -> list[Block]:
 
 def _by_object(law: Law) -> pd.DataFrame:
     """Return a row for each object with its coefficients and intervals; for terms of their own, for each of these."""
-    if not law.shared or len(law.objects) == 1:
+    if not shares_terms(law) or len(law.objects) == 1:
         return law.params.dropna(axis=1, how="all")
     columns: dict[str, Sequence[object]] = {law.schema.object: law.objects}
-    values = law.parameters.values
-    low, high = law.parameter_intervals()
+    parameters = named_parameters(law)
+    values = parameters.values
+    low, high = parameters.intervals()
     for (name, unit), own, *ends in zip(coefficient_names(law), values.T, low.T, high.T, strict=True):
         head = f"{name} ({unit})" if unit else name
         columns[head] = own.tolist()
@@ -385,10 +391,10 @@ def ranges(case: LawCase) -> Section:
     """Return the part on where the law may be used: what was visited when it was learned."""
     law, trials = case.law, case.findings.training
     schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
-    visited = law.provenance.domain.visited or Domain.of(trials, law.state_rates).visited
+    visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
     columns = {**visited, "length of a trial": (min(length), max(length))}
     units, time = {name: schema.units.get(name, "") for name in columns}, schema.units.get(schema.time, "")
-    for name, rate in law.state_rates:
+    for name, rate in state_rates(law):
         units[rate] = f"{units[name]}/{time}" if units[name] and time else ""
     units["length of a trial"] = time
     rows = [

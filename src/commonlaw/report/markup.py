@@ -10,6 +10,10 @@ from xml.etree.ElementTree import Element, fromstring, tostring
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.law import shares_terms
+from commonlaw.law.parameters import named_parameters
+from commonlaw.law.printing import latex_structure
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import aligned, latex_left_hand_sides, said_within_errors
 from commonlaw.runtime.packages import optional_import
@@ -29,7 +33,7 @@ _MAX_OBJECTS = 6
 
 def law_markdown(law: Law) -> str:
     """Return the equations of a law as Markdown, with numbers that all objects share, and a simpler form."""
-    if not law.shared and len(law.objects) > 1:
+    if not shares_terms(law) and len(law.objects) > 1:
         return "".join(_own(law))
     shown = _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure)
     return "\n\n".join([shown, *(literal(line) for line in said_within_errors(within_errors(law)))])
@@ -54,13 +58,13 @@ def _latex(law: Law) -> str:
 
 def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
     """Yield what each coefficient is called, with its unit: its letter, or where relations took letters its term."""
-    names = law.parameters.names
+    parameters = named_parameters(law)
+    names = parameters.names
+    lefts = left_hand_sides(law)
     if law.uncertainty.explanation is not None and not law.provenance.equations:
-        terms = [
-            (law.left_hand_sides[each.equation], law.terms.names[each.term]) for each in law.parameters.definitions
-        ]
-        names = tuple(f"{term} in {left}" if len(law.states) > 1 else f"of {term}" for left, term in terms)
-    return zip(names, law.parameters.units, strict=True)
+        terms = [(lefts[each.equation], law.terms.names[each.term]) for each in parameters.definitions]
+        names = tuple(f"{term} in {left}" if len(law.schema.states) > 1 else f"of {term}" for left, term in terms)
+    return zip(names, parameters.units, strict=True)
 
 
 def _has_numbers(law: Law) -> bool:
@@ -70,7 +74,7 @@ def _has_numbers(law: Law) -> bool:
 
 def _structure_latex(law: Law) -> str:
     """Return the form of the equations, with letters for coefficients, as LaTeX; see `Law.structure`."""
-    return aligned(zip(latex_left_hand_sides(law.states, law.order), law.latex_structure(), strict=True))
+    return aligned(zip(latex_left_hand_sides(law.schema.states, law.order), latex_structure(law), strict=True))
 
 
 def _own(law: Law) -> Iterator[str]:

@@ -16,6 +16,7 @@ from commonlaw.formulation import (
     effective_share,
 )
 from commonlaw.law import Alternative, Law
+from commonlaw.law.equations import left_hand_sides
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome, note
 from commonlaw.selection.cross_validation import CrossValidationScore
@@ -110,7 +111,7 @@ _ILL_CONDITIONED = 1e8
 def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
     """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
     outcomes, alternatives = [], []
-    for equation, selection in zip(law.left_hand_sides, selections, strict=True):
+    for equation, selection in zip(left_hand_sides(law), selections, strict=True):
         outcomes.append(note("chosen-from-path", equation, reason=selection.reason))
         for i, each in enumerate(selection.table):
             names = tuple(law.terms.names[k] for k in np.flatnonzero(each.candidate.support.any(axis=0)))
@@ -140,14 +141,14 @@ def _outcomes(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver)
         yield note("one-object", law.objects[0])
     if not all(each.converged for each in candidates):
         yield note("solver-stopped")
-    for j, (equation, candidate) in enumerate(zip(law.left_hand_sides, candidates, strict=True)):
+    for j, (equation, candidate) in enumerate(zip(left_hand_sides(law), candidates, strict=True)):
         if not law.support[j].any():
             yield note("support-empty", equation, largest=candidate.largest)
 
 
 def ill_conditions(law: Law, problems: Sequence[LeastSquaresProblem]) -> Iterator[Outcome]:
     """Yield the equations whose coefficients mean little because their terms nearly depend on each other."""
-    for j, equation in enumerate(law.left_hand_sides):
+    for j, equation in enumerate(left_hand_sides(law)):
         for problem, name, support in zip(problems, law.objects, law.coefficients[:, j] != 0, strict=True):
             condition = problem.condition(support)
             if condition > _ILL_CONDITIONED:

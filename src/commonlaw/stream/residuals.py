@@ -91,7 +91,7 @@ def check_stream(
     refuse_discrete_time(law)
     parts, progress = stream.parts or (stream,), progress or on_terminal()
     with on_cluster(client):
-        laws, noise = laws_of_parts(law, parts, part(progress, 0.0, _LISTED)), law.noise
+        laws, noise = laws_of_parts(law, parts, part(progress, 0.0, _LISTED)), law.uncertainty.noise
         if noise is None:
             noise = noise_of(done_in_parts(_noise, parts, "estimating noise", part(progress, _LISTED, _NOISE)))
         pieces = list(zip(laws, parts, strict=True))
@@ -103,7 +103,9 @@ def check_stream(
     rows["spent"] = rows["starts"] + rows["coefficients"]
     spent = rows.groupby("state", sort=False)["spent"].sum()
     sums = [reduce(_added, own) for own in zip(*(each for _, each in found), strict=True)]
-    patterns = patterns_of(law.states, sums, law.schema.time, [float(spent.get(each, 0.0)) for each in law.states])
+    patterns = patterns_of(
+        law.schema.states, sums, law.schema.time, [float(spent.get(each, 0.0)) for each in law.schema.states]
+    )
     rows = rows[rows["samples"] > 0]
     tested = [size_over_noise(*each) for each in rows[["samples", "squares", "spent"]].itertuples(index=False)]
     size, p_value = np.array(tested).T
@@ -132,7 +134,7 @@ def _of_part(noise: Floats, piece: tuple[Law, TrialStream]) -> "tuple[pd.DataFra
     law, trials = piece[0], piece[1].read()
     with unannounced():
         found, spent = untested(law, trials, noise)
-    sums = [StateSums.of(j, found.standardized, found.columns, name) for j, name in enumerate(law.states)]
+    sums = [StateSums.of(j, found.standardized, found.columns, name) for j, name in enumerate(law.schema.states)]
     return _rows(law, found, spent), sums
 
 
@@ -143,9 +145,9 @@ def _rows(law: Law, found: Residuals, spent: Floats) -> "pd.DataFrame":
     rows, series = list[dict[str, object]](), dict[str, list[Floats]]()
     for trial, own in zip(found.trials, found.standardized, strict=True):
         series.setdefault(trial.object, []).append(own)
-    orders = np.broadcast_to(np.array(law.order), len(law.states)).tolist()
+    orders = np.broadcast_to(np.array(law.order), len(law.schema.states)).tolist()
     for (name, trials), taken in zip(series.items(), spent.tolist(), strict=True):
-        for j, state in enumerate(law.states):
+        for j, state in enumerate(law.schema.states):
             values = np.concatenate([each[:, j] for each in trials])
             seen = values[np.isfinite(values)]
             pairs = sum((neighbours(each[:, j]) for each in trials), np.zeros(4))

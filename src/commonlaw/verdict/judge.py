@@ -14,6 +14,8 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.runtime.progress import announced
@@ -122,8 +124,8 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
     If the law was fitted to the whole trial, and one sample is before, the start is fitted to the first fifth: that
     sample alone may be below the noise. Raises `CommonlawError` if it cannot be forecast.
     """
-    trial, origin, first, states = segment.trial, segment.origin, segment.first, len(law.states)
-    fits = law.order != 0 and law.noise is not None
+    trial, origin, first, states = segment.trial, segment.origin, segment.first, len(law.schema.states)
+    fits = law.order != 0 and law.uncertainty.noise is not None
     how: dict[str, Any] = {"start": _MAX_SAMPLES_BEFORE if fits and origin > _MAX_SAMPLES_BEFORE else None}
     how |= {"from_time": float(trial.times[origin])}
     if fits and segment.kind is Kind.SEEN and origin == 1:
@@ -180,7 +182,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
             continue
         judged.append(segment)
     once = list({(each.trial.object, each.trial.name): each.trial for each in judged}.values())
-    spread = _spread(once, len(law.states))
+    spread = _spread(once, len(law.schema.states))
     errors = _joined(found, spread)
     horizon = _horizon(errors.leads, errors.errors / spread)
     kinds = [each.kind for each in judged]
@@ -310,12 +312,14 @@ def _r_squared_error(judged: Sequence[Segment], found: Sequence[SegmentErrors], 
 def _poorly_known(law: Law) -> tuple[str, ...]:
     """Return the coefficients with large errors, with the terms that they stand before and the objects they are of."""
     found = []
+    lefts = left_hand_sides(law)
+    parameters = named_parameters(law)
     for each, values, errors in zip(
-        law.parameters.definitions, *(part.T for part in (law.parameters.values, law.parameters.errors)), strict=True
+        parameters.definitions, *(part.T for part in (parameters.values, parameters.errors)), strict=True
     ):
         poor = np.flatnonzero(errors > _POOR * np.abs(values))
         if len(poor):
-            where = f"{law.left_hand_sides[each.equation]}, before {law.terms.factors[each.term]}"
+            where = f"{lefts[each.equation]}, before {law.terms.factors[each.term]}"
             some = [law.objects[i] for i in poor]
             of = "" if len(poor) == len(law.objects) else f", of {listed(some)}"
             # The equations of an explained law have letters of their own

@@ -70,10 +70,10 @@ def _check(laws: Mapping[str, Law]) -> None:
         raise CommonlawError("other", text="there is no law to draw; give at least one")
     first, *_ = laws
     for title, law in laws.items():
-        if len(law.states) > 1:
+        if len(law.schema.states) > 1:
             raise CommonlawError(
                 "other",
-                text=f"{title}: the law has {len(law.states)} equations, and a grid shows one: use plot_coefficients",
+                text=f"{title}: a grid shows one equation, not {len(law.schema.states)}: use plot_coefficients",
             )
         for what, own, wanted in (
             ("objects", law.objects, laws[first].objects),

@@ -7,6 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.law.equations import left_hand_sides, rate_names
 from commonlaw.law.law import Law
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.text import counted
@@ -29,10 +30,11 @@ def with_outcomes_of_zero(outcomes: Iterable[Outcome], law: Law, trials: Trials)
 def _of_scales(law: Law) -> Iterator[Outcome]:
     """Yield the terms of each equation that would be others if a variable had its zero elsewhere."""
     variables, units = law.terms.variables, law.schema.units
-    for name in (*law.states, *variables.inputs):
+    lefts = left_hand_sides(law)
+    for name in (*law.schema.states, *variables.inputs):
         changes = _changes(law, variables.index(name)) if name in units else []
         base = _absolute(name, units[name]) if any(changes) else None
-        for equation, terms in zip(law.left_hand_sides, changes, strict=True) if base else ():
+        for equation, terms in zip(lefts, changes, strict=True) if base else ():
             if terms:
                 verb = "depends" if len(terms) == 1 else "depend"
                 yield note("scale-origin", equation, terms=terms, verb=verb, name=name, unit=units[name], base=base)
@@ -75,13 +77,13 @@ def _absolute(name: str, unit: str) -> str | None:
 
 def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
     """Yield that trials start where the law says that nothing ever happens, and that something did."""
-    if law.rates or law.schema.logarithmic or len(law.terms.variables.states) > len(trials.schema.states):
+    if rate_names(law) or law.schema.logarithmic or len(law.terms.variables.states) > len(trials.schema.states):
         return  # Rates and states that are not measured may set it going
-    noise = np.zeros(len(law.states)) if law.noise is None else law.noise
+    noise = np.zeros(len(law.schema.states)) if law.uncertainty.noise is None else law.uncertainty.noise
     starting = [trial for trial in trials if _leaves_zero(trial, noise) and _rests(law, trial)]
     starting = [trial for trial in starting if not _starts_near_zero(law, trials.with_trials([trial]), noise)]
     if starting:
-        names = " or ".join(law.states)
+        names = " or ".join(law.schema.states)
         began = f"initial values of {counted(len(starting), 'trial')} are zero within the noise"
         yield note("starts-at-rest", began=began, names=names)
 
@@ -108,6 +110,6 @@ def _starts_near_zero(law: Law, trial: Trials, noise: Floats) -> bool:
 def _rests(law: Law, trial: Trial) -> bool:
     """Return whether no term acts on states at zero, whatever the inputs of a trial are."""
     inputs = np.nan_to_num(trial.inputs)
-    values = np.column_stack([np.zeros((len(trial.times), len(law.states))), inputs, trial.times])
+    values = np.column_stack([np.zeros((len(trial.times), len(law.schema.states))), inputs, trial.times])
     with np.errstate(all="ignore"):
         return bool(np.all(law.rhs(trial.object, values) == 0))

@@ -24,6 +24,8 @@ from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.law_search import PATH
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Step
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.text import structure
 from commonlaw.library import ParametricTerm, Terms, TiedTerms, Variables, parse_term
 from commonlaw.library.notation import quoted
@@ -148,10 +150,10 @@ def _structure(fit: Fit) -> tuple[str, ...]:
     law, known = replace(fit.problem.law, coefficients=coefficients), fit.problem.known[0]
     letters = [
         each.name if np.isnan(known[each.equation, each.term]) else f"{known[each.equation, each.term]:g}"
-        for each in law.parameters.definitions
+        for each in named_parameters(law).definitions
         if law.terms.is_factor[each.term]
     ]
-    return structure(law.left_hand_sides, law.terms.factors, law.support & law.terms.is_factor, letters)
+    return structure(left_hand_sides(law), law.terms.factors, law.support & law.terms.is_factor, letters)
 
 
 def _fit_alike(one: Fit, other: Fit) -> bool:

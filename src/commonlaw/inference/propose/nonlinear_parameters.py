@@ -26,6 +26,7 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.integration import VectorField
 from commonlaw.law import Law
+from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound, limits_of
 from commonlaw.library.grammar import evaluate
@@ -176,15 +177,14 @@ def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
 
     As of V s/(K + s), where s is always small beside K: both could be of any size.
     """
-    values, errors = law.parameters.values, law.parameters.errors
+    parameters = named_parameters(law)
+    values, errors = parameters.values, parameters.errors
     first, found = len(law.terms.variables.measured), dict[str, list[str]]()
-    bent = [
-        any(column >= first for column in law.terms.terms[each.term].columns()) for each in law.parameters.definitions
-    ]
+    bent = [any(column >= first for column in law.terms.terms[each.term].columns()) for each in parameters.definitions]
     for name, own, known in zip(law.objects, values, errors, strict=True):
         lost = [
             letter
-            for letter, there, value, error in zip(law.parameters.names, bent, own, known, strict=True)
+            for letter, there, value, error in zip(parameters.names, bent, own, known, strict=True)
             if there and settings.SIGNIFICANT * error > abs(value)
         ]
         if len(lost) > 1 and {*lost} & {*law.terms.variables.constants}:
@@ -301,7 +301,7 @@ class _Grid:
         Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has
         a name is above zero, and then the smaller ones.
         """
-        letters = {each.name: each for each in self.law.parameters.definitions}
+        letters = {each.name: each for each in named_parameters(self.law).definitions}
 
         def holds(constants: Floats) -> bool:
             coefficients = [each.coefficients(constants) for each in profiles] if self.bounds else []
@@ -364,7 +364,7 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Seque
         listed.append(np.abs(directions[-1]))
     part = np.mean(listed, axis=0) > settings.ALIKE
     free = np.argwhere(np.isnan(profiles[0].known))[part].tolist()
-    before = [each for each in law.parameters.products if [each.equation, each.term] in free]
+    before = [each for each in named_parameters(law).products if [each.equation, each.term] in free]
     names = ", ".join(dict.fromkeys(name for each in before for name, _ in each.coefficients))
     variables = ", ".join(law.terms.variables.measured)
     raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure, variables=variables)

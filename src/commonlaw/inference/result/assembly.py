@@ -28,6 +28,7 @@ from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, PlausibleLaw, Provenance
 from commonlaw.law.alignment import with_constants_of
+from commonlaw.law.law import with_other_laws
 from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind
 from commonlaw.runtime.progress import ProgressCallback
 
@@ -105,7 +106,9 @@ def assemble(
     def with_pooled(law: Law) -> Law:
         return with_pooled_forecasts(law, universal(law), partial_pooling)
 
-    return with_pooled(law).with_others(tuple(PlausibleLaw(each.probability, with_pooled(each.law)) for each in others))
+    return with_other_laws(
+        with_pooled(law), tuple(PlausibleLaw(each.probability, with_pooled(each.law)) for each in others)
+    )
 
 
 def ranked_first(pool: Pool) -> Pool:

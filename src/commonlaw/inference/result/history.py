@@ -13,6 +13,8 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.settings import CONVERGED, MAX_MESH_POINTS, MAX_MODELS, MAX_TERMS, MIN_PROBABILITY
 from commonlaw.law import Alternative, Law, Step
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.text import counted
@@ -31,7 +33,7 @@ def names_in(law: Law, support: Bools) -> tuple[str, ...]:
 def alternatives(law: Law, compared: Sequence[Compared], chosen_by: str) -> tuple[Alternative, ...]:
     """Return the terms that each equation was chosen from, the best first, with what they were chosen by."""
     found = []
-    for equation, listed in zip(law.left_hand_sides, compared, strict=True):
+    for equation, listed in zip(left_hand_sides(law), compared, strict=True):
         likely = probabilities(listed)
         for i, (names, difference) in enumerate(listed.items()):
             if i < MAX_MODELS or likely[i] > MIN_PROBABILITY:
@@ -78,15 +80,16 @@ _LEVELS = "maximum-marginal-likelihood estimates of the error parameters"
 def outcomes(law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that was chosen by these trials."""
     found = [*outcomes_of_fit(fit, is_converged, tried_errors=tried_errors, chosen=True)]
+    lefts = left_hand_sides(law)
     found += [
         note("no-term", side)
-        for j, side in enumerate(law.left_hand_sides)
+        for j, side in enumerate(lefts)
         if not any(each.coefficients[j].any() for each in fit.estimates)
     ]
     most = fit.problem.most_terms
     found += [
         note("as-many-terms-as-samples", side, terms=most)
-        for side, support in zip(law.left_hand_sides, fit.supports, strict=True)
+        for side, support in zip(lefts, fit.supports, strict=True)
         if support.sum() == most < min(MAX_TERMS, fit.problem.allowed.sum(axis=1).max())
     ]
     return tuple(found)
@@ -118,8 +121,9 @@ def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, .
     if not problem.as_good:
         return found
     names = ", ".join(problem.trials.schema.starts)
+    parameters = named_parameters(law)
     others = "; or ".join(
-        ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in law.parameters.definitions)
+        ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in parameters.definitions)
         for each in problem.as_good
     )
     return (*found, note("latent-state-ambiguous", object=law.objects[0], others=others, states=names))
@@ -128,9 +132,10 @@ def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, .
 def _not_told(law: Law) -> tuple[Outcome, ...]:
     """Return which coefficients have standard errors larger than themselves, of which objects."""
     lost = dict[str, list[str]]()
-    for name, values, errors in zip(law.objects, law.parameters.values, law.parameters.errors, strict=True):
+    parameters = named_parameters(law)
+    for name, values, errors in zip(law.objects, parameters.values, parameters.errors, strict=True):
         letters = [
-            each for each, value, error in zip(law.parameters.names, values, errors, strict=True) if error > abs(value)
+            each for each, value, error in zip(parameters.names, values, errors, strict=True) if error > abs(value)
         ]
         if letters:
             lost.setdefault(", ".join(letters), []).append(name)
@@ -186,7 +191,7 @@ def history(
         Step(
             "library",
             counted(int(law.terms.is_factor.sum()) + problem.besides, "term")
-            + (f" for each of {len(law.states)} equations" if len(law.states) > 1 else ""),
+            + (f" for each of {len(law.schema.states)} equations" if len(law.schema.states) > 1 else ""),
             ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 or problem.besides else ""),
         ),
         Step(
@@ -195,7 +200,7 @@ def history(
             "laws with process noise need no finer mesh" if fit.has_model_error else mesh,
         ),
     ]
-    for equation, listed in zip(law.left_hand_sides, compared, strict=True):
+    for equation, listed in zip(left_hand_sides(law), compared, strict=True):
         steps.append(Step(f"terms of {equation}", ", ".join(next(iter(listed))) or "none", _why(listed, chosen_by)))
     return (*steps, *fit_steps(fit))
 

@@ -17,6 +17,8 @@ from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.covariance import degrees_of_freedom, fitted_law
 from commonlaw.inference.fit.fit import Fit, best_of
 from commonlaw.law import Law
+from commonlaw.law.law import object_index
+from commonlaw.law.parameters import standard_errors
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.uncertainty import Widening
 from commonlaw.runtime.progress import unannounced
@@ -139,8 +141,8 @@ def _told(left_out: Sequence[Trial], kept: Sequence[Trial], law: Law, whole: Law
     Of two species whose trial together is left out, trials of each alone say nothing of how they compete: forecasts by
     these do not show how well the law forecasts.
     """
-    errors, own = np.nan_to_num(law.standard_errors), [whole.index(name) for name in law.objects]
-    sizes = np.hypot(whole.coefficients, np.nan_to_num(whole.standard_errors))[own]
+    errors, own = np.nan_to_num(standard_errors(law)), [object_index(whole, name) for name in law.objects]
+    sizes = np.hypot(whole.coefficients, np.nan_to_num(standard_errors(whole)))[own]
     told = np.all(errors <= settings.MAX_RELATIVE_ERROR * sizes, axis=(1, 2))
     objects = {name for name, known in zip(law.objects, told, strict=True) if known}
     cut = {(trial.object, trial.name) for trial in kept}

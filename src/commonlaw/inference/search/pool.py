@@ -13,6 +13,7 @@ from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
 from commonlaw.inference.score.score import Kind
 from commonlaw.law import Law
+from commonlaw.law.parameters import standard_errors
 
 _BY_SOLUTIONS = "largest evidence without process noise: solutions of the law with it explain whole trials less well"
 
@@ -113,7 +114,7 @@ class Pool:
         """
         law = self.law()
         chosen = np.broadcast_to(self.best.supports, law.coefficients.shape)
-        values, errors = law.coefficients[chosen], law.standard_errors[chosen]
+        values, errors = law.coefficients[chosen], standard_errors(law)[chosen]
         ratios = np.divide(values, errors, out=np.full_like(values, np.inf), where=~(errors <= 0))
         squares = np.nan_to_num(ratios.reshape(len(law.objects), -1) ** 2, posinf=np.inf)
         of_terms, of_objects = squares.mean(axis=0), squares.max(axis=1, initial=0.0)

@@ -18,6 +18,8 @@ from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.input_interpolation import supported_interpolation, with_interpolation
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_noise
+from commonlaw.law.law import shares_terms
+from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms
 from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, Prior
 from commonlaw.runtime.fit_options import ErrorKind
@@ -105,7 +107,7 @@ class FitSetup:
     def known(self) -> Floats:
         """Coefficients that are known, shape (objects, equations, terms), NaN where one is to be found."""
         found, law = np.where(self.law.support, np.nan, 0.0) + np.zeros_like(self.law.coefficients), self.law
-        certain = law.standard_errors == 0
+        certain = standard_errors(law) == 0
         found[certain] = law.coefficients[certain]
         return found
 
@@ -123,7 +125,7 @@ def _of_objects(law: Law, trials: Trials) -> Law:
     if law.order == 0:
         raise CommonlawError("discrete-not-refined")
     law = law.select(trials.objects)
-    if not law.shared:
+    if not shares_terms(law):
         raise CommonlawError("refine-own-terms")
     return law
 
@@ -161,7 +163,7 @@ def on_log_scale(law: Law, states: Sequence[str]) -> Law:
     CommonlawError
         If the law is not of order 1, or has no such state, or nobody measured it.
     """
-    names = tuple(dict.fromkeys(find_name(name, law.states, "state") for name in states))
+    names = tuple(dict.fromkeys(find_name(name, law.schema.states, "state") for name in states))
     if unmeasured := [name for name in names if name in law.schema.starts]:
         raise CommonlawError("log-states-latent", state=unmeasured[0])
     if names == law.schema.logarithmic:

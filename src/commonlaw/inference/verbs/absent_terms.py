@@ -11,6 +11,9 @@ from commonlaw.inference import settings
 from commonlaw.inference.diagnose.coefficient_limits import Bound, Bounds
 from commonlaw.inference.verbs.other_terms import candidate_law
 from commonlaw.law import Law, Provenance
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.law import shares_terms
+from commonlaw.law.parameters import coefficient_units, standard_errors
 from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.library import Terms, parse_term, parse_terms
 from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal
@@ -28,7 +31,7 @@ def bounds(
     """Return how large coefficients of absent terms could be, see `Law.bounds`."""
     two_sided(level)
     progress = on_terminal() if progress is None else progress
-    if law.order == 0 or not law.shared:
+    if law.order == 0 or not shares_terms(law):
         raise CommonlawError("limits-unsupported")
     pairs = _absent(law, terms)
     if terms is None and len(pairs) > settings.MAX_SCREENED_TERMS:
@@ -45,13 +48,15 @@ def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
     """Return equations and terms that are not in them: those of the library, or those that are named."""
     if terms is None:
         factors = np.flatnonzero(law.terms.is_factor).tolist()
-        return [(j, law.terms.names[k]) for j in range(len(law.states)) for k in factors if not law.support[j, k]]
+        return [
+            (j, law.terms.names[k]) for j in range(len(law.schema.states)) for k in factors if not law.support[j, k]
+        ]
     names = law.terms.variables.names
     wanted = [parse_term(text, law.terms.variables).text(names) for text in terms]
-    listed = [(j, name) for name in wanted for j in range(len(law.states))]
+    listed = [(j, name) for name in wanted for j in range(len(law.schema.states))]
     there = [(j, law.terms.names[k]) for j, k in np.argwhere(law.support).tolist()]
     for pair in listed:
-        if pair in there and len(law.states) == 1:
+        if pair in there and len(law.schema.states) == 1:
             raise CommonlawError("limit-of-present-term", term=pair[1])
     return [pair for pair in listed if pair not in there]
 
@@ -74,19 +79,17 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
     estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
     fitted = candidate_law(wider, trials, support, own_noise=estimated).law
     place = fitted.terms.index(name)
-    units = fitted.coefficient_units()
-    reach = float(fitted.uncertainty.reach(len(law.states), level)[equation])
+    units = coefficient_units(fitted)
+    reach = float(fitted.uncertainty.reach(len(law.schema.states), level)[equation])
     known = fitted.uncertainty.degrees_of_freedom
     degrees = np.inf if known is None else float(known[equation])
     plain = replace(law.terms.variables, constants=())
     expression = wider.terms.terms[index].expression(law.terms.variables.names)
     sizes = np.abs(parse_terms([expression], plain).evaluate(values))
-    left = law.left_hand_sides[equation]
+    left = left_hand_sides(law)[equation]
+    errors = standard_errors(fitted)
     for o, owner in enumerate(fitted.objects):
-        coefficient, error = (
-            float(fitted.coefficients[o, equation, place]),
-            float(fitted.standard_errors[o, equation, place]),
-        )
+        coefficient, error = (float(fitted.coefficients[o, equation, place]), float(errors[o, equation, place]))
         at_most = float(upper_bound(coefficient, error, degrees, level))
         ends = coefficient - reach * error, coefficient + reach * error
         yield Bound(

@@ -19,13 +19,13 @@ from commonlaw.trials import Trials
 def adapt(law: Law, trials: Trials) -> Law:
     """Return the law of the objects of these trials, their coefficients updated by them, see `Law.update`."""
     law.uncertainty.known_covariance()
-    if law.noise is None or law.uncertainty.error_model:
-        lacks = "has errors other than white noise" if law.noise is not None else "has no noise estimate"
+    if law.uncertainty.noise is None or law.uncertainty.error_model:
+        lacks = "has errors other than white noise" if law.uncertainty.noise is not None else "has no noise estimate"
         raise CommonlawError("weights-unknown", lacking=lacks)
     trials = matched(law, trials)
     setup = FitSetup.of(with_objects_of(law, trials)[0], trials)
     before, trials = setup.law, setup.trials
-    problem = prepare(trials, law.terms, before.coefficients, noise=law.noise)
+    problem = prepare(trials, law.terms, before.coefficients, noise=law.uncertainty.noise)
     coefficients, covariances = before.coefficients.copy(), np.zeros_like(before.uncertainty.known_covariance())
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
         coefficients[o][law.support], covariances[o] = _posterior(model, start, before, o)

@@ -44,7 +44,7 @@ class LawOfPart:
             law.objects,
             law.coefficients,
             known.known_covariance(),
-            np.full(len(law.states), np.nan) if known.noise is None else known.noise,
+            np.full(len(law.schema.states), np.nan) if known.noise is None else known.noise,
             known.error_model,
             known.degrees_of_freedom,
             sum(map(len, trials)),

@@ -88,7 +88,7 @@ def compare(
     others = [name for name, law in laws.items() if not isinstance(law, Law)]
     if others or not laws:
         raise CommonlawError("laws-without-names")
-    states = dict.fromkeys(", ".join(sorted(law.states)) for law in laws.values())
+    states = dict.fromkeys(", ".join(sorted(law.schema.states)) for law in laws.values())
     if len(states) > 1:
         raise CommonlawError("laws-of-other-states", states=states)
     if isinstance(trials, TrialStream):

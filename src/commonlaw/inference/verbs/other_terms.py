@@ -10,6 +10,9 @@ from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.verbs.refinement import refine
 from commonlaw.law import Law, Provenance, Uncertainty
+from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.law import shares_terms
+from commonlaw.law.parameters import standard_errors
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.runtime.progress import Stage
@@ -80,7 +83,7 @@ def candidate_laws(
 def candidates_in_turn(law: Law, trials: Trials, most: int, progress: Callable[[str], None]) -> Iterator[CandidateLaw]:
     """Yield the law, and the others of `candidate_laws` as soon as each is fitted, those near to it in size first."""
     yield CandidateLaw(law, _evidence(law, law.support), True)
-    if law.order == 0 or not law.shared:
+    if law.order == 0 or not shares_terms(law):
         return
     supports = _supports(law, most - 1)
     for k, support in enumerate(supports):
@@ -151,10 +154,11 @@ def _in_one_equation(law: Law) -> Iterator[Bools]:
         for each in law.provenance.alternatives
     )
     values = [own[0] if own else 0.0 for own in known]
+    lefts = left_hand_sides(law)
     for i in np.argsort(values, kind="stable"):
         each = law.provenance.alternatives[i]
         support = law.support.copy()
-        support[law.left_hand_sides.index(each.equation)] = np.isin(law.terms.names, each.terms)
+        support[lefts.index(each.equation)] = np.isin(law.terms.names, each.terms)
         yield support
 
 
@@ -163,7 +167,7 @@ def _along_path(law: Law) -> Iterator[Bools]:
 
     From the smallest candidates of all equations on, that equation grows which gains most by it.
     """
-    paths = [_path(law, left) or [_Rung(law.support[j], 0.0)] for j, left in enumerate(law.left_hand_sides)]
+    paths = [_path(law, left) or [_Rung(law.support[j], 0.0)] for j, left in enumerate(left_hand_sides(law))]
     at = [0] * len(paths)
     while True:
         yield np.array([path[i].terms for path, i in zip(paths, at, strict=True)])
@@ -204,7 +208,7 @@ def _evidence(law: Law, support: Bools) -> float | None:
         next(
             (_measure(each, "2 log B") for each in law.provenance.alternatives if _is_of(each, left, terms[own])), None
         )
-        for left, own in zip(law.left_hand_sides, support, strict=True)
+        for left, own in zip(left_hand_sides(law), support, strict=True)
     ]
     return None if any(each is None for each in known) else float(sum(each or 0.0 for each in known))
 
@@ -218,7 +222,7 @@ def _fitted(law: Law, support: Bools, trials: Trials, own_noise: bool = False) -
 
     White noise has the level of the law. What else a law leaves, other terms leave more or less of.
     """
-    certain = (law.standard_errors == 0).all(axis=0)
+    certain = (standard_errors(law) == 0).all(axis=0)
     support = support | certain
     start = np.where(certain, law.coefficients, support * 1.0)
     free = np.where(certain[support], 0.0, 1.0)
@@ -232,8 +236,8 @@ def _fitted(law: Law, support: Bools, trials: Trials, own_noise: bool = False) -
     kind, given = law.uncertainty.error_model.kind, trials.schema.noise_columns
     levels = (
         {}
-        if own_noise or law.noise is None or kind != "white"
-        else dict(zip(law.states, law.noise.tolist(), strict=True))
+        if own_noise or law.uncertainty.noise is None or kind != "white"
+        else dict(zip(law.schema.states, law.uncertainty.noise.tolist(), strict=True))
     )
     noise = {name: level for name, level in levels.items() if name not in given}
     return refine(template, trials, noise=noise or None, errors=kind, progress=lambda _: None)

@@ -25,6 +25,7 @@ from commonlaw.inference.search.law_search import begin_search, fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.law import Law, Step
+from commonlaw.law.equations import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.runtime.cluster import on_cluster, refuse_client
@@ -155,7 +156,7 @@ class _Fit:
         law, trials = replace(setup.law, schema=schema), setup.trials
         refined = fitted_law(law, fit, self.covariance, self.seed)
         chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(fit)
-        domain = replace(Domain.of(trials, law.state_rates), at_rest=law.provenance.domain.at_rest)
+        domain = replace(Domain.of(trials, state_rates(law)), at_rest=law.provenance.domain.at_rest)
         provenance = replace(
             law.provenance,
             outcomes=(
