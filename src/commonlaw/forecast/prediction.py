@@ -279,7 +279,7 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
     if {*law.objects} <= {*wider.objects}:
         wider = wider.select(law.objects)
     same = np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own])
-    if not same or (wider.states, wider.order) != (law.schema.states, law.order):
+    if not same or (wider.schema.states, wider.order) != (law.schema.states, law.order):
         raise CommonlawError("discrepancy-outdated")
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
     taken = wider.schema.inputs[len(law.schema.inputs) :]

@@ -168,8 +168,8 @@ class Law(ShownInNotebooks):
         Parameters
         ----------
         name
-            The object; not needed if there is only one. Without it, a law from `explain` has the equations of all
-            objects: ``x'' = -9.8 + 0.25 diameter^2/mass v^2``.
+            The object, if there are several. Without it, a law from `explain` has the equations of all objects:
+            ``x'' = -9.8 + 0.25 diameter^2/mass v^2``.
         digits
             Significant digits of coefficients without error.
         errors
@@ -178,18 +178,12 @@ class Law(ShownInNotebooks):
         Raises
         ------
         CommonlawError
-            If the object is not named and there are several, or errors are asked for that are not known.
+            If no object is named of several, or errors are asked for that are not known.
         """
         return cast(tuple[str, ...], _call("law.printing:equations", self, name, digits, errors))
 
     def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
-        """Return `equations` as LaTeX, an ``aligned`` block without dollar signs; parameters have lines of their own.
-
-        Raises
-        ------
-        CommonlawError
-            If the object is not named and there are several, or errors are asked for that are not known.
-        """
+        """Return `equations`, with the same arguments and errors, as an ``aligned`` block of LaTeX without dollars."""
         return cast(str, _call("law.printing:latex", self, name, digits, errors))
 
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
@@ -198,7 +192,7 @@ class Law(ShownInNotebooks):
         Raises
         ------
         CommonlawError
-            If the object is not named and there are several, or SymPy is not installed.
+            If no object is named of several, or SymPy is not installed.
         """
         return cast("dict[sympy.Expr, sympy.Expr]", _call("law.printing:sympy_equations", self, name))
 
@@ -232,21 +226,13 @@ class Law(ShownInNotebooks):
         """Return a Python program that finds this law again in the table of its trials.
 
         It holds calls of commonlaw with plain values only, as a law's file may come from a stranger, and a line for
-        each recorded step that is something else.
-
-        Parameters
-        ----------
-        path
-            Of the table; a `Source` says what was selected from it.
+        each recorded step that is something else. A `Source` in place of the path says what was selected.
 
         Examples
         --------
         >>> import commonlaw as cl
-        >>> drops = cl.datasets.linear_drag(noise=0.05)
-        >>> for line in cl.fit("x'' = -g - c v", drops).to_script("drops.csv").splitlines()[2:4]:
-        ...     print(line)
-        trials = cl.Trials.read('drops.csv', time='t', states=['x'], units={'t': 's', 'x': 'm'})
-        law = cl.fit("x'' = -g - c v", trials)
+        >>> cl.fit("x'' = -g - c v", cl.datasets.linear_drag()).to_script("drops.csv").splitlines()[3]
+        'law = cl.fit("x\'\' = -g - c v", trials)'
         """
         equations = self.structure if self._shares_terms else ()
         return cast(str, _call("law.script:script", self.provenance.calls, equations, self.schema, path))
@@ -259,8 +245,8 @@ class Law(ShownInNotebooks):
 
         Columns are object, equation, term, parameter, estimate, standard error, low, high and unit, and where terms
         were chosen by evidence the inclusion probability. A row is a coefficient of a term, with its name in
-        `structure`; in a law of given equations a parameter, with the first term that it is in. Intervals are averaged
-        over `models`, see `conf_int`. What is not known is NaN or empty.
+        `structure`; in a law of given equations a parameter, with its first term. Intervals are averaged over `models`,
+        see `conf_int`. What is not known is NaN or empty.
 
         Examples
         --------
@@ -280,13 +266,6 @@ class Law(ShownInNotebooks):
         Averaged over `models`, a coefficient is zero where its term is not in the law, so that the interval of a
         doubtful term tends to include zero. Errors follow Student's t distribution, with the degrees of freedom of the
         estimated noise.
-
-        Parameters
-        ----------
-        level
-            The probability that the parameter lies between low and high.
-        averaged
-            Whether to average over models; else intervals are those given these terms.
 
         Raises
         ------
@@ -323,11 +302,9 @@ class Law(ShownInNotebooks):
         Parameters
         ----------
         n
-            Draws of each object.
-        seed
-            The same seed gives the same draws.
+            Draws of each object, the same for the same seed.
         averaged
-            Whether to draw from all models; else all draws have the terms of this law.
+            Whether to draw from all models, or from this one only.
 
         Returns
         -------
@@ -357,12 +334,7 @@ class Law(ShownInNotebooks):
         """Return the coefficients in a wide table: a row for each object, a column for each term in the law.
 
         With several equations the columns have two levels, the equation and the term. A law of given equations has a
-        column for each parameter.
-
-        Parameters
-        ----------
-        errors
-            Whether each column is followed by one of standard errors, ``"v ±"`` after ``"v"``.
+        column for each parameter. With `errors`, a column of standard errors, ``"v ±"``, follows each column.
 
         Raises
         ------
@@ -400,11 +372,11 @@ class Law(ShownInNotebooks):
     def comparison(self) -> "pd.DataFrame":
         """The candidates of each equation, from the best to the worst, with the difference of each from the best.
 
-        Columns are equation, rank (from 0), terms, size, measure, score, difference, weight, further measures, proven
-        (no other support of the size fits better) and chosen. The measure is ``2 log B``, twice the logarithm of the
-        Bayes factor of the best over the candidate (Kass and Raftery 1995), the weight then its posterior probability;
-        ``log score difference`` where forecasts of held-out data chose the law; or the criterion of a regression.
-        Lower scores are better. Empty for a law whose terms were given.
+        Columns are equation, rank, terms, size, measure, score, difference, weight, further measures, proven (no other
+        support of the size fits better) and chosen. The measure, lower is better, is ``2 log B``, twice the log Bayes
+        factor of the best over the candidate (Kass and Raftery 1995), with the posterior probability as weight; ``log
+        score difference`` where forecasts of held-out data chose the law; or the criterion of a regression. Empty for a
+        law whose terms were given.
         """
         return cast("pd.DataFrame", _call("law.tables:comparison_frame", self.provenance.alternatives))
 
@@ -423,14 +395,8 @@ class Law(ShownInNotebooks):
     def rhs(self, name: str, values: ArrayLike) -> Floats:
         """Return the right-hand side of one object as forecasts follow it: the highest derivatives, (n, equations).
 
-        Coefficients are pooled where the law has pooled ones (``law.uncertainty.pooled``), as these err less.
-
-        Parameters
-        ----------
-        name
-            The object.
-        values
-            States, rates, inputs and time, shape (n, variables); without time where no term depends on it.
+        Coefficients are the pooled ones of the law if it has any, as these err less. Values are states, rates, inputs
+        and time, shape (n, variables); without time where no term depends on it.
 
         Raises
         ------
@@ -495,20 +461,18 @@ class Law(ShownInNotebooks):
         Parameters
         ----------
         trials
-            What to forecast, at all samples, measured or not. Objects that a law of several does not know get
-            coefficients from their properties, if `explain` found how, else mean ones, with wider intervals.
+            What to forecast, at all samples, measured or not. Unknown objects get coefficients from their properties,
+            if `explain` found how, else mean ones, with wider intervals.
         times
             More times to forecast at after a trial's first sample, shape (m,). Inputs keep their last value.
         start
-            How many of each trial's first measured samples determine its initial state. 1: the first states as
-            measured, with rates estimated by the law's differentiation. 2 or more: the law is fitted to them by
-            likelihood, coefficients fixed; this needs its noise, and states may be missing. ``"all"``: the whole trial,
-            so that the trajectories are fits and no forecasts. Default: 1; if the noise is known, all that were
-            measured where others follow, as many as initial rates need, or as many as latent states need.
+            How many of each trial's first measured samples determine its initial state. 1: states as measured, rates by
+            the law's differentiation. 2 or more: the law is fitted to them by likelihood, coefficients fixed; this
+            needs its noise, and states may be missing. ``"all"``: fits to whole trials, no forecasts. Default: 1; with
+            known noise all that were measured where others follow, or as many as rates or latent states need.
         from_time
             When forecasts begin: all samples before, or the last `start` of them, determine the initial state. Trials
-            without samples on both sides are left out, see `Forecast.trials.notes`. Without known noise the last
-            sample before, or for a law of second order the first of five, counts as measured.
+            without samples on both sides are left out, see `Forecast.trials.notes`.
         return_std
             Whether to compute intervals, from the covariances of coefficients and initial state to first order.
         method, tolerance
@@ -526,8 +490,8 @@ class Law(ShownInNotebooks):
         Raises
         ------
         CommonlawError
-            If a trial's object is not the only one of the law, its variables are not those of the law, an initial state
-            cannot be fitted, or covariance, noise or discrepancy are asked for that the law does not have.
+            If the variables are not those of the law, an initial state cannot be fitted, or covariance, noise or
+            discrepancy are asked for that the law does not have.
         """
         options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
@@ -560,15 +524,8 @@ class Law(ShownInNotebooks):
     def assess(self, trials: Trials, learned: Trials | None = None) -> "LawVerdict":
         """Assess the law's forecasts: their error, reliable horizon and coverage, and what is uncertain.
 
-        Trials are forecast from their first samples over all that follows, and compared with persistence.
-
-        Parameters
-        ----------
-        trials
-            What was measured.
-        learned
-            The part that the law was learned from, such as ``trials.until(70)``: held-out trials and later samples are
-            used. Without it, or if nothing was held out, all trials are, and the assessment says so.
+        Trials are forecast from their first samples over all that follows, and compared with persistence. Where the
+        part is given that the law was `learned` from, such as ``trials.until(70)``, only the rest is assessed.
 
         Examples
         --------
@@ -648,14 +605,8 @@ class Law(ShownInNotebooks):
     ) -> "Page":
         """Return the page of `commonlaw report` on the law, to save it or to show it in a notebook.
 
-        Parameters
-        ----------
-        trials
-            What was measured. All of a stream is forecast, and the page shows few objects that stand for all.
-        learned
-            What the law was learned from, see `assess`: ``law.report(*stream.split(trial=3))``.
-        client
-            A dask client, whose workers go through a stream.
+        See `assess` for what the law was `learned` from: ``law.report(*stream.split(trial=3))``. All of a stream is
+        forecast, by the workers of a dask client if one is given, and the page shows few objects that stand for all.
 
         Raises
         ------
@@ -703,13 +654,8 @@ class Law(ShownInNotebooks):
         where that is shorter to write than its known digits (minimum description length; Rissanen 1983): 0.667 ± 0.001
         becomes 2/3, and 0.67 ± 0.05 stays. Numbers with units become zero or each other. The remaining numbers follow
         by the covariance. Equations are in the shortest of their equivalent forms; a part of a fraction that vanishes
-        within its error is left out.
-
-        Parameters
-        ----------
-        tolerance
-            Standard errors that the mean over objects may be off. All replacements together may be as improbable, of
-            the mean and of all objects, by chi-square tests.
+        within its error is left out. The mean over objects may be `tolerance` standard errors off; all replacements
+        together may be as improbable, of the mean and of all objects, by chi-square tests.
 
         Raises
         ------
@@ -729,14 +675,8 @@ class Law(ShownInNotebooks):
         """Return the law with each coefficient shrunk to its mean over objects, by its scatter beyond its errors.
 
         Objects count as drawn from one population (parametric empirical Bayes; Morris 1983); `history` has the
-        shrinkage of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors.
-
-        Parameters
-        ----------
-        universal
-            Coefficients that all objects have in common, shape (equations, terms).
-        others
-            Whether the other coefficients are shrunk.
+        shrinkage of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `universal`
+        coefficients, shape (equations, terms), become the same for all objects; the `others` are shrunk.
 
         Raises
         ------
@@ -750,15 +690,13 @@ class Law(ShownInNotebooks):
 
         Each coefficient is universal, a power law of properties with small rational exponents (``0.25
         diameter^2/mass``), an affine function of properties where signs differ, or object-specific; objects may scatter
-        about it. The evidence decides, with a prior against properties. The coefficients become what their relations
-        give, and more precise.
+        about it. The evidence decides, with a prior against properties. Coefficients become what their relations give.
 
         Parameters
         ----------
         properties
-            Names of known properties; or the properties, a mapping from object to values by name, or a table (a file, a
-            frame) with a row for each object. Default: all numbers that are known of every object. Without any, ``[]``,
-            coefficients are universal or object-specific.
+            Names of known properties; or a mapping from object to values by name; or a table (a file, a frame) with a
+            row for each object. Default: all numbers that are known of every object; ``[]`` for none.
 
         Raises
         ------
