@@ -231,8 +231,8 @@ class Law(ShownInNotebooks):
         Examples
         --------
         >>> import commonlaw as cl
-        >>> cl.fit("x'' = -g - c v", cl.datasets.linear_drag()).to_script("drops.csv").splitlines()[3]
-        'law = cl.fit("x\'\' = -g - c v", trials)'
+        >>> print(cl.fit("x'' = -g - c v", cl.datasets.linear_drag()).to_script("drops.csv").splitlines()[3])
+        law = cl.fit("x'' = -g - c v", trials)
         """
         equations = self.structure if self._shares_terms else ()
         return cast(str, _call("law.script:script", self.provenance.calls, equations, self.schema, path))
