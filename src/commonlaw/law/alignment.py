@@ -31,21 +31,14 @@ if TYPE_CHECKING:
 def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same") -> Trials:
     """Return trials of the variables of a law in its units; everything that takes a law and trials begins with this.
 
-    Parameters
-    ----------
-    law
-        The law.
-    trials
-        What was measured. What has no unit there or in the law is taken as it is. Columns that the law left out, as
-        they are rates of its states, are left out here, and so are objects that are still at rest. Latent states come
-        with their starts, and doses as they are added.
-    inputs
-        Whether the trials may have other inputs than the law.
+    What has no unit there or in the law is taken as it is. Left out are rates of the law's states and objects at rest
+    that the law left out. Latent states come with their initial values, and doses as they are added. Only with `inputs`
+    "any" may the trials have other inputs than the law.
 
     Raises
     ------
     CommonlawError
-        If the variables are not those of the law, or a unit cannot be converted into that of the law.
+        If the variables are not those of the law, or a unit cannot be converted.
     """
     trials = without_rates(trials, law.schema.rates)
     if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
@@ -92,10 +85,7 @@ def _units(law: Law, given: Schema) -> dict[str, str]:
 
 
 def with_constants_of(other: "Law", law: "Law") -> "Law":
-    """Return another law in which a constant has the name that it has in a law, where it is inside of the same terms.
-
-    Others have names that the law has not: what has a name in both is the same in both.
-    """
+    """Return another law in which a constant has the name that it has in a law, where it is inside the same terms."""
     same = defaultdict[frozenset[tuple[int, str]], list[str]](list)
     for name in law.terms.variables.constants:
         same[_places(law, name)].append(name)

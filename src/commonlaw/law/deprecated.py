@@ -83,13 +83,7 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
 
 
 def deprecated_member(law: Any, name: str) -> Any:
-    """Return a member of a law by its earlier name, with a `DeprecationWarning` that gives the present one.
-
-    Raises
-    ------
-    AttributeError
-        If there never was such a member.
-    """
+    """Return a member of a law by its earlier name, with a `DeprecationWarning` that gives the present one."""
     if name not in DEPRECATED:
         raise AttributeError(f"'Law' object has no attribute {name!r}", name=name, obj=law)
     instead, value = DEPRECATED[name]

@@ -93,10 +93,7 @@ class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tru
 
 
 class OtherDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """What else a law could be: which terms (by their index) are in which equation, and by object what they have.
-
-    Terms, and the constants inside of them, where they are not those of the law.
-    """
+    """A plausible other law: indices of its terms by equation, coefficients by object; terms where they are its own."""
 
     probability: float
     support: list[list[int]]
@@ -138,10 +135,7 @@ _ALTERNATIVES = {"settings": "hyperparameters", "evidence lost": _BAYES_FACTOR}
 
 
 def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
-    """Return a document of an earlier version, which need not be valid, by the names of version 4.
-
-    Version 3 lacks what else a law could be, and the degrees of freedom of its noise.
-    """
+    """Return a document of an earlier version, which need not be valid, by the names of version 4."""
     found = _with_widening(_renamed(document) if version < 3 else {**document, "version": 4})
     others = found.get("other_laws")
     if isinstance(others, list):

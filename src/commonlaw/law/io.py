@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from math import prod
@@ -77,7 +77,7 @@ def document_of(law: Law) -> LawDocument:
             domain=provenance.domain,
         ),
         properties={name: {**values} for name, values in law.properties.items()},
-        explanation=None if law.uncertainty.explanation is None else _saved_explanation(law.uncertainty.explanation),
+        explanation=_saved_explanation(law.uncertainty.explanation),
         with_discrepancy=None if wider is None else document_of(wider),
         other_laws=[_saved_other(each.probability, each.law, terms) for each in law.uncertainty.other_laws],
     )
@@ -95,7 +95,7 @@ def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
         support=[np.flatnonzero(own).tolist() for own in support],
         coefficients=dict(zip(law.objects, law.coefficients[:, support].tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
-        explanation=None if law.uncertainty.explanation is None else _saved_explanation(law.uncertainty.explanation),
+        explanation=_saved_explanation(law.uncertainty.explanation),
         terms=_saved_terms(law.terms) if own else None,
         constants=list(law.terms.variables.constants) if own else [],
     )
@@ -103,6 +103,8 @@ def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> UncertaintyDocument:
     covariance, wider = uncertainty.covariance, uncertainty.widening
+    levels = {name: each for name, each in vars(uncertainty.error_model).items() if each is not None}
+    errors = {name: np.asarray(each).tolist() for name, each in levels.items() if np.all(np.isfinite(each))}
     factors, noise, inclusion, degrees = (
         None if each is None else each.tolist()
         for each in (
@@ -117,13 +119,11 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         shared_factor=None if factors is None else dict(zip(objects, factors, strict=True)),
         noise=noise,
         inclusion_probabilities=inclusion,
-        error_model=_saved_errors(uncertainty.error_model),
+        error_model=ErrorsDocument(**errors) if errors else None,
         unpooled=_saved_estimates(objects, uncertainty.unpooled),
         pooled=_saved_estimates(objects, uncertainty.pooled),
         degrees_of_freedom=degrees,
-        widening=None
-        if wider is None
-        else WideningDocument(**{name: each.tolist() for name, each in vars(wider).items()}),
+        widening=wider and WideningDocument(horizons=wider.horizons.tolist(), factors=wider.factors.tolist()),
     )
 
 
@@ -138,20 +138,14 @@ def _triangles(objects: Sequence[str], covariance: Floats) -> dict[str, list[flo
     return dict(zip(objects, covariance[:, *np.tril_indices(covariance.shape[1])].tolist(), strict=True))
 
 
-def _saved_explanation(explanation: Explanation) -> ExplanationDocument:
-    saved = [None if each is None else _saved_relation(each) for each in explanation.relations]
+def _saved_explanation(explanation: Explanation | None) -> ExplanationDocument | None:
+    if explanation is None:
+        return None
+    saved = [
+        each and RelationDocument(**vars(each) | {"exponents": tuple(map(str, each.exponents))})
+        for each in explanation.relations
+    ]
     return ExplanationDocument(relations=saved, covariance=explanation.covariance.tolist())
-
-
-def _saved_relation(relation: Relation) -> RelationDocument:
-    return RelationDocument(**vars(relation) | {"exponents": tuple(map(str, relation.exponents))})
-
-
-def _read_explanation(saved: ExplanationDocument) -> Explanation:
-    """Return the relations; `Explanation.checked` says whether they fit the law."""
-    relations = tuple(None if each is None else _read_relation(each) for each in saved.relations)
-    count = sum(len(each.factors) for each in relations if each is not None)
-    return Explanation(relations, _matrix(saved.covariance, "the covariance of its factors is", (count, count)))
 
 
 def _read_relation(saved: RelationDocument) -> Relation:
@@ -162,19 +156,6 @@ def _read_relation(saved: RelationDocument) -> Relation:
     except (ValueError, ZeroDivisionError):
         raise CommonlawError("law-exponents", exponents=saved.exponents) from None
     return Relation(**msgspec.structs.asdict(saved) | {"exponents": exponents})
-
-
-def _saved_errors(errors: ErrorModel) -> ErrorsDocument | None:
-    values = {field.name: getattr(errors, field.name) for field in fields(errors)}
-    kept = {name: each for name, each in values.items() if each is not None and np.all(np.isfinite(each))}
-    return ErrorsDocument(**{name: np.asarray(each).tolist() for name, each in kept.items()}) if kept else None
-
-
-def _read_errors(saved: ErrorsDocument | None) -> ErrorModel:
-    values = {} if saved is None else msgspec.structs.asdict(saved)
-    given: dict[str, Any] = {name: each for name, each in values.items() if each is not None}
-    given |= {name: np.array(each) for name, each in given.items() if isinstance(each, list)}
-    return ErrorModel(**given)
 
 
 def decode(content: bytes) -> Law:
@@ -192,15 +173,7 @@ def not_a_law(error: Exception) -> CommonlawError:
 
 
 def decode_document(raw: dict[str, Any]) -> Law:
-    """Return the law of a document, with that of its discrepancy, and what else it could be.
-
-    Documents of versions 1 to 3 are read too.
-
-    Raises
-    ------
-    CommonlawError
-        If it is not a law, is damaged, or is of another version.
-    """
+    """Return the law of a document of any version."""
     try:
         version = msgspec.convert(raw, HeaderDocument).version
         if 1 <= version <= VERSION:
@@ -295,19 +268,33 @@ def _read_law(document: LawDocument) -> Law:
 def _read_uncertainty(
     document: LawDocument | OtherDocument, objects: tuple[str, ...], shape: tuple[int, int], parameters: int
 ) -> Uncertainty:
-    saved, explanation = document.uncertainty, document.explanation
+    saved, explanation, shared = document.uncertainty, None, None
     inclusion = saved.inclusion_probabilities
+    levels = msgspec.structs.asdict(saved.error_model) if saved.error_model else {}
+    errors = {name: np.array(each) if isinstance(each, list) else each for name, each in levels.items()}
+    if saved.shared_factor is not None:
+        columns = max((len(row) for rows in saved.shared_factor.values() for row in rows), default=parameters)
+        matrices = [
+            _matrix(saved.shared_factor.get(name, []), f"the shared factor of {name!r} is", (parameters, columns))
+            for name in objects
+        ]
+        shared = np.array(matrices).reshape(len(objects), parameters, columns)
+    if document.explanation is not None:
+        relations = tuple(each and _read_relation(each) for each in document.explanation.relations)
+        size = sum(len(each.factors) for each in relations if each)
+        factors = _matrix(document.explanation.covariance, "the covariance of its factors is", (size, size))
+        explanation = Explanation(relations, factors)
     return Uncertainty(
         None if saved.covariance is None else _covariance(saved.covariance, objects, parameters),
-        None if saved.shared_factor is None else _shared_factor(saved.shared_factor, objects, parameters),
+        shared,
         None if saved.noise is None else np.array(saved.noise),
         None if inclusion is None else _matrix(inclusion, "its inclusion probabilities are", shape),
-        _read_errors(saved.error_model),
+        ErrorModel(**{name: each for name, each in errors.items() if each is not None}),
         None if saved.unpooled is None else _read_estimates(saved.unpooled, objects, parameters),
         None if saved.pooled is None else _read_estimates(saved.pooled, objects, parameters),
         None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),
         None if saved.widening is None else Widening(*map(np.array, msgspec.structs.astuple(saved.widening))),
-        None if explanation is None else _read_explanation(explanation),
+        explanation,
     )
 
 
@@ -329,14 +316,6 @@ def _covariance(saved: Mapping[str, list[float]], objects: tuple[str, ...], para
     return found
 
 
-def _shared_factor(saved: Mapping[str, list[list[float]]], objects: tuple[str, ...], parameters: int) -> Floats:
-    """Return what the errors of objects have in common, in the order of the coefficients."""
-    columns = max((len(row) for rows in saved.values() for row in rows), default=parameters)
-    shape = (parameters, columns)
-    found = [_matrix(saved.get(name, []), f"the shared factor of {name!r} is", shape) for name in objects]
-    return np.array(found).reshape(len(objects), *shape)
-
-
 def _matrix(rows: list[list[float]], what: str, shape: tuple[int, int]) -> Floats:
     if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
         raise CommonlawError("law-table-size", table=what, rows=shape[0], columns=shape[1])
@@ -356,13 +335,7 @@ _OBJECTS = "object"
 
 
 def law_bytes(law: Law, path: str | os.PathLike[str]) -> bytes:
-    """Return the file of a law: Parquet if it is named so, else JSON.
-
-    Raises
-    ------
-    CommonlawError
-        If it would be too large to be read again.
-    """
+    """Return the file of a law: Parquet if it is named so, else JSON."""
     name, content = law_file(law, str(path))
     if name != str(path):
         raise CommonlawError("law-too-large-for-json", objects=len(law.objects))
@@ -370,13 +343,7 @@ def law_bytes(law: Law, path: str | os.PathLike[str]) -> bytes:
 
 
 def law_file(law: Law, path: str) -> tuple[str, bytes]:
-    """Return name and content of the file of a law: the path, or where JSON is too large Parquet beside it.
-
-    Raises
-    ------
-    CommonlawError
-        If it would be too large to be read again as Parquet, too, or has numbers that are refused where laws are read.
-    """
+    """Return name and content of the file of a law: the path, or where JSON is too large that of a Parquet file."""
     document = msgspec.to_builtins(document_of(law))
     try:
         check_numbers(document)

@@ -833,13 +833,7 @@ class Law(ShownInNotebooks):
 
 
 def object_index(law: Law, name: object) -> int:
-    """Return the index of an object among those of a law.
-
-    Raises
-    ------
-    CommonlawError
-        If the law has no such object.
-    """
+    """Return the index of an object among those of a law; refuse one that it does not have."""
     index = law._indices.get(str(name))
     if index is None:
         raise unknown("object of this law", name, law.objects)
@@ -847,13 +841,7 @@ def object_index(law: Law, name: object) -> int:
 
 
 def only_object(law: Law, name: str | None) -> str:
-    """Return the name of an object that was given, or that is the only one.
-
-    Raises
-    ------
-    CommonlawError
-        If none is given and there are several.
-    """
+    """Return the name of an object that was given, or that is the only one."""
     if name is None and len(law.objects) > 1:
         raise CommonlawError("several-objects", objects=", ".join(law.objects))
     return law.objects[0] if name is None else name

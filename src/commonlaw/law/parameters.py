@@ -22,16 +22,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """The parameters of a law: the names in `Law.structure`, and what they stand for.
+    """What the names in `Law.structure` stand for.
 
-    Parameters
-    ----------
-    law
-        The law.
-    definitions
-        Each parameter as a product of powers of coefficients of terms.
-    products
-        What stands before each term, by name.
+    Definitions are products of powers of coefficients of terms; products are what stands before each term, by name.
     """
 
     law: Law
@@ -153,14 +146,9 @@ def standard_errors(law: Law) -> Floats:
 
 
 def coefficient_intervals(law: Law, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
-    """Return the ends of the coefficients' intervals, each of shape (objects, equations, terms); see `Law.conf_int`.
+    """Return the ends of the coefficients' intervals, each of shape (objects, equations, terms), see `Law.conf_int`.
 
     NaN for terms that an object does not have.
-
-    Raises
-    ------
-    CommonlawError
-        If the covariance is not known, or the level is not between 0 and 1.
     """
     law.uncertainty.known_covariance()
     laws = law.models if averaged else (PlausibleLaw(1.0, law),)

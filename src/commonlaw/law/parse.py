@@ -97,8 +97,7 @@ class Names(TypedDict, total=False):
 class GivenEquations(NamedTuple):
     """What the text of equations says.
 
-    `known` has the shape (equations, terms): the coefficients that are numbers, zero where there is no such term, NaN
-    where one is to be found.
+    `known` has the shape (equations, terms): coefficients that are numbers, zero without the term, NaN if to be found.
     """
 
     texts: tuple[str, ...]
@@ -111,13 +110,7 @@ class GivenEquations(NamedTuple):
 
 
 def read_equations(given: str | Sequence[str], schema: Schema, variables: Variables | None = None) -> GivenEquations:
-    """Return what equations say about the states of a schema, in variables that follow from it if none are given.
-
-    Raises
-    ------
-    CommonlawError
-        If a text cannot be read, a state has no equation, or only a product of coefficients could be found.
-    """
+    """Return what equations say about the states of a schema, in variables that follow from it if none are given."""
     equations = split_equations(given)
     by_state = {each.state: each for each in equations}
     _check_states(tuple(by_state), schema)

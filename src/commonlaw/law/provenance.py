@@ -35,13 +35,12 @@ class Domain:
     Parameters
     ----------
     visited
-        The least and the largest value of states, rates, inputs and properties in what it was learned from, by name.
-    horizon
-        How far ahead the error of its forecasts stays within half of the states' spread; None if that was not judged.
-    judged
-        How far ahead was judged.
+        The range of states, rates, inputs and properties in what it was learned from, by name.
+    horizon, judged
+        How far ahead its forecasts are reliable, with an error within half of the states' standard deviation, and how
+        far was assessed; None if it was not.
     at_rest
-        Objects that were left out, as nothing changed in their trials, see `objects_at_rest`.
+        Objects that were left out, as nothing changed in their trials.
     """
 
     visited: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -51,10 +50,7 @@ class Domain:
 
     @classmethod
     def of(cls, trials: Trials, rates: Sequence[tuple[str, str]]) -> "Domain":
-        """Return what trials have visited; of some states their rates too, which are named with them.
-
-        They are those of smooth curves through the samples. States that nobody measured are not among it.
-        """
+        """Return what trials have visited, latent states aside; of some states also the rates, named with them."""
         schema = trials.schema
         states = natural(np.concatenate([trial.states for trial in trials]), schema)
         inputs = np.concatenate([trial.inputs for trial in trials])
@@ -92,17 +88,7 @@ class Domain:
         return farthest if beyond > max(more, 1e-9 * max(abs(low), abs(high))) else None
 
     def remarks(self, left: Mapping[str, Mapping[str, float]], unit: str, ahead: float) -> Iterator[str]:
-        """Yield what to know of forecasts that leave it.
-
-        Parameters
-        ----------
-        left
-            Of variables that were left the farthest value by trial.
-        unit
-            Of time.
-        ahead
-            How far ahead of what was measured the forecasts go.
-        """
+        """Yield remarks on forecasts that go so far `ahead`, and leave it in variables, with the farthest by trial."""
         parts = []
         for name, values in left.items():
             low, high = self.visited[name]
@@ -144,24 +130,19 @@ _WIDTH = 60
 
 @dataclass(frozen=True)
 class Alternative:
-    """One of the candidates that an equation was chosen from.
+    """One of the candidates that an equation, named by its left-hand side, was chosen from.
 
     Parameters
     ----------
-    equation
-        The left-hand side.
-    terms
-        The terms that some object has.
     measures
-        What speaks for it by name (criteria, held-out error and its standard error, stability); None where a measure
-        is not to be had.
+        Criteria, held-out error and its standard error, stability, by name; None where unknown.
     proven
         Whether no other support of its size fits better.
     chosen
         Whether it is the law.
     hyperparameters
-        The values of the solver's hyperparameter (threshold, penalty, number of terms) at which its segments of the
-        path begin; none if candidates of several solvers were compared.
+        The values of the solver's hyperparameter at which its segments of the path begin; none if candidates of several
+        solvers were compared.
     """
 
     equation: str
@@ -176,14 +157,8 @@ class Alternative:
 class Step:
     """One choice on the way to a law.
 
-    Parameters
-    ----------
-    stage
-        What was to be chosen: ``"noise"``, ``"support"``.
-    choice
-        What was chosen: ``"x: 0.05 m"``.
-    reason
-        Why, with the numbers that decided.
+    The stage is what was chosen, ``"noise"``; the choice its result, ``"x: 0.05 m"``; the reason has the numbers that
+    decided.
     """
 
     stage: str

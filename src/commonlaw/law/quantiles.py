@@ -19,13 +19,6 @@ _HALVINGS = 50
 def two_sided(level: float, degrees_of_freedom: ArrayLike = np.inf) -> Floats:
     """Return how many standard errors on both sides hold this share, of the shape of the degrees of freedom.
 
-    Raises
-    ------
-    CommonlawError
-        If the share is not between 0 and 1.
-
-    Examples
-    --------
     >>> two_sided(0.95, [np.inf, 30, 5]).round(2).tolist()
     [1.96, 2.04, 2.57]
     """
@@ -39,25 +32,9 @@ def mixture_interval(
 ) -> tuple[Floats, Floats]:
     """Return the ends between which this share of a mixture lies, as much below as above, each of shape (...).
 
-    Parameters
-    ----------
-    weights
-        Of the parts, shape (k, ...) or what broadcasts to it; they add up to one. A part without weight may be NaN.
-    centers, scales
-        Where each Student's t distribution is and how wide, shape (k, ...); a part of scale zero is a certain value.
-    degrees_of_freedom
-        Of each part, what broadcasts to (k, ...); infinite for normal distributions.
-    level
-        The share.
-
-    Raises
-    ------
-    CommonlawError
-        If the share is not between 0 and 1.
-
-    Examples
-    --------
-    A coefficient that is 2.0 ± 0.1 where its term is in the law, and zero with a probability of one tenth:
+    Weights, centers, scales and degrees of freedom of the parts, Student's t distributions, broadcast to (k, ...). A
+    part of scale zero is a certain value; one without weight may be NaN. A coefficient that is 2.0 ± 0.1, and zero
+    with a probability of one tenth:
 
     >>> low, high = mixture_interval(np.array([0.9, 0.1]), np.array([2.0, 0.0]), np.array([0.1, 0.0]), np.inf, 0.95)
     >>> print(low.round(2), high.round(2))
@@ -94,20 +71,6 @@ def mixture_interval(
 def upper_bound(center: ArrayLike, scale: ArrayLike, degrees_of_freedom: ArrayLike, level: float) -> Floats:
     """Return what the size of a number stays below with this probability, by Student's t about an estimate.
 
-    Parameters
-    ----------
-    center, scale, degrees_of_freedom
-        Of the distribution; what broadcasts to one shape.
-    level
-        The probability.
-
-    Raises
-    ------
-    CommonlawError
-        If the level is not between 0 and 1.
-
-    Examples
-    --------
     >>> upper_bound([0.0, 5.0], 1.0, np.inf, 0.95).round(2).tolist()
     [1.96, 6.64]
     """

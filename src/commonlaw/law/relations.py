@@ -119,10 +119,7 @@ LATEX = Notation(latex_with_error, latex_name, r"\, ", _latex_powers)
 def related_rows(
     law: Law, notation: Notation, lefts: Sequence[str], names: Sequence[str], digits: int, errors: bool
 ) -> list[tuple[str, list[Addend]]]:
-    """Return equations with relations before their terms, then each shared constant with what decides it.
-
-    Left-hand sides are those of equations, then of constants.
-    """
+    """Return equations with relations before their terms, then shared constants; left-hand sides are those of both."""
     rows: list[list[Addend]] = [[] for _ in lefts]
     equations, constants = len(law.support), law.terms.constants
     related = zip(np.argwhere(law.support).tolist(), _explanation(law).relations, _letters(law), strict=True)

@@ -36,15 +36,7 @@ class _NotOnListError(ValueError):
 
 
 def readable(calls: Sequence[str], fallback: str) -> Iterator[str]:
-    """Yield the lines of a program that makes a law by calls; what is not on the list is a line that says so.
-
-    Parameters
-    ----------
-    calls
-        As recorded.
-    fallback
-        A call that makes the law if the first ones are left out, or if there are none.
-    """
+    """Yield the lines of a program that makes a law by recorded calls, or by a fallback if the first are left out."""
     known = False
     for text in calls:
         call = rewritten(text)
@@ -62,8 +54,6 @@ def readable(calls: Sequence[str], fallback: str) -> Iterator[str]:
 def rewritten(text: str) -> str | None:
     """Return a recorded call as it may stand in a program, nothing if it may not.
 
-    Examples
-    --------
     >>> rewritten("cl.discover(trials,order = 2)  # and"), rewritten("cl.discover(trials); print(1)")
     ('cl.discover(trials, order=2)', None)
     """
@@ -170,12 +160,11 @@ class Source:
     dataset
         In place of a table, the data set as Python: ``"cl.datasets.load('lorenz')"``.
     properties
-        Columns that are properties; those that the table says itself by default.
+        Columns that are properties; default as the table says.
     training
-        The trials that are learned from, as Python, of those ``measured``: ``"measured.until(2.0)"``; all by default.
+        The training trials, as Python, of those ``measured``: ``"measured.until(2.0)"``; default all.
     reading
-        How rows are read, by keywords of `Trials.read`, which take precedence over what the law says; None leaves one
-        out.
+        Keywords of `Trials.read`, in preference to those of the law; None leaves one out.
     stream
         Whether the table is a stream of Parquet files.
     kept
@@ -192,17 +181,7 @@ class Source:
 
 
 def call(function: Callable[..., Any], values: Mapping[str, Any], *first: str) -> str:
-    """Return the call of a public function as Python: its first arguments, and those that are not its defaults.
-
-    Parameters
-    ----------
-    function
-        Or class, whose signature has the defaults.
-    values
-        Of its parameters, by name; others in it are left out.
-    *first
-        What the call begins with: its name, and arguments as Python.
-    """
+    """Return the call of a public function as Python: its name, first arguments, and values that are not defaults."""
     name, *arguments = first
     for each in inspect.signature(function).parameters.values():
         value = values.get(each.name, each.default)
@@ -236,10 +215,7 @@ def written(value: Any) -> str:
 
 
 def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, table: str | Source) -> str:
-    """Return a program that reads trials and makes a law by these calls, see `Law.to_script`.
-
-    Without calls, or where they cannot be used, it fits the equations.
-    """
+    """Return a program that reads trials and makes a law by these calls, or fits the equations, see `Law.to_script`."""
     source = table if isinstance(table, Source) else Source(table)
     roles: dict[str, Any] = {
         "object": schema.object if source.stream or schema.object != "object" else None,

@@ -12,18 +12,9 @@ LawType = TypeVar("LawType")
 
 
 class Replacement(NamedTuple):
-    """A number of a law that is replaced.
+    """A number of a law, by its letter in `Law.structure`, and the number or letter that replaces it.
 
-    Parameters
-    ----------
-    letter
-        That stands for it in `Law.structure`.
-    estimate, error
-        Its mean over objects, and the standard error of that.
-    form
-        What takes its place: a number, or another letter.
-    off
-        Standard errors between them.
+    The estimate is its mean over objects, with its standard error; `off` are standard errors between both.
     """
 
     letter: str
@@ -46,14 +37,14 @@ class Simplification(Generic[LawType]):
     equations
         The shortest form that was found of each, with letters for the numbers that remain.
     replaced
-        Every number that is not found any more.
+        Every number that was replaced.
     chi_square, degrees_of_freedom
-        Of all replacements of all objects together: the squared distance of the law's estimates from the nearest that
-        obey them, in units of their covariance.
+        Of all replacements of all objects together: the squared distance of the estimates from the nearest that obey
+        them, in units of their covariance.
     objects, letters
         Of the law, and for the numbers that remain.
     values, errors
-        What the letters stand for, given what was replaced, and their standard errors, shape (objects, letters).
+        What the letters stand for, given the replacements, and standard errors, shape (objects, letters).
     """
 
     equations: tuple[str, ...]
@@ -71,13 +62,7 @@ class Simplification(Generic[LawType]):
         return p_value(self.chi_square, self.degrees_of_freedom)
 
     def fit(self, trials: Trials, **settings: Any) -> LawType:
-        """Return the law of this form, fitted to trials again, see `commonlaw.fit`.
-
-        Raises
-        ------
-        CommonlawError
-            If no number is left to be found, or the trials cannot be used.
-        """
+        """Return the law of this form, fitted to trials again, see `commonlaw.fit`; refused if no number is left."""
         law: LawType = resolve_name("commonlaw.discovery:fit")(self.equations, trials, **settings)
         return law
 

@@ -27,13 +27,7 @@ if TYPE_CHECKING:
 
 
 def symbolic() -> Any:
-    """Return SymPy.
-
-    Raises
-    ------
-    CommonlawError
-        If it is not installed.
-    """
+    """Return SymPy, or refuse where it is not installed."""
     return optional_import("sympy", "the simplest form of a law", "symbolic")
 
 
@@ -110,16 +104,9 @@ class ShorterLaw:
 
 
 def without_vanishing_part(law: Law, values: Floats, covariances: Floats, tolerance: float) -> ShorterLaw | None:
-    """Return a law without a part of a fraction that vanishes; none if no part does.
+    """Return a law without a part of a fraction that vanishes within so many standard errors; none if no part does.
 
-    Parameters
-    ----------
-    law
-        That is simplified.
-    values, covariances
-        What its letters stand for, of each object by its own trials, shape (objects, letters), and their covariances.
-    tolerance
-        Standard errors: parts are as near to zero as a normal number is to so many.
+    Values, shape (objects, letters), and covariances are of each object by its own trials.
     """
     if not law.terms.variables.constants:
         return None
@@ -263,10 +250,10 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
 
 
 def within_errors(law: Law) -> tuple[str, ...]:
-    """Return the equations with what letters are within their errors: one, minus one, another letter or its opposite.
+    """Return the equations with letters replaced that are within errors of 1, -1, another letter or its opposite.
 
-    Nothing if no letter is, or the law does not know how accurate estimates of each object by its own trials are. Of
-    one object, the other letters are numbers: those of largest likelihood then.
+    Nothing if no letter is, or estimates of each object by its own trials are unknown. Of one object, the other letters
+    are numbers: those of largest likelihood then.
     """
     known = law.uncertainty
     by_own_trials = known.shared_factor is None or known.unpooled is not None
@@ -327,10 +314,7 @@ def _constrained(
 
 @dataclass(frozen=True)
 class _Constraint:
-    """What a letter is replaced by: a number, or a number times another letter.
-
-    The bits are what it takes to write that down.
-    """
+    """What a letter is replaced by: a number, or a number times another letter; and the bits that it takes to write."""
 
     letter: str
     index: int
@@ -381,10 +365,7 @@ class _Constraint:
 
 @dataclass(frozen=True, eq=False)
 class _Estimates:
-    """What letters stand for, of each object by its own trials and last their mean over objects.
-
-    Values have the shape (objects + 1, letters), covariances (objects + 1, letters, letters).
-    """
+    """What letters stand for by object and last on average, shape (objects + 1, letters), with their covariances."""
 
     values: Floats
     covariances: Floats
@@ -465,10 +446,7 @@ def _powers(law: Law, letter: str) -> list[int]:
 
 
 def _ratios(letter: str, index: int, value: float) -> Iterator[_Constraint]:
-    """Yield the ratios of small whole numbers near a value, and what it takes to write them.
-
-    A whole number takes twice its digits and one more bit, which says where they end (Elias 1975, the gamma code).
-    """
+    """Yield the ratios of small whole numbers near a value, with the bits of both (Elias 1975, the gamma code)."""
     near = {Fraction(round(value * each), each) for each in range(1, _LARGEST_DENOMINATOR + 1)} - {Fraction(0)}
     for each in near:
         bits = 2 + 2 * (math.log2(abs(each.numerator)) + math.log2(each.denominator))

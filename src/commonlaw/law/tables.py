@@ -42,11 +42,7 @@ MEANINGS = {
 
 
 def readable(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table with the digits that mean something: numbers as far as their errors let them be.
-
-    Coefficients, errors and ends of intervals have the decimal places of the standard error's second digit, and
-    probabilities below 1e-9 are just that.
-    """
+    """Return a table whose estimates have the decimal places of the standard error's second digit."""
     shown, errors = frame.copy(), frame.get("standard error")
     for name in map(str, frame.columns):
         if "probability" in name:
@@ -136,10 +132,7 @@ def wide_frame(law: Law, with_errors: bool) -> pd.DataFrame:
 
 
 def interval_frame(law: Law, level: float = 0.95, averaged: bool = True) -> pd.DataFrame:
-    """Return `Law.conf_int` by the names of columns that are kept stable where tables are saved.
-
-    Where intervals are averaged over models, the ends given these terms follow.
-    """
+    """Return `Law.conf_int` with stable names of columns, averaged over models and given these terms."""
     found = law.conf_int(level, averaged)
     by_name, ends = bool(law.provenance.equations), ["low", "high"]
     if averaged and law.uncertainty.other_laws and not by_name:
@@ -155,11 +148,7 @@ def interval_frame(law: Law, level: float = 0.95, averaged: bool = True) -> pd.D
 
 
 def coefficient_rows(law: Law) -> pd.DataFrame:
-    """Return `Law.params` as a table for other programs; what is not known is empty.
-
-    Columns are object, equation, term (or of a law of given equations parameter), value, standard error, low, high and
-    unit.
-    """
+    """Return `Law.params` as a table for other programs; what is not known is empty."""
     names = ["parameter"] if law.provenance.equations else ["equation", "term"]
     found: pd.DataFrame = law.params[["object", *names, "estimate", "standard error", "low", "high", "unit"]]
     return found.set_axis(["object", *names, "value", "standard error", "low", "high", "unit"], axis=1)
@@ -253,21 +242,10 @@ def letter_values(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
 
 
 def strangest(values: Floats, heads: Sequence[str], count: int) -> tuple[list[int], list[str], list[float]]:
-    """Return the objects farthest from the medians, the farthest first, in what they are, and by how much.
+    """Return the indices of the objects farthest from the medians, the columns in which they are, and by how much.
 
-    Parameters
-    ----------
-    values
-        Shape (objects, columns).
-    heads
-        Names of the columns.
-    count
-        Of objects.
-
-    Returns
-    -------
-    indices, columns, distances
-        Distances are in standard deviations of a normal distribution with the same fourths.
+    Distances are in standard deviations of a normal distribution with the same fourths; values have the shape
+    (objects, columns).
     """
     far, which = _distances(values)
     chosen = np.argsort(-far, kind="stable")[:count]

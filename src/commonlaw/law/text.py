@@ -252,10 +252,7 @@ def with_units(names: Iterable[str], units: Iterable[str | None]) -> list[str]:
 
 
 def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients: Floats, errors: Floats) -> list[str]:
-    """Return lines of objects' coefficients under their letters, of very many those of the first.
-
-    Both arrays have the shape (objects, letters).
-    """
+    """Return lines of objects' coefficients, shape (objects, letters), under their letters; of very many the first."""
     few, left_out = objects[:MANY], len(objects) - MANY
     pairs = zip(coefficients[:MANY], np.nan_to_num(errors[:MANY]), strict=True)
     cells = [[with_error(*pair) for pair in zip(*each, strict=True)] for each in pairs]

@@ -54,27 +54,16 @@ def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: 
 
 @dataclass(frozen=True, eq=False)
 class Widening:
-    """Factors of intervals of forecasts, as forecasts of what was left out asked for.
+    """Factors above zero by which intervals are inflated (conformal), at increasing horizons, both of shape (m,).
 
-    Parameters
-    ----------
-    horizons
-        How far ahead, increasing from zero or more, shape (m,).
-    factors
-        There, above zero, shape (m,); between horizons they lie on straight lines, and beyond them they stay.
+    They are linear between horizons, and constant beyond them.
     """
 
     horizons: Floats
     factors: Floats
 
     def checked(self) -> "Widening":
-        """Return the same as read-only arrays, refusing what is no widening.
-
-        Raises
-        ------
-        CommonlawError
-            If the shapes differ, horizons do not increase, or a factor is not above zero.
-        """
+        """Return the same as read-only arrays, refusing what is no widening."""
         arrays = [np.array(each, dtype=np.float64) for each in (self.horizons, self.factors)]
         horizons, factors = arrays
         fits = horizons.ndim == 1 and horizons.shape == factors.shape and len(horizons) > 0
@@ -109,15 +98,7 @@ class PlausibleLaw(NamedTuple, Generic[LawType]):
 
 @dataclass(frozen=True, eq=False)
 class ObjectEstimates:
-    """Each object's parameters by its own trials alone, or drawn to those of the other objects.
-
-    Parameters
-    ----------
-    coefficients
-        Shape (objects, parameters).
-    covariance
-        Of their errors, shape (objects, parameters, parameters).
-    """
+    """Parameters of each object, shape (objects, parameters), and their covariances."""
 
     coefficients: Floats
     covariance: Floats
@@ -130,15 +111,14 @@ class ObjectEstimates:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The relations of a law's coefficients to its objects, see `Law.explain`; ``print(law)`` shows them.
+    """The relations of a law's coefficients to its objects, see `Law.explain`.
 
     Parameters
     ----------
     relations
-        One for each of the law's parameters, in the order of ``numpy.argwhere(law.support)``; None for coefficients
-        that are known.
+        One for each parameter, in the order of ``numpy.argwhere(law.support)``; None for known coefficients.
     covariance
-        Of the factors of all relations together, in their order, shape (factors, factors).
+        Of the factors of all relations together, shape (factors, factors).
     """
 
     relations: tuple[Relation | None, ...]
