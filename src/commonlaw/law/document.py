@@ -160,9 +160,13 @@ def _renamed(document: dict[str, Any]) -> dict[str, Any]:
     """Return a document of version 1 or 2."""
     moved = {*_UNCERTAINTY, *_PROVENANCE}
     provenance = {key: document[key] for key in _PROVENANCE if key in document}
-    for key, rename in (("outcomes", _outcome), ("alternatives", _alternative)):
-        if isinstance(provenance.get(key), list):
-            provenance[key] = [rename(each) for each in provenance[key]]
+    if isinstance(provenance.get("outcomes"), list):
+        provenance["outcomes"] = [
+            each | {"kind": "model error"} if isinstance(each, dict) and each.get("kind") == "not obeyed" else each
+            for each in provenance["outcomes"]
+        ]
+    if isinstance(provenance.get("alternatives"), list):
+        provenance["alternatives"] = list(map(_alternative, provenance["alternatives"]))
     return {
         **{key: value for key, value in document.items() if key not in moved},
         "version": 4,
@@ -183,11 +187,6 @@ def compared_with_the_best(alternatives: Sequence[Alternative]) -> tuple[Alterna
         return replace(each, measures={**each.measures, _BAYES_FACTOR: value - least[each.equation]})
 
     return tuple(map(compared, alternatives))
-
-
-def _outcome(outcome: Any) -> Any:
-    known = isinstance(outcome, dict) and outcome.get("kind") == "not obeyed"
-    return outcome | {"kind": "model error"} if known else outcome
 
 
 def _alternative(value: Any) -> Any:

@@ -123,7 +123,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         unpooled=_saved_estimates(objects, uncertainty.unpooled),
         pooled=_saved_estimates(objects, uncertainty.pooled),
         degrees_of_freedom=degrees,
-        widening=wider and WideningDocument(horizons=wider.horizons.tolist(), factors=wider.factors.tolist()),
+        widening=WideningDocument(horizons=wider.horizons.tolist(), factors=wider.factors.tolist()) if wider else None,
     )
 
 
@@ -142,7 +142,7 @@ def _saved_explanation(explanation: Explanation | None) -> ExplanationDocument |
     if explanation is None:
         return None
     saved = [
-        each and RelationDocument(**vars(each) | {"exponents": tuple(map(str, each.exponents))})
+        RelationDocument(**vars(each) | {"exponents": tuple(map(str, each.exponents))}) if each else None
         for each in explanation.relations
     ]
     return ExplanationDocument(relations=saved, covariance=explanation.covariance.tolist())
@@ -271,7 +271,7 @@ def _read_uncertainty(
     saved, explanation, shared = document.uncertainty, None, None
     inclusion = saved.inclusion_probabilities
     levels = msgspec.structs.asdict(saved.error_model) if saved.error_model else {}
-    errors = {name: np.array(each) if isinstance(each, list) else each for name, each in levels.items()}
+    errors: dict[str, Any] = {name: np.array(each) if isinstance(each, list) else each for name, each in levels.items()}
     if saved.shared_factor is not None:
         columns = max((len(row) for rows in saved.shared_factor.values() for row in rows), default=parameters)
         matrices = [
@@ -280,7 +280,7 @@ def _read_uncertainty(
         ]
         shared = np.array(matrices).reshape(len(objects), parameters, columns)
     if document.explanation is not None:
-        relations = tuple(each and _read_relation(each) for each in document.explanation.relations)
+        relations = tuple(_read_relation(each) if each else None for each in document.explanation.relations)
         size = sum(len(each.factors) for each in relations if each)
         factors = _matrix(document.explanation.covariance, "the covariance of its factors is", (size, size))
         explanation = Explanation(relations, factors)

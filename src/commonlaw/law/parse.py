@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, NoReturn, TypedDict, Unpack
+from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
-from commonlaw.library.equation import Equation, Meanings, Summand, only_product, split_equations, with_constants
+from commonlaw.library.equation import Meanings, Summand, only_product, split_equations, with_constants
 from commonlaw.library.term import parse_term
 from commonlaw.trials import Schema
 
@@ -133,14 +133,17 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
             if each.coefficients
         ]
         found = _solved(products)
-        if found is not None and not _has_equal_terms(rows):
+        if found is not None and not any(len({each.term for each in row}) < len(row) for row in rows):
             break
         # What stands before several terms is one number all the same: a constant of these
-        shared = _shared(products)
+        names = [name for each in products for name, _ in each.coefficients]
+        shared = [name for name in dict.fromkeys(names) if names.count(name) > 1 and len(products) > len({*names})]
         if not shared:
             for equation, row in zip(ordered, rows, strict=True):
                 equation.check_apart(row, variables, state_rates)
-            _refuse(products, ordered, variables, state_rates)
+            product = next(each for each in products if len(each.coefficients) > 1)
+            problem = only_product(product.coefficients)
+            ordered[product.equation].refuse(product.coefficients[1][0], problem, variables, state_rates)
         variables = replace(variables, constants=(*variables.constants, *shared))
     known = np.zeros((len(rows), len(listed)))
     for j, row in enumerate(rows):
@@ -206,29 +209,6 @@ def _solved(products: Sequence[Product]) -> tuple[Coefficient, ...] | None:
         )
         for name, row in zip(names, inverse.tolist(), strict=True)
     )
-
-
-def _shared(products: Sequence[Product]) -> tuple[str, ...]:
-    """Return the names that stand before several terms, if there are more terms than names."""
-    names = [name for each in products for name, _ in each.coefficients]
-    return tuple(each for each in dict.fromkeys(names) if names.count(each) > 1 and len(products) > len({*names}))
-
-
-def _has_equal_terms(rows: Sequence[Sequence[Summand]]) -> bool:
-    """Return whether a term stands twice in an equation."""
-    return any(len({each.term for each in row}) < len(row) for row in rows)
-
-
-def _refuse(
-    products: Sequence[Product],
-    equations: Sequence[Equation],
-    variables: Variables,
-    state_rates: Sequence[tuple[str, str]],
-) -> NoReturn:
-    """Raise why coefficients of terms do not determine those that have a name."""
-    product = next(each for each in products if len(each.coefficients) > 1)
-    problem = only_product(product.coefficients)
-    equations[product.equation].refuse(product.coefficients[1][0], problem, variables, state_rates)
 
 
 def stated_law(

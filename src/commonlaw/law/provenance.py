@@ -104,8 +104,11 @@ class Domain:
 
 def _rates(trial: Trial) -> Floats:
     """Return the rates of all states at the samples, shape (n, states); of long trials, in some segments."""
-    found = np.full(trial.states.shape, np.nan)
-    for rows, j in product(_segments(len(trial)), range(trial.states.shape[1])):
+    found, segments = np.full(trial.states.shape, np.nan), [slice(len(trial))]
+    if len(trial) > _SEGMENTS * _SEGMENT:  # Evenly spread
+        begins = np.linspace(0, len(trial) - _SEGMENT, _SEGMENTS).astype(int)
+        segments = [slice(begin, begin + _SEGMENT) for begin in begins]
+    for rows, j in product(segments, range(trial.states.shape[1])):
         column = trial.states[rows, j]
         seen = np.isfinite(column)
         times, values = trial.times[rows][seen], column[seen, np.newaxis]
@@ -115,13 +118,6 @@ def _rates(trial: Trial) -> Floats:
             if len(times) > 1:
                 found[rows, j][seen] = np.gradient(values[:, 0], times)
     return found
-
-
-def _segments(samples: int) -> list[slice]:
-    """Return the rows whose rates are looked at: all of them, or segments that are evenly spread over a long trial."""
-    if samples <= _SEGMENTS * _SEGMENT:
-        return [slice(samples)]
-    return [slice(first, first + _SEGMENT) for first in np.linspace(0, samples - _SEGMENT, _SEGMENTS).astype(int)]
 
 
 _WIDTH = 60

@@ -78,7 +78,7 @@ def _check_step(tree: ast.expr) -> None:
             pass
         case _:
             raise _NotOnListError
-    name = _dotted(call.func)
+    name = ast.unparse(call.func)
     if name not in MADE_OF_TRIALS:
         raise _NotOnListError
     function, first = MADE_OF_TRIALS[name]
@@ -118,27 +118,16 @@ def _check_value(tree: ast.expr | None, depth: int) -> None:
         case ast.Dict(keys=keys, values=inner):
             values = [*keys, *inner]
         case ast.Call(func=ast.Attribute(value=ast.Name(id="cl"), attr=name), args=arguments, keywords=keywords):
-            _check_arguments(_setting(name), arguments, keywords, depth)
+            public = resolve_name("commonlaw")
+            setting = getattr(public, name) if name in public.__all__ else None
+            is_setting = isinstance(setting, type) and is_dataclass(setting)
+            if not (is_setting and setting.__module__.split(".")[1] in SETTINGS):
+                raise _NotOnListError
+            _check_arguments(setting, arguments, keywords, depth)
         case _:
             raise _NotOnListError
     for each in values:
         _check_value(each, depth + 1)
-
-
-def _setting(name: str) -> Any:
-    """Return a public dataclass of the rooms of settings."""
-    public = resolve_name("commonlaw")
-    found = getattr(public, name) if name in public.__all__ else None
-    if not (isinstance(found, type) and is_dataclass(found) and found.__module__.split(".")[1] in SETTINGS):
-        raise _NotOnListError
-    return found
-
-
-def _dotted(tree: ast.expr) -> str:
-    match tree:
-        case ast.Attribute(value=ast.Name(id=base), attr=name):
-            return f"{base}.{name}"
-    return ""
 
 
 def _is_text(tree: ast.expr) -> bool:
@@ -199,7 +188,10 @@ def written(value: Any) -> str:
     """
     if is_dataclass(value) and not isinstance(value, type):
         own = {each.name: getattr(value, each.name) for each in fields(value) if each.init and each.compare}
-        defaults = {each.name: _default(each) for each in fields(value)}
+        defaults = {
+            each.name: each.default if each.default_factory is MISSING else each.default_factory()
+            for each in fields(value)
+        }
         said = [f"{name}={written(each)}" for name, each in own.items() if not _same(each, defaults[name])]
         return f"cl.{type(value).__name__}({', '.join(said)})"
     if isinstance(value, Mapping):
@@ -217,6 +209,7 @@ def written(value: Any) -> str:
 def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, table: str | Source) -> str:
     """Return a program that reads trials and makes a law by these calls, or fits the equations, see `Law.to_script`."""
     source = table if isinstance(table, Source) else Source(table)
+    columns = (schema.time, *schema.measured, *schema.inputs)
     roles: dict[str, Any] = {
         "object": schema.object if source.stream or schema.object != "object" else None,
         "trial": schema.trial if source.stream or schema.trial != "trial" else None,
@@ -225,7 +218,7 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, table
         "inputs": list(schema.inputs) or None,
         "properties": list(source.properties) or None,
         "noise_columns": dict(schema.noise_columns) or None,
-        "units": {name: schema.units[name] for name in _columns(schema) if name in schema.units} or None,
+        "units": {name: schema.units[name] for name in columns if name in schema.units} or None,
         **source.reading,
     }
     if schema.wide:
@@ -242,14 +235,6 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, table
     made = readable(calls, f"cl.fit({'; '.join(equations)!r}, trials)")
     last = "law.report(trials).save('report.html')" if source.stream else f"print(law.assess({judged}))"
     return "\n".join(["import commonlaw as cl", "", *learned, *made, "print(law)", last, ""])
-
-
-def _columns(schema: Schema) -> tuple[str, ...]:
-    return (schema.time, *schema.measured, *schema.inputs)
-
-
-def _default(field: Any) -> Any:
-    return field.default_factory() if field.default_factory is not MISSING else field.default
 
 
 def _same(one: Any, other: Any) -> bool:

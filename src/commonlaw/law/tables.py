@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
 from commonlaw.law.equations import left_hand_sides
@@ -247,14 +246,9 @@ def strangest(values: Floats, heads: Sequence[str], count: int) -> tuple[list[in
     Distances are in standard deviations of a normal distribution with the same fourths; values have the shape
     (objects, columns).
     """
-    far, which = _distances(values)
-    chosen = np.argsort(-far, kind="stable")[:count]
-    return chosen.tolist(), [heads[i] for i in which[chosen].tolist()], far[chosen].tolist()
-
-
-def _distances(values: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """Return how far each object is from the medians, and in which column farthest, both of shape (objects,)."""
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)
     scale = (high - low) / _NORMAL
-    each = np.where(scale > 0, np.abs(values - middle) / np.where(scale > 0, scale, 1.0), 0.0)
-    return each.max(axis=1), each.argmax(axis=1)
+    distances = np.where(scale > 0, np.abs(values - middle) / np.where(scale > 0, scale, 1.0), 0.0)
+    far, which = distances.max(axis=1), distances.argmax(axis=1)
+    chosen = np.argsort(-far, kind="stable")[:count]
+    return chosen.tolist(), [heads[i] for i in which[chosen].tolist()], far[chosen].tolist()

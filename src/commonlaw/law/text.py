@@ -276,8 +276,13 @@ def summed(addends: Iterable[Addend], times: str) -> str:
     """Return the sum of these: their signs, numbers and names; fractions of one denominator are one fraction."""
     text = ""
     for each in _together(list(addends), times):
-        sign = (" - " if each.negative else " + ") if text else ("-" if each.negative else "")
-        text += sign + _multiplied(each.number, times, each.name)
+        text += (" - " if each.negative else " + ") if text else ("-" if each.negative else "")
+        if each.name == "1" or not each.number:
+            text += each.number or each.name
+        elif isinstance(each.name, Fraction):
+            text += each.name.behind(each.number, times)
+        else:
+            text += f"{each.number}{times}{each.name}"
     return text or "0"
 
 
@@ -290,12 +295,6 @@ def _together(addends: Sequence[Addend], times: str) -> Iterator[Addend]:
             above = (each._replace(name=name.above) for each, name in zip(own, fractions, strict=True))
             own = [Addend(False, "", fractions[0].over(summed(above, times)))]
         yield from own
-
-
-def _multiplied(number: str, times: str, name: str) -> str:
-    if name == "1" or not number:
-        return number or name
-    return name.behind(number, times) if isinstance(name, Fraction) else f"{number}{times}{name}"
 
 
 def _addends(
