@@ -84,20 +84,11 @@ def shown(names: Sequence[str], noun: str = "") -> str:
     return f"{count} ({', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''})"
 
 
-def r_squared_text(value: float) -> str:
-    """Return R^2 to five digits, and where these are those of 1 how far below 1 it is.
-
-    >>> r_squared_text(0.98765432), r_squared_text(1 - 3.21e-7), r_squared_text(1.0), r_squared_text(-2.7)
-    ('0.98765', '1 - 3.2e-07', '1', '-2.7')
-    """
-    text = f"{value:.5g}"
-    return f"1 - {1 - value:.2g}" if text == "1" and value < 1 else text
-
-
 def r_squared(score: float) -> str:
-    """Return R^2 with its name, see `r_squared_text`.
+    """Return R^2 to five digits; what these would round to 1 is above the largest number below it.
 
-    >>> r_squared(0.998472), r_squared(1 - 3.2e-7)
-    ('R^2 = 0.99847', 'R^2 = 1 - 3.2e-07')
+    >>> r_squared(0.998472), r_squared(1 - 3.2e-7), r_squared(-2.7)
+    ('R^2 = 0.99847', 'R^2 > 0.99999', 'R^2 = -2.7')
     """
-    return f"R^2 = {r_squared_text(score)}"
+    text = f"{score:.5g}"
+    return "R^2 > 0.99999" if text == "1" else f"R^2 = {text}"

@@ -126,7 +126,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
 
         page.execute_script("document.getElementById('next_suggest').click()")
         wait(page, "$('next_found').querySelector('h3')")
-        assert "Expected information gain on all coefficients" in text(page, "next_found")
+        assert "Expected standard errors" in text(page, "next_found")
 
         slide(page, 0)
         assert text(page, "which").startswith("1 term")

@@ -26,7 +26,8 @@ def tables(tmp_path):
 def test_each_file_has_its_law_and_a_bad_one_says_what_is_wrong(run, tmp_path):
     code, out, err = run("discover", "0.csv", "bad.csv", "1.csv", "--each", *QUICK, "--workers", "1", "--out", "r.csv")
     assert (
-        "Note: in 2 (0.csv, 1.csv): columns taken as time: t; object: object; trial: trial; state: x; property: " in err
+        "Note: in 2 (0.csv, 1.csv): columns recognized as time: t; object: object; trial: trial; state: x; property: "
+        in err
     )
     assert (code, out.splitlines()[-2:]) == (0, ["2 laws in 3 files", "Wrote r.csv"])
     found = pd.read_csv(tmp_path / "r.csv")

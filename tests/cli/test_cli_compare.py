@@ -25,7 +25,7 @@ def test_laws_in_words_are_compared_as_in_python(run, tmp_path, few):
     assert code == 0
     assert out.splitlines()[:2] == [
         "x'' = -9.8 - c v is the most probable of these laws.",
-        "x'' = -9.8 is less probable: very strong evidence against it.",
+        "Very strong evidence against: x'' = -9.8.",
     ]
     expected = cl.compare({each: cl.fit(each, few) for each in LAWS}, few)
     saved = pd.read_csv(tmp_path / "table.csv")

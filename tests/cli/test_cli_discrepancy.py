@@ -21,7 +21,7 @@ def test_a_saved_law_is_given_the_drag_that_it_lacks_and_forecasts_with_it(run, 
     code, out, err = run("discrepancy", *given, "--save", "with.json", "--plot", "discrepancy.svg")
     assert (code, "property: drag." in err) == (0, True)
     assert out.startswith("Discrepancy: x'' = law + f(v), 2 log B = ")
-    assert "Terms that would say the same" in out
+    assert "Terms in place of the function" in out
     assert (tmp_path / "discrepancy.svg").stat().st_size > 0
     scores = [
         json.loads(run("predict", "with.json", "drops.csv", "--start", "15", "--json", *how)[1])["score"]

@@ -24,7 +24,7 @@ def motor(tmp_path):
 def test_orders_are_given_by_state(run):
     code, out, err = run("discover", "motor.csv", "--order", "theta=2,i=1", *OPTIONS, "--save", "law.json")
     assert (code, err.count("\n")) == (0, 1)
-    assert "state: theta, i. If not, say --time ..." in err
+    assert "state: theta, i. Correct them by --time ..." in err
     assert "theta'' = " in out
     assert "i' = " in out
     assert cl.Law.load("law.json").order == (2, 1)

@@ -8,7 +8,7 @@ def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):
     arguments = ("drops.csv", "--order", 2, "--library", "poly:1", "--hold-out", "trial=2")
     code, out, err = run("report", *arguments, "--out", "drops.html")
     assert err.splitlines()[-1].startswith(
-        "Note: columns taken as time: t; object: object; trial: trial; state: x; prop"
+        "Note: columns recognized as time: t; object: object; trial: trial; state: x; prop"
     )
     assert (code, out.strip()) == (0, "Wrote drops.html")
     page = (tmp_path / "drops.html").read_text()

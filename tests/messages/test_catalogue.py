@@ -161,5 +161,5 @@ def test_topics_and_kinds_explain_messages_that_exist() -> None:
     assert {*kinds()} == {*OutcomeKind}
     pages = Path(commonlaw.__file__).parents[2] / "docs"
     assert all((pages / f"{topic['page']}.md").exists() for topic in topics().values())
-    assert "What to do: vary the initial <first>." in meaning("confounded")
+    assert "What to do: add trials with other initial values of <first>." in meaning("confounded")
     assert "Read more: docs/data-format.md" in meaning("time-missing")

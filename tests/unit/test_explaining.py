@@ -58,7 +58,9 @@ def test_units_say_what_a_factor_is():
     law = falling().explain()
     assert "the factor of v^2 has the unit kg/m³, that of a density" in str(law)
     missing = replace(law, schema=replace(law.schema, units={**UNITS, "mass": "s"}))
-    assert "the factor of v^2 has the unit s/m³, that of no common constant: a property may be missing" in str(missing)
+    assert "the factor of v^2 has the unit s/m³, which no common constant has: a property may be missing" in str(
+        missing
+    )
     without = replace(law, schema=replace(law.schema, units={"x": "m", "t": "s"}))
     assert "unit" not in str(without)
     pure = replace(law, schema=replace(law.schema, units={**UNITS, "diameter": "m^0.5", "mass": "km^2"}))
@@ -111,7 +113,7 @@ def test_without_properties_coefficients_are_universal_or_each_objects_own():
     assert [str(each.kind) for each in law.uncertainty.explanation.relations] == ["universal", "own"]
     lines = str(law).splitlines()
     assert lines[0] == "x'' = -9.934 ± 0.069 + a v^2"
-    assert lines[2].startswith("a is each object's own: typically 0.0")
+    assert lines[2].startswith("a is object-specific: typical value 0.0")
     assert [line.split()[:2] for line in lines[5:13]] == [name.split() for name in OBJECTS]
 
 

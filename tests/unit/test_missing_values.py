@@ -52,7 +52,7 @@ def test_an_empty_cell_of_a_state_is_a_missing_measurement_and_rows_of_nothing_e
     note = "rows without a measured state left out: drops, trial 1: 2 (row 5 (line 6), row 6 (line 7))"
     missing, roles, *others = trials.notes
     assert missing == "drops.csv: read as missing in y: 'NA' in 1 cell"
-    assert roles.startswith("columns taken as")
+    assert roles.startswith("columns recognized as")
     assert others == [note]
 
 

@@ -45,13 +45,13 @@ def test_white_noise_has_no_pattern():
 @pytest.mark.parametrize(
     ("disturb", "pattern", "meaning"),
     [
-        (lambda t, x, r: 2 * white(t, x, r), "size over noise", "lack of fit, or the noise is underestimated"),
+        (lambda t, x, r: 2 * white(t, x, r), "RMS over noise", "lack of fit, or the noise is underestimated"),
         (lambda t, x, r: white(t, x, r) + 0.03 * np.sin(t), "trend with t", "an unmodelled change with time"),
         (lambda t, x, r: white(t, x, r) + 0.03 * (x - 0.5) ** 2, "trend with x", "a term in x, or in a collinear"),
-        (lambda t, x, r: white(t, x, r) * 2 * x, "scatter with size", "errors='proportional'"),
-        (lambda t, _, r: np.convolve(r.normal(0, 0.006, len(t) + 3), np.ones(4), "valid"), "correlation of neighbours",
+        (lambda t, x, r: white(t, x, r) * 2 * x, "heteroscedasticity", "errors='proportional'"),
+        (lambda t, _, r: np.convolve(r.normal(0, 0.006, len(t) + 3), np.ones(4), "valid"), "autocorrelation",
          "autocorrelated: "),
-        (lambda t, _, r: np.diff(r.normal(0, 0.007, len(t) + 1)), "correlation of neighbours",
+        (lambda t, _, r: np.diff(r.normal(0, 0.007, len(t) + 1)), "autocorrelation",
          "negatively autocorrelated"),
         (lambda t, _, r: 0.006 * r.standard_t(3, len(t)), "normality (excess kurtosis)", "tails are heavy"),
         (lambda t, _, r: 0.01 * (r.exponential(size=len(t)) - 1), "normality (excess kurtosis)", "lean to one side"),
@@ -94,7 +94,7 @@ def test_white_noise_has_no_memory_after_a_fit_to_short_trials(samples, trials):
         left = list((noise - noise @ curves @ curves.T)[:, :, np.newaxis])
         columns = {"t": np.tile(np.arange(float(samples)), trials), "x": noise.ravel()}
         tested = patterns(["x"], left, columns, "t", [4 * trials])
-        found.append(next(each.p_value for each in tested if each.pattern == "correlation of neighbours"))
+        found.append(next(each.p_value for each in tested if each.pattern == "autocorrelation"))
     assert np.mean(np.array(found) < 0.01) <= 0.05
     assert np.mean(np.array(found) < 0.5) > 0.2
 
@@ -110,7 +110,7 @@ def test_coefficients_that_all_objects_share_are_spent_once():
         uncertain = replace(law.uncertainty, noise=[0.01], covariance=covariance, unpooled=unpooled)
         found = replace(law, uncertainty=uncertain).residuals(apart)
         squares = np.concatenate(found.standardized) ** 2
-        (level,) = [each.statistic for each in found.patterns if each.pattern == "size over noise"]
+        (level,) = [each.statistic for each in found.patterns if each.pattern == "RMS over noise"]
         assert level == pytest.approx(np.sqrt(squares.sum() / (len(squares) - spent)))
 
 
@@ -140,6 +140,6 @@ def test_sizes_may_grow_by_what_the_fit_took_of_the_noise(spent, is_seen):
     x = generator.uniform(1, 2, n)
     residuals = (1 + 0.1 * x) * generator.standard_normal(n)
     found = patterns(["x"], [residuals[:, np.newaxis]], {"t": np.arange(n, dtype=np.float64), "x": x}, "t", [spent * n])
-    (growth,) = (each for each in found if each.pattern == "scatter with size")
+    (growth,) = (each for each in found if each.pattern == "heteroscedasticity")
     assert 0.01 < growth.statistic < 0.05
     assert growth.significant == is_seen

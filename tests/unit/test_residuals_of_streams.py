@@ -47,7 +47,7 @@ def test_patterns_are_those_of_all_trials_in_memory(law, stream, jars):
     found, whole = cl.check_stream(law, stream), law.residuals(jars)
     pd.testing.assert_frame_equal(found.tests(), whole.tests(), rtol=1e-8, atol=1e-14)
     assert str(found) == str(whole)
-    assert {each.pattern for each in found.significant} >= {"correlation with residuals of a", "scatter with size"}
+    assert {each.pattern for each in found.significant} >= {"correlation with residuals of a", "heteroscedasticity"}
 
 
 def test_patterns_of_more_than_are_kept_are_the_same_in_parts(jars, law, monkeypatch, stream):
@@ -63,8 +63,8 @@ def test_each_object_has_what_its_own_residuals_say(law, stream, jars):
         own = law.select([name]).residuals(jars.select(object=name)).tests().set_index(["state", "pattern"])
         for state in ("a", "b"):
             row = found.loc[name, state]
-            assert row["size over noise"] == pytest.approx(own.loc[(state, "size over noise"), "statistic"], rel=1e-6)
-            assert row["p-value"] == pytest.approx(own.loc[(state, "size over noise"), "p-value"], rel=1e-4)
+            assert row["RMS over noise"] == pytest.approx(own.loc[(state, "RMS over noise"), "statistic"], rel=1e-6)
+            assert row["p-value"] == pytest.approx(own.loc[(state, "RMS over noise"), "p-value"], rel=1e-4)
     np.testing.assert_allclose(found["adjusted"], stats.false_discovery_control(found["p-value"], method="by"))
 
 
@@ -114,13 +114,13 @@ def test_statistics_are_those_of_scipy(kept, monkeypatch):
     assert found["correlation with residuals of y"].statistic == pytest.approx(pearson.statistic, rel=1e-9)
     assert found["correlation with residuals of y"].p_value == pytest.approx(pearson.pvalue, rel=1e-6)
     spearman, exact = stats.spearmanr(np.abs(own), np.abs(x)), kept > 1000
-    assert found["scatter with size"].statistic == pytest.approx(spearman.statistic, abs=1e-12 if exact else 1e-3)
+    assert found["heteroscedasticity"].statistic == pytest.approx(spearman.statistic, abs=1e-12 if exact else 1e-3)
     normal = found["normality (excess kurtosis)"]
     assert normal.statistic == pytest.approx(stats.kurtosis(own), rel=1e-9)
     test = stats.shapiro(own) if exact else stats.jarque_bera(own)
     assert normal.p_value == pytest.approx(test.pvalue, rel=1e-6)
     if exact:
-        assert found["scatter with size"].p_value == pytest.approx(spearman.pvalue, rel=1e-6)
+        assert found["heteroscedasticity"].p_value == pytest.approx(spearman.pvalue, rel=1e-6)
 
 
 def sum_of(parts):

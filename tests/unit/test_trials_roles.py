@@ -216,7 +216,7 @@ def test_the_line_names_the_options_and_stays_away_where_nothing_is_guessed(tmp_
     frame.to_csv(tmp_path / "drops.csv", index=False)
     done = CliRunner().invoke(commonlaw, ["data", "check", str(tmp_path / "drops.csv")])
     assert done.stderr.splitlines()[0] == (
-        "Note: columns taken as time: t; object: Ball; trial: Drop; state: height. If not, say --time ..., "
+        "Note: columns recognized as time: t; object: Ball; trial: Drop; state: height. Correct them by --time ..., "
         "--object ..., --trial ..., --state ..., --input ..."
     )
     frame.columns = ["object", "trial", "time", "x"]

@@ -67,8 +67,8 @@ def test_columns_without_a_named_role_are_told_apart_and_noted():
     assert trials.schema.states == ("height", "wind")
     assert trials.properties["tennis"] == {"mass": 0.057, "material": "felt"}
     assert trials.notes[0].startswith(
-        "columns taken as time: time; object: ball; trial: drop; state: height, wind; "
-        "property: mass, material. If not, say `time=...`, `object=...`, "
+        "columns recognized as time: time; object: ball; trial: drop; state: height, wind; "
+        "property: mass, material. Correct them by `time=...`, `object=...`, "
     )
     assert trials.notes[1] == "columns left out: remark, video"
 

@@ -35,7 +35,7 @@ def test_a_term_that_is_there_is_seen():
     drops = cl.datasets.linear_drag(noise=0.05, quadratic=-0.02)
     found = cl.fit("x'' = -g - c v", drops).bounds(drops, ["v^2"])
     assert any(each.seen for each in found.bounds)
-    assert "does not hold zero" in str(found)
+    assert "excludes zero" in str(found)
     assert len(found.to_frame()) == len(drops.objects)
 
 

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Literal
 
 import click
+import numpy as np
 
 from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
@@ -15,6 +16,8 @@ from commonlaw.cli.source import Source, on_cluster_at, stream_of, with_cluster,
 from commonlaw.errors import CommonlawError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Pattern
     from commonlaw.law import Law
@@ -69,8 +72,8 @@ def check(
     if as_json:
         print_json({"patterns": _patterns_document(found.patterns)})
     else:
-        print_frame(found.tests().drop(columns="meaning"))
-        say(f"\n{found}")
+        say(f"{found}\n")
+        print_frame(_readable(found.tests()), {"adjusted": "adjusted p-value"})
     later.end(found.trials.notes, silent=as_json)
 
 
@@ -95,6 +98,19 @@ def _check_stream(
     later.end(silent=as_json)
 
 
+def _readable(tests: "pd.DataFrame") -> "pd.DataFrame":
+    """Return a table of tests with as many digits as decide."""
+    import pandas as pd
+
+    from commonlaw.law.text import Written
+
+    shown = tests.drop(columns="meaning")
+    for name, least in (("statistic", -np.inf), ("p-value", 0.001), ("adjusted", 0.001)):
+        texts = [Written(f"< {least:g}" if each < least else f"{each:z.3f}") for each in tests[name]]
+        shown[name] = pd.Series(texts, tests.index, dtype=object)
+    return shown
+
+
 def _patterns_document(patterns: "Sequence[Pattern]") -> list[dict[str, object]]:
     return [asdict(each) | {"significant": each.significant} for each in patterns]
 
@@ -103,14 +119,14 @@ def _show_stream(found: "StreamResiduals") -> None:
     """Print patterns, letter values of what residuals of objects are over noise, and the largest."""
     from commonlaw.law.tables import letter_values
 
-    print_frame(found.tests().drop(columns="meaning"))
-    say(f"\n{found}")
-    columns = ("size over noise", "correlation of neighbours")
+    say(f"{found}\n")
+    print_frame(_readable(found.tests()), {"adjusted": "adjusted p-value"})
+    columns = ("RMS over noise", "autocorrelation")
     for state, own in found.objects.groupby("state", sort=False):
         say(f"\nResiduals of {state}, by object:\n")
         print_frame(letter_values({name: own[name].to_numpy() for name in columns}, "object"))
     say("\nThe largest:\n")
-    print_frame(found.objects.sort_values("size over noise", ascending=False, kind="stable")[:_STRANGEST])
+    print_frame(found.objects.sort_values("RMS over noise", ascending=False, kind="stable")[:_STRANGEST])
 
 
 @command
@@ -201,14 +217,18 @@ def _zero(text: str) -> float | Literal["auto"] | None:
 
 
 def _show(found: "Discrepancy[Law]") -> None:
-    say(f"{found}\n")
-    print_frame(found.to_frame(10))
-    say("\nTerms that would say the same, and 2 log B for each against the smooth function:\n")
-    print_frame(found.terms_frame())
+    say(str(found))
+    if found.claimed:
+        say("")
+        print_frame(found.to_frame(10))
+    if len(found.descriptions):
+        say("\nTerms in place of the function:\n")
+        print_frame(found.terms_frame())
     if len(found.compared) > 1:
-        say("\nFunctions of these were compared, 2 log B against the law alone:\n")
+        say("\nCoordinates compared:\n")
         print_frame(found.coordinates_frame())
-    say(f"\nThe law, estimated jointly with it:\n\n{found.law}")
+    if found.claimed:
+        say(f"\nThe law, estimated jointly with it:\n\n{found.law}")
 
 
 def _document(found: "Discrepancy[Law]") -> dict[str, object]:
@@ -237,10 +257,10 @@ def _document(found: "Discrepancy[Law]") -> dict[str, object]:
 def bounds(
     law_path: str, source: Source, terms: tuple[str, ...], level: float, save: str | None, as_json: bool
 ) -> None:
-    """Say how large coefficients of terms that are not in LAW.json could be, without FILE showing it.
+    """Limit the coefficients of terms that are not in LAW.json by FILE.
 
-    Each term is fitted beside those of the law. A bound is what the size of the coefficient stays below at 95 %, and
-    beside it stands what the term then adds to the equation at most.
+    Each term is fitted together with those of the law. The limit is what the size of its coefficient stays below at
+    95 %; the contribution is what the term then adds to the equation at most.
 
     \b
     Examples:
@@ -260,6 +280,6 @@ def bounds(
     if as_json:
         print_json({"bounds": frame.to_dict(orient="records"), "sentences": list(found.sentences)})
     else:
+        say(f"{found}\n")
         print_frame(frame)
-        say(f"\n{found}")
     later.end(trials.notes, silent=as_json)

@@ -51,13 +51,15 @@ def check(source: Source, order: int | None, library: str | None, save: str | No
         return
     say(
         f"{in_line(source.name)}: {counted(len(trials), 'trial')} of {counted(len(trials.objects), 'object')}, "
-        f"states {in_line(', '.join(trials.schema.states))}"
+        f"measured: {in_line(', '.join(trials.schema.states))}"
     )
-    print_frame(report.to_frame())
     for line in report.lines():
         say(in_line(f"Data check: {in_options(line)}"))
     if not report.findings:
-        say("The data checks found nothing.")
+        say("Data checks: no problem found.")
+    say("")
+    frame = report.to_frame()
+    print_frame(frame, {name: name.replace("_", " ") for name in map(str, frame)})
     if save:
         say(f"Wrote {save}")
     print_notes(trials.notes)

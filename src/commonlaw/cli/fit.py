@@ -151,7 +151,7 @@ T = TypeVar("T")
 @click.option("--save", type=WrittenFile(), metavar="TABLE.csv", help="Write the table.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def compare(source: Source, laws: tuple[str, ...], settings: dict[str, Any], save: str | None, as_json: bool) -> None:
-    """Say which of several laws the measurements in FILE are for, and how strongly.
+    """Compare the evidence for several laws in FILE.
 
     A LAW is equations as for `commonlaw fit`, or a saved law, LAW.json. The coefficients of all are fitted to the same
     trials under the same noise, so that what is compared is their form. The table has the most probable law first.
@@ -210,16 +210,19 @@ def _naming(law: str, work: Callable[..., T], *given: Any, **settings: Any) -> T
 
 
 def _sentences(frame: "pd.DataFrame") -> list[str]:
-    """Return in words which law is the most probable, and how the others stand to it."""
+    """Return in words which law is the most probable, and how strong the evidence against the others is."""
     first, *others = zip(frame["law"], frame["2 log B"], strict=True)
-    words = (
-        (2.0, "not distinguishable from it with these data"),
-        (6.0, "less probable: positive evidence against it"),
-        (10.0, "less probable: strong evidence against it"),
-        (float("inf"), "less probable: very strong evidence against it"),
+    grades = (
+        (2.0, "Not distinguishable from it with these data"),
+        (6.0, "Positive evidence against"),
+        (10.0, "Strong evidence against"),
+        (float("inf"), "Very strong evidence against"),
     )
+    found = dict[str, list[str]]()
+    for name, below in others:
+        found.setdefault(next(grade for most, grade in grades if below <= most), []).append(name)
     said = [f"{first[0]} is the most probable of these laws."]
-    return said + [f"{name} is {next(text for most, text in words if below <= most)}." for name, below in others]
+    return said + [f"{grade}: {', '.join(names)}." for grade, names in found.items()]
 
 
 @command

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from io import TextIOWrapper
 from itertools import accumulate
 from math import isfinite
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TextIO
 
 from commonlaw.cli.options import in_options
@@ -116,12 +117,12 @@ def print_columns(columns: Mapping[str, Sequence[object]]) -> None:
             say("")
 
 
-def print_frame(frame: "pd.DataFrame") -> None:
-    """Print a data frame without its index."""
+def print_frame(frame: "pd.DataFrame", titles: Mapping[str, str] = MappingProxyType({})) -> None:
+    """Print a data frame without its index; columns may have other titles."""
     from commonlaw.law.tables import readable
 
     frame = readable(frame)
-    print_table([str(name) for name in frame.columns], frame.itertuples(index=False, name=None))
+    print_table([titles.get(str(name), str(name)) for name in frame.columns], frame.itertuples(index=False, name=None))
 
 
 def _console() -> "Console":
@@ -136,6 +137,8 @@ def shown(value: object) -> str:
         from commonlaw.law.text import with_error
 
         return with_error(*value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, float):
         return "" if value != value else f"{value:.4g}"
     return str(value)

@@ -16,7 +16,7 @@ from commonlaw.cli.output import print_frame, print_json, say
 from commonlaw.cli.source import Source, on_cluster_at, stream_of, with_cluster, with_source
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import check_memory
-from commonlaw.text import r_squared_text
+from commonlaw.text import counted, r_squared
 from commonlaw.trials import Trials
 
 if TYPE_CHECKING:
@@ -139,15 +139,15 @@ def predict(
             input_between=input_between,
             discrepancy=discrepancy,
         )
-        errors = forecast.errors()
+        errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")
         later = LaterSteps()
         later.write(save, lambda: forecast.to_frame().to_csv(index=False).encode())
         later.draw(plot, lambda plots: plots.plot_forecast(forecast))
     if as_json:
         print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
     else:
+        say(f"{counted(len(forecast.trials), 'forecast')}, {begin}: {r_squared(forecast.score())}\n")
         print_frame(errors.dropna(axis=1, how="all"))
-        say(f"R^2 of all forecasts: {r_squared_text(forecast.score())}")
     later.end((*forecast.trials.notes, *forecast.outcomes), silent=as_json)
 
 

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from commonlaw.verdict import Findings
 
 
-_STRANGEST = 10
+_STRANGEST, _MAX_CANDIDATES = 10, 4
+"""Objects, and candidates of each equation, that are printed."""
 
 
 def print_spread(law: "Law", heads: list[str]) -> None:
@@ -77,10 +78,10 @@ def print_compared(frame: "pd.DataFrame") -> None:
     """Print the evidence of laws beside each other, and what its numbers mean."""
     from commonlaw.law.tables import MEANINGS
 
-    say("\nEvidence from the same measurements, the most probable law first:\n")
-    print_frame(frame)
+    say("\nEvidence from the same measurements:\n")
+    print_frame(frame, {"model error": "lack of fit"})
     say(f"\n{MEANINGS['2 log B']}.")
-    say("More coefficients cost evidence by themselves. The probability holds if one of these laws is true.")
+    say("Evidence penalizes additional coefficients. Probabilities assume that one of these laws is true.")
 
 
 def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), starts: Container[str] = ()) -> "Trials":
@@ -159,7 +160,7 @@ class Outputs:
         if self.as_json:
             print_json(learned.document())
         else:
-            learned.show()
+            learned.show(every_candidate=self.history)
             if self.history:
                 print_history(learned.law)
         later.end(learned.notes(), silent=self.as_json)
@@ -232,8 +233,8 @@ class Learned:
         shown = self.findings.shown
         return plots.plot_law(self.law, shown, truth=self.truth) if shown else None
 
-    def show(self) -> None:
-        """Print the law and how well it forecasts."""
+    def show(self, every_candidate: bool = False) -> None:
+        """Print the law, how well it forecasts, and the most probable candidates, or every one."""
         from commonlaw.law.law import shares_terms
         from commonlaw.law.parameters import named_parameters
         from commonlaw.law.simplify import within_errors
@@ -266,22 +267,29 @@ class Learned:
             if len(law.objects) > MANY:
                 say("")
                 self._show_coefficients()
+        self._show_checks()
         if law.provenance.alternatives:
-            say("\nChosen (*) from these candidates; larger ones are left out:\n")
+            say("\nCandidate laws (* chosen):\n")
             candidates = readable_candidates(law.provenance.alternatives)
-            print_frame(candidates)
+            rank = candidates.groupby("equation").cumcount()
+            few = candidates[(rank < _MAX_CANDIDATES) | (candidates[""] == "*")]
+            print_frame(candidates if every_candidate else few)
+            if len(few) < len(candidates) and not every_candidate:
+                say(f"\n{len(candidates) - len(few)} more with less support: --history")
             for meaning in (text for name, text in MEANINGS.items() if name in candidates):
                 say(f"\n{meaning}.")
         if self.compared is not None:
             print_compared(self.compared)
-        self._show_checks()
 
     def _show_checks(self) -> None:
-        """Print the R^2 of the fit and, apart from it, that of the forecasts, and the verdict."""
+        """Print the verdict, then the R^2 of the fit and, apart from it, that of the forecasts."""
         found = self.findings
-        say("\n".join(("", *self._scores())))
+        if self.everything:
+            say("\n".join(("", *self._scores())))
         if found.verdict:
             say(f"\n{found.verdict}")
+        if not self.everything:
+            say("\n".join(("", *self._scores())))
 
     def _scores(self) -> Iterator[str]:
         found = self.findings
@@ -292,18 +300,20 @@ class Learned:
                 else f"; 95 % bands hold {100 * every.coverage:.3g} % (about 95 % expected)"
             )
             yield f"Forecasts of {every.forecast_of}: {r_squared(every.score)}{bands}"
-            yield f"By {counted(len(found.trials.objects), 'object')} that stand for all:"
+            yield f"Represented by {counted(len(found.trials.objects), 'object')}:"
             return
+        in_sample, forecast = list[str](), ""
         if found.fit:
-            of = counted(len(found.fit.trials), "trial")
-            yield f"Fit of {of}, initial conditions estimated from all samples: {r_squared(found.fit.score())}"
+            in_sample.append(f"{r_squared(found.fit.score())} in the fit")
         if found.forecast:
-            kind, learned = "held-out trial", ""
-            if not found.is_held_out:
-                kind, learned = "trial", " it was learned from"
-                learned += ", later samples included" * found.has_later_samples
-            of, begin = counted(len(found.forecast.trials), kind), found.forecast.title.removeprefix("forecast ")
-            yield f"Forecasts of {of}{learned}, {begin}: {r_squared(found.forecast.score())}"
+            begin = found.forecast.title.removeprefix("forecast ")
+            later = ", later samples included" * found.has_later_samples
+            forecast = f"{r_squared(found.forecast.score())} in forecasts {begin}{later}"
+            in_sample += [] if found.is_held_out else [forecast]
+        if in_sample:
+            yield f"Training data, {counted(len(found.training), 'trial')}: {', '.join(in_sample)}"
+        if found.forecast and found.is_held_out:
+            yield f"Held-out data, {counted(len(found.forecast.trials), 'trial')}: {forecast}"
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""

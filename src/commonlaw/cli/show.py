@@ -12,6 +12,9 @@ from commonlaw.cli.options import ReadFile, WrittenFigure, WrittenFile
 from commonlaw.cli.output import parameter_columns, print_frame, print_history, print_json, print_table, say
 from commonlaw.text import in_line
 
+_KINDS = {"universal": "shared", "own": "object-specific"}
+"""How kinds of relations are printed."""
+
 
 @quick_command
 @click.argument("law_path", metavar="LAW.json", type=ReadFile())
@@ -20,10 +23,11 @@ from commonlaw.text import in_line
 @click.option("--average", is_flag=True, help="The mean of all objects' coefficients.")
 @click.option("--history", is_flag=True, help="Every choice on the way to the law, and why.")
 def show(law_path: str, latex: bool, name: str | None, average: bool, history: bool) -> None:
-    """Print the law in LAW.json, and the 95 % intervals of its coefficients where they are known."""
+    """Print LAW.json: the law, 95 % intervals of its coefficients, and the range of its data."""
     import pandas as pd
 
     from commonlaw.law import Law
+    from commonlaw.law.equations import state_rates
 
     if name and average:
         raise click.UsageError("give --object or --average, not both")
@@ -32,16 +36,18 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     if not latex:
         say(str(law))
         if law.uncertainty.covariance is not None:
-            averaged = ", averaged over what the law could be" if law.uncertainty.other_laws else ""
-            say(f"\nIntervals that hold the coefficients with a probability of 95 %{averaged}:\n")
+            averaged = ", averaged over the plausible laws" if law.uncertainty.other_laws else ""
+            say(f"\n95 % intervals{averaged}:\n")
             print_frame(law.params)
         if law.uncertainty.other_laws:
-            say("\nWhat the law could be, and how probable each is:\n")
+            say("\nPlausible laws:\n")
             rows = [(share, "; ".join(each.structure)) for share, each in law.models]
             print_frame(pd.DataFrame(rows, columns=["probability", "law"]))
         if law.provenance.domain.visited:
-            say("\nRanges of the training data; forecasts outside of them are extrapolations:\n")
-            print_frame(law.provenance.domain.to_frame(law.schema.units))
+            say("\nRange of the training data (forecasts outside it are extrapolations):\n")
+            units, time = law.schema.units, law.schema.units.get(law.schema.time)
+            rates = {rate: f"{units[state]}/{time}" for state, rate in state_rates(law) if time and state in units}
+            print_frame(law.provenance.domain.to_frame({**units, **rates}))
         if law.provenance.domain.horizon is not None:
             say(f"\n{law.provenance.domain.horizon_sentence(law.schema.units.get(law.schema.time, ''))}")
         if history:
@@ -93,7 +99,7 @@ def explain(
     history: bool,
     as_json: bool,
 ) -> None:
-    """Say what in LAW.json is universal, what follows the objects' properties, and what is each object's own.
+    """Say which coefficients of LAW.json are shared, follow properties, or are object-specific.
 
     A coefficient is the same for all objects, a factor times powers of their properties (0.25 diameter^2/mass), an
     affine function of these where signs differ, or each object's own about a typical value. Evidence decides.
@@ -125,7 +131,8 @@ def explain(
         say(law.to_latex())
     else:
         say(f"{law}\n")
-        print_frame(law.relations().dropna(axis=1, how="all"))
+        shown = law.relations().dropna(axis=1, how="all").replace({"kind": _KINDS})
+        print_frame(shown, {"scatter": "SD between objects", "scatter error": "its standard error"})
         if law.provenance.equations and named_parameters(law).names:
             columns = parameter_columns(law)
             say(f"\nParameters of {'; '.join(law.provenance.equations)}:\n")

@@ -47,7 +47,7 @@ def _note(found: StandIns, trials: Trials, order: Order) -> Outcome:
     """Return what variables stand in for each other, and why."""
     states = trials.schema.states
     varying = ", with coefficients by trial," if found.by_trial else ""
-    left = ", ".join(f"{each:.3g}" for each in found.left[:_LISTED])
+    left = " or ".join(f"{each:.3g}" for each in found.left[:_LISTED])
     cause = ""
     if all(high - low <= _ALIKE * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
         cause = f", because all trials have similar initial conditions{_ranges(found, trials.schema)}"

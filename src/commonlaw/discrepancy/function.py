@@ -132,18 +132,18 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
         return pd.DataFrame(columns)
 
     def terms_frame(self) -> "pd.DataFrame":
-        """Return a table of terms that would say the same."""
+        """Return a table of terms in place of the function, with 2 log B for each relative to the law alone."""
         import pandas as pd
 
         rows = []
         for each in self.descriptions:
             triples = zip(each.coefficients, each.errors, each.terms, strict=True)
             written = " + ".join(f"{with_error(value, error, bracket=True)} {term}" for value, error, term in triples)
-            rows.append({"terms": written.replace("+ -", "- "), "2 log B": each.evidence})
+            rows.append({"terms": written.replace("+ -", "- "), "2 log B": each.evidence + self.evidence})
         return pd.DataFrame(rows)
 
     def coordinates_frame(self) -> "pd.DataFrame":
-        """Return a table of the coordinates that were compared."""
+        """Return a table of the coordinates that were compared, with 2 log B for each relative to the law alone."""
         import pandas as pd
 
         return pd.DataFrame(self.compared, columns=["coordinate", "equation", "2 log B"])
@@ -163,14 +163,14 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
         named = f"f({self.basis.coordinate})"
         added = named if self.basis.times == "1" else f"{self.basis.times} {named}"
         how = "Discrepancy" if self.claimed else "No strong evidence for a discrepancy"
-        yield f"{how}: {self.equation} = law + {added}, 2 log B = {self.evidence:.1f} against the law alone."
-        yield f"Evidence relative to the law alone; 2 log B above {STRONG:g} is strong (Kass and Raftery 1995)."
+        yield f"{how}: {self.equation} = law + {added}, 2 log B = {self.evidence:.1f} relative to the law alone."
+        yield f"2 log B: positive favours a discrepancy; above {STRONG:g} is strong (Kass and Raftery 1995)."
         low, high = self.basis.low, self.basis.high
         digits = 3 + max(0, int(np.log10(max(abs(low), abs(high)) / (high - low))))  # Those that tell the ends apart
         span = f"{self.basis.coordinate} from {low:.{digits}g} to {high:.{digits}g}"
         parts = ", ".join(f"{100 * share:z.0f} % {name}" for name, share in self.shares.items())
-        yield f"Range of the data: {span}. Squared misfit of the law: {parts}."
+        yield f"Range of the data: {span}. Squared residuals of the law: {parts}."
         if self.zero_at is not None:
-            yield f"The law alone holds where {self.basis.coordinate} = {self.zero_at:g}: f is zero there."
+            yield f"f = 0 where {self.basis.coordinate} = {self.zero_at:g}."
         if self.holds_nothing_of:
             yield f"f is orthogonal to {', '.join(self.holds_nothing_of)} over the range of the data."

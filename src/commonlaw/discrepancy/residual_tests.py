@@ -387,7 +387,7 @@ def _level(sums: StateSums, spent: float) -> Tested:
     ratio, p_value = size_over_noise(sums.count, float(sums.powers[1]), spent)
     larger = "lack of fit, or the noise is underestimated"
     smaller = "the noise is overestimated"
-    return Tested("size over noise", ratio, p_value, larger if ratio > 1 else smaller)
+    return Tested("RMS over noise", ratio, p_value, larger if ratio > 1 else smaller)
 
 
 def _trend(trend: Trend, count: int, name: str, time: str) -> Tested:
@@ -433,9 +433,7 @@ def _memory(sums: StateSums, spent: float) -> Tested:
     total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
     positive = "autocorrelated: an unmodelled force, or autocorrelated errors (`errors='correlated'`)"
     negative = "negatively autocorrelated: rounded or differenced samples, or too coarse steps"
-    return Tested(
-        "correlation of neighbours", float(found), float(chi2.sf(total, 1)), positive if found > 0 else negative
-    )
+    return Tested("autocorrelation", float(found), float(chi2.sf(total, 1)), positive if found > 0 else negative)
 
 
 def _growth(sums: StateSums, name: str, spent: float) -> Tested:
@@ -452,13 +450,13 @@ def _growth(sums: StateSums, name: str, spent: float) -> Tested:
     first, second = (ranks(each, counts) - (sums.count + 1) / 2 for each in cells.T)
     scale = np.sqrt((counts @ first**2) * (counts @ second**2))
     if not scale:
-        return Tested("scatter with size", 0.0, 1.0, "")
+        return Tested("heteroscedasticity", 0.0, 1.0, "")
     found = float(np.clip(counts @ (first * second) / scale, -1.0, 1.0))
     free = sums.count - 2
     odds = free / ((1 + found) * (1 - found)) if abs(found) < 1 else np.inf
     meaning = f"noise changes with {name}: `errors='proportional'`, or a logarithmic scale if it is above zero"
     beyond = max(abs(found) - spent / 2, 0.0)
-    return Tested("scatter with size", found, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
+    return Tested("heteroscedasticity", found, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
 
 
 def _normal(sums: StateSums) -> Tested:

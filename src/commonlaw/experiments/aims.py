@@ -60,10 +60,25 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
     if chosen is not None and chosen not in objects:
         raise unknown("object of this law", chosen, objects)
     names = objects if chosen is None else (chosen,)
-    made = [
-        _forecast(found, each, names) if forecast else _coefficient(found["name"], hypotheses[0], each, names)
-        for each in hypotheses
+    if forecast is None:
+        return _of_hypotheses(text, hypotheses, found["name"], names)
+    made = [_forecast(found, each, names) for each in hypotheses]
+    return Quantity(text, np.array([value for value, _ in made]), tuple(slopes for _, slopes in made))
+
+
+def coefficients(hypotheses: Sequence[Hypothesis]) -> list[Quantity]:
+    """Return the coefficients of the first law, each of every object."""
+    first = hypotheses[0]
+    letters, objects = [each.name for each in named_parameters(first.law).definitions], first.objects
+    return [
+        _of_hypotheses(f"{letter} of {name}" if len(objects) > 1 else letter, hypotheses, letter, (name,))
+        for letter in letters
+        for name in objects
     ]
+
+
+def _of_hypotheses(text: str, hypotheses: Sequence[Hypothesis], letter: str, names: Sequence[str]) -> Quantity:
+    made = [_coefficient(letter, hypotheses[0], each, names) for each in hypotheses]
     return Quantity(text, np.array([value for value, _ in made]), tuple(slopes for _, slopes in made))
 
 

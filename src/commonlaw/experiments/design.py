@@ -6,10 +6,21 @@ from typing import Any
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.experiments.aims import COEFFICIENTS, LAW, Aim
-from commonlaw.experiments.experiment import Options, Range, Settings, check_amount, check_prices, read
-from commonlaw.experiments.plan import Design, Forecasts, Planned
+from commonlaw.experiments.aims import COEFFICIENTS, LAW, Aim, coefficients
+from commonlaw.experiments.experiment import (
+    Options,
+    Range,
+    Settings,
+    check_amount,
+    check_prices,
+    numbers_of,
+    read,
+    rounded_to,
+)
+from commonlaw.experiments.gaussian import Evidence
+from commonlaw.experiments.plan import Design, Forecasts, Gain, Planned
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, SETTLED, Search
 from commonlaw.law import Law, PlausibleLaw
@@ -22,6 +33,13 @@ from commonlaw.trials import Trials
 
 PRICES: Mapping[str, float] = {"trial": 1.0}
 """Where no other is given: every trial costs the same."""
+
+
+_REST = 0.02
+"""Estimated rates at the start below this share of their later range are zero: the objects are let go."""
+
+_ROUNDED = 10
+"""Steps of a range, at least, to which its ends are rounded."""
 
 
 def design(
@@ -62,6 +80,7 @@ def design(
         Defaults of what is not in `vary`: initial conditions within theirs, typical duration and number of samples.
     within
         Ranges of states and rates, such as ``{"x": "0..100"}``: a trial ends where the most probable law leaves them.
+        With `trials` the default is what they visited.
     start_std
         Standard deviation of a trial's initial condition about its setting, by state or rate: 0 where it is exact,
         ``{"x": 0.005, "v": 0}``. All others are estimated from the measurements.
@@ -113,7 +132,10 @@ def design(
     hypotheses = tuple(Hypothesis.of(each.law, settings.objects) for each in plausible)
     aim = Aim.of(about, prior, hypotheses)
     known = _start_std(start_std or {}, first)
-    search = Search(first, hypotheses, aim, settings, _limits(within or {}, first), prices, known, seed, points)
+    limits = _limits(within or {}, first)
+    if trials is not None:
+        limits = _visited(first, trials, settings) | limits
+    search = Search(first, hypotheses, aim, settings, limits, prices, known, seed, points)
     chosen = search.chosen(experiments, budget, on_terminal() if progress is None else progress)
     in_doubt = len(plausible) > 1
     steps = [search.evidence(chosen[: i + 1]) for i in range(len(chosen))]
@@ -134,7 +156,30 @@ def design(
         repeats,
         search.limit(chosen) if aim.of_law and repeats is None else None,
         aim,
+        _gains(first, hypotheses, prior, steps[-1]),
     )
+
+
+def _gains(law: Law, hypotheses: Sequence[Hypothesis], prior: Floats, evidence: Evidence | None) -> tuple[Gain, ...]:
+    """Return what is expected to be gained of each coefficient, the largest share first."""
+    if evidence is None:
+        return ()
+    units = [unit or "" for unit in named_parameters(law).units for _ in hypotheses[0].objects]
+    found = [
+        Gain(each.name, unit, each.std(prior), each.expected_std(prior, evidence))
+        for each, unit in zip(coefficients(hypotheses), units, strict=True)
+    ]
+    return tuple(sorted(found, key=lambda each: each.then / each.now if each.now > 0 else 1.0))
+
+
+def _visited(law: Law, trials: Trials, settings: Settings) -> dict[str, Range]:
+    """Return the ranges of states that trials visited, and where experiments begin."""
+    visited, found = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited, dict[str, Range]()
+    for name in law.schema.states:
+        values = [*visited.get(name, ()), *numbers_of(settings.options.get(name, ()))]
+        if name in visited and min(values) < max(values):
+            found[name] = Range(min(values), max(values))
+    return found
 
 
 def _limits(within: Mapping[str, object], law: Law) -> dict[str, Range]:
@@ -163,11 +208,14 @@ def usual(law: Law, trials: Trials) -> dict[str, Options]:
     followed = law.predict(trials, averaged=False)
     trials = matched(law, trials)
     starts = np.array([each.states[0] for each in followed.trajectories])
-    found: dict[str, Options] = {
-        name: _between(starts[:, j])
-        for j, name in enumerate(law.terms.variables.states)
-        if name not in law.schema.starts
-    }
+    found: dict[str, Options] = {}
+    rates = [rate for _, rate in state_rates(law)]
+    for j, name in enumerate(law.terms.variables.states):
+        spread = max(np.ptp(each.states[:, j]) for each in followed.trajectories)
+        if name in rates and np.abs(starts[:, j]).max() < _REST * spread:
+            found[name] = (0.0,)
+        elif name not in law.schema.starts:
+            found[name] = _between(starts[:, j])
     if law.schema.doses:
         found |= _usual_doses(law, trials)
     else:
@@ -194,8 +242,12 @@ def _usual_doses(law: Law, trials: Trials) -> dict[str, Options]:
 
 
 def _between(values: "np.typing.NDArray[np.float64]") -> Options:
+    """Return the range of numbers, its ends rounded, or the only number."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    return Range(low, high) if low < high else (low,)
+    if not low < high:
+        return (low,)
+    first, last = (rounded_to(each, (high - low) / _ROUNDED) for each in (low, high))
+    return Range(first if first * low > 0 else low, last if last * high > 0 else high)
 
 
 def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:

@@ -29,6 +29,9 @@ TIMING = ("duration", "rate", "samples", "times", "repeats", "object")
 MAX_OBJECTS = 20
 """Of which experiments are looked at."""
 
+_STEPS = 20
+"""Of a range, at least, to which settings are rounded."""
+
 _CORNERS = 6
 """Ranges of which all corners are looked at."""
 
@@ -41,8 +44,18 @@ class Range:
     high: float
 
     def at(self, share: float) -> float:
-        """Return the number so far along."""
-        return self.low + share * (self.high - self.low)
+        """Return the number so far along, rounded to a number that can be set.
+
+        >>> Range(5.0, 60.0).at(0.523), Range(0.02, 0.1).at(0.4)
+        (34.0, 0.052)
+        """
+        value = self.low + share * (self.high - self.low)
+        return float(np.clip(rounded_to(value, (self.high - self.low) / _STEPS), self.low, self.high))
+
+
+def rounded_to(value: float, resolution: float) -> float:
+    """Return a number rounded to the largest power of ten below a resolution, which is positive."""
+    return round(value, -int(np.floor(np.log10(resolution))))
 
 
 Options = Range | tuple[Value, ...]

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+_MAX_LISTED = 3
+"""Coefficients whose gain is named."""
+
+
 @dataclass(frozen=True, eq=False)
 class Forecasts:
     """Each plausible law's forecast of the first trial of an experiment, from the initial conditions that are set.
@@ -52,6 +56,16 @@ class Forecasts:
         apart = np.abs(self.means[one] - self.means[two]) / np.hypot(self.std[one], self.std[two])
         time, state = np.unravel_index(int(apart.argmax()), apart.shape)
         return int(time), int(state)
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """A coefficient, its unit, and its standard error now and, as is expected, after all experiments."""
+
+    name: str
+    unit: str
+    now: float
+    then: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +111,8 @@ class Design(ShownInNotebooks):
         The largest chance that one experiment gives if it is made 100 times, where repeats are None.
     aim
         What was to be learned.
+    gains
+        Of each coefficient of the most probable law, the largest first.
     """
 
     laws: tuple[PlausibleLaw[Law], ...]
@@ -104,6 +120,7 @@ class Design(ShownInNotebooks):
     repeats: int | None
     limit: float | None
     aim: Aim
+    gains: tuple[Gain, ...] = ()
 
     @property
     def chance_now(self) -> float:
@@ -138,7 +155,10 @@ class Design(ShownInNotebooks):
                 f"{self.aim.quantity.name} is {with_error(value, now)} now; its standard error is then {then:.2g}."
             )
         elif not self.aim.of_law:
-            sentences.append(f"Expected information gain on all coefficients: {self.experiments[-1].bits:.1f} bits.")
+            gains = [each for each in self.gains if each.then < (1 - MIN_RELATIVE_GAIN) * each.now][:_MAX_LISTED]
+            parts = [f"{each.name} from {each.now:.2g} to {each.then:.2g} {each.unit}".rstrip() for each in gains]
+            sentences += [f"Expected standard errors: {', '.join(parts)}."] if parts else []
+            sentences.append(f"Information gain on all coefficients: {self.experiments[-1].bits:.1f} bits.")
         return tuple(sentences)
 
     def _of_laws(self) -> list[str]:
@@ -185,7 +205,10 @@ class Design(ShownInNotebooks):
             lines += [""]
         few = len(self.experiments) == 1
         lines += ["Most informative next experiment:" if few else "Most informative next experiments:"]
-        lines += [f"  {i}. {each.text}: cost {each.experiment.cost:.4g}" for i, each in enumerate(self.experiments, 1)]
+        costs = [f": cost {each.experiment.cost:.4g}" for each in self.experiments]
+        costs = [""] * len(costs) if {*costs} == {": cost 1"} else costs  # Without prices all cost the same
+        texts = [f"{each.text}{cost}" for each, cost in zip(self.experiments, costs, strict=True)]
+        lines += [f"  {i}. {text}" for i, text in enumerate(texts, 1)]
         return "\n".join([*lines, "", *self.sentences])
 
     def to_frame(self) -> "pd.DataFrame":

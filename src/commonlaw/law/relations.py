@@ -155,12 +155,12 @@ def relation_lines(law: Law) -> list[str]:
 def _remarks(relation: Relation, letter: str | None, name: str, unit: str | None) -> Iterator[str]:
     """Yield what an equation does not say of a relation, given the unit of its factor if it is known."""
     scatter = with_error(relation.scatter, relation.scatter_error)
-    amount = f"their logarithms scatter by {scatter}" if relation.relative else f"they scatter by {scatter}"
+    amount = f"standard deviation between objects{' in logarithms' if relation.relative else ''} {scatter}"
     if relation.kind is RelationKind.OWN:
         typical = with_error(relation.factors[0], relation.errors[0])
-        yield f"{letter} is each object's own: typically {typical}, {amount}"
+        yield f"{letter} is object-specific: typical value {typical}, {amount}"
     elif relation.scatter:
-        yield f"coefficients of {name} stray from that: {amount}"
+        yield f"coefficients of {name} deviate from this: {amount}"
     if relation.kind is not RelationKind.POWER_LAW or unit is None:
         return
     if is_number(unit):
@@ -169,7 +169,7 @@ def _remarks(relation: Relation, letter: str | None, name: str, unit: str | None
     elif meaning(unit):
         yield f"the factor of {name} has the unit {unit}, that of {meaning(unit)}"
     else:
-        yield f"the factor of {name} has the unit {unit}, that of no common constant: a property may be missing"
+        yield f"the factor of {name} has the unit {unit}, which no common constant has: a property may be missing"
 
 
 def _letters(law: Law) -> list[str | None]:

@@ -46,6 +46,8 @@ def readable(frame: pd.DataFrame) -> pd.DataFrame:
     for name in map(str, frame.columns):
         if "probability" in name:
             texts = [probability_text(each) for each in frame[name]]
+        elif name == "2 log B":
+            texts = [f"{each:.1f}" if each < 99.95 else f"{each:.0f}" for each in frame[name]]
         elif errors is not None and name.startswith(_WITH_ERRORS):
             texts = [rounded(*pair) for pair in zip(frame[name], errors, strict=True)]
         else:

@@ -24,7 +24,7 @@ from commonlaw.report.write import check_packages, to_page
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.progress import on_terminal
 from commonlaw.stream import ManyFindings, find_by_stream
-from commonlaw.text import counted, r_squared_text
+from commonlaw.text import counted, r_squared
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.verdict import Findings, find
 
@@ -121,7 +121,7 @@ def _intro(found: ManyFindings) -> str:
     diverged = f" {found.diverged} of the forecasts run away." if found.diverged else ""
     return (
         f"{found.forecast_of} were forecast, each from initial conditions fitted to its first samples: "
-        f"$R^2 = {r_squared_text(found.score)}$.{bands}{diverged} "
+        f"${r_squared(found.score)}$.{bands}{diverged} "
         f"The verdict and the other parts of this page are about {shown} that stand for all, evenly "
         "by rank of how well they are forecast, the best and the worst among them."
     )

@@ -45,8 +45,8 @@ class StreamResiduals(AbstractPatterns):
     Parameters
     ----------
     objects
-        A row for each object and state: ``samples``, ``size over noise`` of residuals (root mean square) with its
-        p-value, the p-value ``adjusted`` for all rows, and the ``correlation of neighbours``.
+        A row for each object and state: ``samples``, ``RMS over noise`` of residuals (root mean square) with its
+        p-value, the p-value ``adjusted`` for all rows, and the ``autocorrelation``.
     patterns
         Tests of the residuals of all objects together.
     """
@@ -112,10 +112,10 @@ def check_stream(
     objects = rows[[name, "state", "samples"]].assign(
         **{
             "samples": rows["samples"].astype(int),
-            "size over noise": size,
+            "RMS over noise": size,
             "p-value": p_value,
             "adjusted": false_discovery_control(p_value, method="by"),
-            "correlation of neighbours": correlation_of_neighbours(*(rows[each].to_numpy() for each in _SUMS)),
+            "autocorrelation": correlation_of_neighbours(*(rows[each].to_numpy() for each in _SUMS)),
         }
     )
     return StreamResiduals(objects.reset_index(drop=True), patterns)

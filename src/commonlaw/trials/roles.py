@@ -32,7 +32,7 @@ from commonlaw.trials.trial import PropertyTable
 from commonlaw.trials.wide import columns_of_one_quantity, shown_columns, wide_hint
 
 _LABELS: tuple[Literal["object", "trial", "time"], ...] = ("object", "trial", "time")
-GUESSED = "columns taken as "
+GUESSED = "columns recognized as "
 """What the line on guessed roles begins with."""
 _OPTIONS = {
     "time": "time",
@@ -222,7 +222,7 @@ class ColumnRoles:
     def _remedy(self) -> str:
         """The options that change these roles."""
         options = [f"`{_OPTIONS[role]}=...`" for role in _OPTIONS if role in self._by_role or role == "input"]
-        return f"If not, say {', '.join(options)}{', `wide=...`' if self.wide else ''}"
+        return f"Correct them by {', '.join(options)}{', `wide=...`' if self.wide else ''}"
 
     @property
     def lines(self) -> tuple[str, ...]:

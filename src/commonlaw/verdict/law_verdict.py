@@ -48,10 +48,12 @@ class StateError(NamedTuple):
         return sqrt(max(self.law**2 - self.noise**2, 0.0))
 
     def share(self, error: float, ends: bool = True) -> str:
-        """Return an error with its unit, and as a share of the range that was measured, in words."""
-        ends_of = f", {_number(self.low)} to {self._with_unit(self.high)}" if ends else ""
+        """Return an error with its unit, and as a share of the measured range, whose ends are given if wanted."""
         share = _percent(error / (self.high - self.low))
-        return f"{self._with_unit(error)} in {self.state} ({share} of its range{ends_of})"
+        if not ends:
+            return f"{self._with_unit(error)} ({share})"
+        ends_of = f"{_number(self.low)} to {self._with_unit(self.high)}"
+        return f"{self._with_unit(error)} in {self.state} ({share} of its range, {ends_of})"
 
     @property
     def spread_in_words(self) -> str:
@@ -199,13 +201,13 @@ class LawVerdict(ShownInNotebooks):
         if self.few_samples:
             yield "An equation has the maximum number of terms that so few samples can identify."
         if self.measurements:
-            compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
-            yield f"Tested on {self.judged_on}: {compared}, from the first samples of each trial."
-            if self.unknown_objects:
-                yield f"Forecasts of {listed(self.unknown_objects)} use the mean coefficients of the other objects."
             if not self.diverged:
                 yield from self._accuracy()
             yield from self._bands()
+            compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
+            yield f"Tested on {self.judged_on}: {compared}, each from the first samples of a trial."
+            if self.unknown_objects:
+                yield f"Forecasts of {listed(self.unknown_objects)} use the mean coefficients of the other objects."
         if self.poorly_known:
             yield f"Poorly identified (standard error above 50 % of the estimate): {listed(self.poorly_known)}."
         if self.unjudged:
@@ -220,12 +222,14 @@ class LawVerdict(ShownInNotebooks):
             yield "offer other terms, or collect more or more precise data"
         if self.few_samples or 0 < self.measurements < _MIN_MEASUREMENTS:
             yield "measure more samples or more trials"
+        if self.in_sample and self.usable:
+            yield "test the law on held-out or new trials"
 
     def _accuracy(self) -> Iterator[str]:
         known = [each for each in self.state_errors if each.high > each.low]
         own = " and ".join(each.share(each.law) for each in known)
         last = " and ".join(each.share(each.persistence, ends=False) for each in known)
-        yield f"RMS forecast error: {own}. That of a constant forecast: {last}."
+        yield f"RMS forecast error: {own}; of a constant forecast: {last}."
         worse = [each.state for each in known if each.law > NO_BETTER * each.persistence]
         if worse and not self._is_no_better:
             yield f"For {' and '.join(worse)} the law is no better than a constant forecast."
@@ -237,7 +241,7 @@ class LawVerdict(ShownInNotebooks):
 
     def _bands(self) -> Iterator[str]:
         if self.coverage is None:
-            yield "There are no bands, as the law has no standard errors."
+            yield "No bands: the law has no standard errors."
             return
         inside = f"{_percent(self.coverage)} of the measurements lie within the 95 % bands (about 95 % expected)"
         if self.coverage < _LOW_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:

@@ -61,7 +61,7 @@ export function move(index) {
   if (candidate.evidence !== null) parts.push(`${probable(candidate.evidence)} (2 log B ${Number(candidate.evidence.toPrecision(3))})`);
   found.views.forEach((view, i) => {
     const { score, diverged, curves } = candidate.views[i], held = view.held_out ? ", held-out trials" : "";
-    if (score) parts.push(`${score.replace("R^2", "R²").replace("1 -", "1 −")} (${view.title}${held})`);
+    if (score) parts.push(`${score.replace("R^2", "R²")} (${view.title}${held})`);
     if (diverged) parts.push(`${plural(diverged, view.fit ? "fitted curve" : "forecast")} diverge${diverged === 1 ? "s" : ""}`);
     if (!curves.length) parts.push(`${view.title}: cannot be computed for these trials`);
   });

@@ -67,7 +67,7 @@ class Bounds(ShownInNotebooks):
     >>> import commonlaw as cl
     >>> drops = cl.datasets.linear_drag(noise=0.05)
     >>> print(cl.fit("x'' = -g - c v", drops).bounds(drops, ["v^2"]))
-    v^2 in x'': its coefficient is at most 0.021 1/m, of Ball 5, at 95%, and adds 15 at most.
+    v^2 in x'': |coefficient| < 0.021 1/m, contribution < 15 (95 %; largest: Ball 5).
     """
 
     bounds: tuple[Bound, ...]
@@ -77,7 +77,7 @@ class Bounds(ShownInNotebooks):
         """Return a table with a row for each equation, term and object."""
         import pandas as pd
 
-        names = {"error": "standard error", "at_most": "at most", "effect": "adds at most"}
+        names = {"error": "standard error", "at_most": "limit", "effect": "contribution"}
         rows = [vars(each) | {"seen": each.seen} for each in self.bounds]
         return pd.DataFrame([{names.get(name, name): value for name, value in row.items()} for row in rows])
 
@@ -89,12 +89,12 @@ class Bounds(ShownInNotebooks):
             objects = [each for each in self.bounds if (each.equation, each.term) == (equation, term)]
             largest, seen = max(objects, key=lambda each: each.effect), [each.object for each in objects if each.seen]
             among = f" of {', '.join(seen)}" if len(objects) > 1 else ""
-            beyond = f" An interval{among} does not hold zero: the term may be there." if seen else ""
-            size = f"{largest.at_most:.2g} {largest.unit}".rstrip()
-            whose = f", of {largest.object}," if len(objects) > 1 else ""
+            beyond = f" The interval{among} excludes zero: the term may be present." if seen else ""
+            size = f"{float(f'{largest.at_most:.2g}'):g} {largest.unit}".rstrip()
+            whose = f"; largest: {largest.object}" if len(objects) > 1 else ""
             found.append(
-                f"{term} in {equation}: its coefficient is at most {size}{whose} at {self.level:.0%}, and adds "
-                f"{largest.effect:.2g} at most.{beyond}"
+                f"{term} in {equation}: |coefficient| < {size}, contribution < {float(f'{largest.effect:.2g}'):g} "
+                f"({100 * self.level:.3g} %{whose}).{beyond}"
             )
         return tuple(found)
 
