@@ -1,5 +1,6 @@
 """What there is to know about trials before they are used."""
 
+import hashlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -32,21 +33,17 @@ class TrialCheck:
 
     Parameters
     ----------
-    object, trial
-        Its labels.
-    samples
-        The number of samples.
     duration
         From the first sample to the last, in the unit of the times.
     median_step, largest_deviation
-        The median step between samples, and how far a step is from it at most, zero if that is rounding; None for a
-        single sample.
+        The median step between samples, and the largest deviation from it, zero if that is rounding; None for a single
+        sample.
     clipped
         The number of samples at the end that `clip_irregular` would take away.
     first, last
         First and last measured values by state; None for a state that never was measured.
     missing
-        The number of samples in which a state was not measured, by state.
+        The number of samples without a measurement, by state.
     """
 
     object: str
@@ -63,19 +60,7 @@ class TrialCheck:
 
 @dataclass(frozen=True)
 class Finding:
-    """What a data check found: a sentence, and where it is, as far as it is in one place.
-
-    Parameters
-    ----------
-    text
-        The sentence.
-    object, trial
-        Labels of the trial.
-    sample
-        Which sample of the trial it begins with, counted from 0.
-    column
-        The state, or the time.
-    """
+    """What a data check found: a sentence; and if it is in one place the trial, the sample from 0, and the column."""
 
     text: str
     object: str | None = None
@@ -101,10 +86,7 @@ class Report:
         return tuple(map(str, self.found))
 
     def kinds(self) -> dict[str, tuple[Finding, ...]]:
-        """Return findings of the same kind together, by a line that sums them up.
-
-        More than three cases are summed up as how many there are, and one of them.
-        """
+        """Return findings of the same kind together by a line: up to three cases, or their number and one of them."""
         kinds: dict[str, list[Finding]] = {}
         for each in self.found:
             kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each.text), []).append(each)
@@ -121,10 +103,7 @@ class Report:
         return tuple(self.kinds())
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a frame with a row for each trial; first and last values are in columns like ``height (first)``.
-
-        Counts of missing values are in columns like ``height (missing)``, if any state is missing anywhere.
-        """
+        """Return a frame with a row for each trial, and columns such as ``height (first)`` and ``height (missing)``."""
         import pandas as pd
 
         rows, gaps = [], any(count for each in self.trials for count in each.missing.values())
@@ -152,7 +131,21 @@ def check(data: TrialData, tolerance: float | None) -> Report:
         for trial, row in zip(trials, rows, strict=True)
         for finding in (*_sampling(trial, row, schema, tolerance), *_values(trial, schema, len(trial) - row.clipped))
     )
-    return Report(rows, (*found, *_uneven(trials), *_copied(trials), *_without_unit(schema)), notes)
+    lengths: dict[str, list[int]] = {}
+    for trial in trials:
+        lengths.setdefault(trial.object, []).append(len(trial))
+    uneven = [
+        Finding(f"{name}: trials of very different lengths, {min(each)} to {max(each)} samples", name)
+        for name, each in lengths.items()
+        if max(each) >= _UNEVEN * min(each)
+    ]
+    copies = [
+        _in(trial, f"an exact copy of {before.label}, which adds no information")
+        for trial, before in exact_copies(trials)
+    ]
+    bare = ", ".join(name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units)
+    text = f"no unit is known for {bare}: write it in the header, as in 'x [m]', or give it with `units=...`"
+    return Report(rows, (*found, *uneven, *copies, *([Finding(text)] if bare else [])), notes)
 
 
 def _in(trial: Trial, text: str, sample: int | None = None, column: str | None = None) -> Finding:
@@ -160,8 +153,11 @@ def _in(trial: Trial, text: str, sample: int | None = None, column: str | None =
 
 
 def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> TrialCheck:
-    steps = np.diff(trial.times)
-    median = float(np.median(steps)) if len(steps) else None
+    steps, median, deviation = np.diff(trial.times), None, None
+    if len(steps):
+        median = float(np.median(steps))
+        deviation = float(np.abs(steps - median).max())
+        deviation = deviation if deviation > _EVEN * median else 0.0
     measured = {name: column[~np.isnan(column)] for name, column in zip(names, trial.states.T, strict=True)}
     return TrialCheck(
         trial.object,
@@ -169,17 +165,12 @@ def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> T
         len(trial),
         float(trial.times[-1] - trial.times[0]),
         median,
-        None if median is None else _deviation(steps, median),
+        deviation,
         len(trial) - regular_length(trial.times, tolerance),
         {name: float(values[0]) if len(values) else None for name, values in measured.items()},
         {name: float(values[-1]) if len(values) else None for name, values in measured.items()},
         {name: len(trial) - len(values) for name, values in measured.items()},
     )
-
-
-def _deviation(steps: Floats, median: float) -> float:
-    largest = float(np.abs(steps - median).max())
-    return largest if largest > _EVEN * median else 0.0
 
 
 def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | None) -> Iterator[Finding]:
@@ -225,9 +216,8 @@ def _values(trial: Trial, schema: Schema, stop: int) -> Iterator[Finding]:
 def _jump(times: Floats, values: Floats) -> int | None:
     """Return the index of the sample before the first jump, or None.
 
-    A jump is a second difference (of slopes, for uneven steps) further from the median of its neighbours, which follow
-    a steep but smooth course, than 10 robust standard deviations of all second differences; where most of these are
-    zero, the smallest change between samples stands in for the deviation.
+    A jump is a second difference farther from the median of its neighbours than 10 robust standard deviations of all of
+    them; where most are zero, than 10 of the smallest changes between samples.
     """
     if len(values) < _SHORT:
         return None
@@ -247,53 +237,16 @@ def _jump(times: Floats, values: Floats) -> int | None:
     return int(wild[0] + (after >= before))
 
 
-def _uneven(trials: Sequence[Trial]) -> list[Finding]:
-    """Return the objects whose trials have very different lengths."""
-    lengths: dict[str, list[int]] = {}
-    for trial in trials:
-        lengths.setdefault(trial.object, []).append(len(trial))
-    return [
-        Finding(f"{name}: trials of very different lengths, {min(each)} to {max(each)} samples", name)
-        for name, each in lengths.items()
-        if max(each) >= _UNEVEN * min(each)
-    ]
-
-
 def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
-    """Return each trial whose samples are to the last bit those of one before it, and that one.
-
-    Trials of fewer than five samples are left out, which can agree by chance.
-    """
-    alike = dict[tuple[object, ...], list[Trial]]()
+    """Return each trial, of five samples or more, that equals one before it to the last bit, and that one."""
+    by_digest = dict[tuple[object, ...], Trial]()
     pairs = list[tuple[Trial, Trial]]()
     for trial in (each for each in trials if len(each) >= _SHORT):
-        some = slice(None, None, max(1, len(trial) // _SHORT))
-        earlier = alike.setdefault((trial.states.shape, trial.states[some].tobytes()), [])
-        before = next((each for each in earlier if _same_bytes(each, trial)), None)
-        if before is None:
-            earlier.append(trial)
-        elif before is not trial:
+        content = b"".join(each.tobytes() for each in (trial.times, trial.states, trial.inputs))
+        before = by_digest.setdefault((trial.states.shape, hashlib.sha256(content).digest()), trial)
+        if before is not trial:
             pairs.append((trial, before))
     return tuple(pairs)
-
-
-def _same_bytes(one: Trial, other: Trial) -> bool:
-    names = ("times", "states", "inputs")
-    return one is other or all(getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in names)
-
-
-def _copied(trials: Sequence[Trial]) -> list[Finding]:
-    """Return the trials that are no new evidence."""
-    pairs = exact_copies(trials)
-    return [_in(trial, f"an exact copy of {before.label}, which adds no information") for trial, before in pairs]
-
-
-def _without_unit(schema: Schema) -> list[Finding]:
-    bare = [name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units]
-    if not bare:
-        return []
-    text = f"no unit is known for {', '.join(bare)}: write it in the header, as in 'x [m]', or give it with `units=...`"
-    return [Finding(text)]
 
 
 def clipped(trials: Sequence[Trial], tolerance: float | None) -> tuple[list[Trial], str]:
@@ -314,8 +267,8 @@ def clipped(trials: Sequence[Trial], tolerance: float | None) -> tuple[list[Tria
 def regular_length(times: Floats, tolerance: float | None) -> int:
     """Return the number of samples, from the first, that clipping at the last irregular frame keeps.
 
-    With steps dt = diff(t), a frame i is irregular if abs(dt[i] - median(dt)) > tolerance; the samples up to the last
-    such frame are kept. Without a tolerance it is 7.5 % of the median.
+    With steps dt = diff(t), a frame i is irregular if abs(dt[i] - median(dt)) > tolerance, by default 7.5 % of the
+    median.
     """
     irregular = np.flatnonzero(_irregular(times, tolerance))
     return int(irregular[-1]) + 1 if len(irregular) else len(times)

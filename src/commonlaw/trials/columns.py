@@ -111,10 +111,7 @@ class Table:
         return values
 
     def encoded(self, name: str, read: Callable[[object], object] = _plain) -> tuple[Codes, list[object]]:
-        """Return a column as codes, shape (n,), and the values that they stand for; -1 where a cell is empty.
-
-        `read` makes a value of a cell; it is called once for each different one.
-        """
+        """Return a column as codes, shape (n,), -1 for empty cells, and the values that they stand for, `read` once."""
         import pandas as pd
 
         column = self.columns[name]
@@ -182,7 +179,7 @@ class Table:
 def with_numbers(table: Table, notation: Notation) -> Table:
     """Return the table with its columns read as numbers, and facts of how these were written.
 
-    In columns by themselves ambiguous, the decimal mark is that of the other columns.
+    Columns that are ambiguous by themselves have the decimal mark of the others.
     """
     loose = [name for name in table.columns if name in table.loose]
     found = {name: numerals(table.columns[name], notation) for name in loose}

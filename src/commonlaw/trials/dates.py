@@ -76,8 +76,8 @@ def elapsed(stamps: "pd.Series[Any]") -> Elapsed:
 def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others: Collection[str]) -> Table:
     """Return the table with dates in the column of times as days since the earliest, or seconds if they have hours.
 
-    Times of day are seconds since 0:00:00. If one of the `other` columns holds the dates to them, both make the times.
-    Any other column stays as it is. A note says what was done; the unit of the times is theirs.
+    Times of day are seconds since 0:00:00, after the date in one of the `other` columns if there is one. A note says
+    so.
     """
     column, note = table.columns[name], f"{name}: dates taken as time in"
     partner = _partner(table, name, others)
@@ -209,10 +209,7 @@ def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
 
 
 def _epochs(table: Table, name: str) -> "pd.Series[Any] | None":
-    """Return the dates of a column of counts since 1970; None if it holds other numbers.
-
-    The name of the column speaks of time and not of another unit, and all counts fall into this century.
-    """
+    """Return the dates of counts since 1970 in a column called a time, all in this century; None if it has others."""
     import pandas as pd
 
     if not _EPOCH_NAME.search(name) or not table.is_numeric(name):

@@ -52,13 +52,11 @@ class _Kept(TypedDict, total=False):
 
 def parquet_table(source: str, content: bytes) -> Table:
     """Return the table in a Parquet file, without columns of lists and bytes."""
-    arrow, _ = _arrow("reading Parquet files")
     with _whole(source):
-        file = _file(arrow.BufferReader(content))
-        check_size(source, file.metadata.num_rows, file.metadata.num_columns)
-        data = arrow.Table.from_batches(_unpacked(source, file), arrow.schema(_flat(file)))
+        file, data = _unpacked(source, content)
         kept = _kept(source, file.schema_arrow.metadata)
-        return replace(frame_table(data, source), roles=_roles(kept), notes=kept.get("notes", ()))
+        roles: dict[str, Any] = dict(kept.get("roles", {}))
+        return replace(frame_table(data, source), roles=roles, notes=kept.get("notes", ()))
 
 
 def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, Any]]:
@@ -69,7 +67,7 @@ def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, An
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise CommonlawError("not-parquet", path=path, error=error) from None
     check_size(str(path), 1, file.metadata.num_columns)
-    return file, _roles(_kept(str(path), file.schema_arrow.metadata))
+    return file, dict(_kept(str(path), file.schema_arrow.metadata).get("roles", {}))
 
 
 def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
@@ -99,18 +97,9 @@ def parquet_bytes(columns: Mapping[str, Column | Sequence[object]], metadata: Ma
 
 
 def parquet_columns(source: str, content: bytes) -> tuple[dict[str, list[Any]], dict[bytes, bytes]]:
-    """Return the cells of a Parquet file by column, None where they are empty, and its metadata.
-
-    Raises
-    ------
-    CommonlawError
-        If it is damaged, or larger than what is held in memory.
-    """
-    arrow, _ = _arrow("reading Parquet files")
+    """Return the cells of a Parquet file by column, None where they are empty, and its metadata."""
     with _whole(source):
-        file = _file(arrow.BufferReader(content))
-        check_size(source, file.metadata.num_rows, file.metadata.num_columns)
-        data = arrow.Table.from_batches(_unpacked(source, file), arrow.schema(_flat(file)))
+        file, data = _unpacked(source, content)
         columns = {name: column.to_pylist() for name, column in zip(data.column_names, data.columns, strict=True)}
         return columns, dict(file.schema_arrow.metadata or {})
 
@@ -157,14 +146,17 @@ def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
         raise OSError(f"{found} of {file.metadata.num_rows} rows are there")
 
 
-def _unpacked(source: str, file: "pq.ParquetFile") -> Iterator["pa.RecordBatch"]:
-    """Yield the rows of a file in batches, as far as memory holds them."""
-    size = 0
+def _unpacked(source: str, content: bytes) -> tuple["pq.ParquetFile", "pa.Table"]:
+    """Return a file and its rows, as far as memory holds them."""
+    arrow, _ = _arrow("reading Parquet files")
+    file, batches, size = _file(arrow.BufferReader(content)), [], 0
+    check_size(source, file.metadata.num_rows, file.metadata.num_columns)
     for batch in _batches(file, _BATCH):
         size += batch.nbytes
         if size > LARGEST_FILE:
             raise CommonlawError("parquet-too-large", source=source, limit=LARGEST_FILE)
-        yield batch
+        batches.append(batch)
+    return file, arrow.Table.from_batches(batches, arrow.schema(_flat(file)))
 
 
 def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:
@@ -172,10 +164,6 @@ def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:
         return read_json((metadata or {}).get(_METADATA, b"{}"), _Kept)
     except CommonlawError as error:
         raise CommonlawError("parquet-metadata", where=source, metadata=_METADATA.decode(), error=error) from None
-
-
-def _roles(kept: _Kept) -> dict[str, Any]:
-    return dict(kept.get("roles", {}))
 
 
 def to_frame(data: TrialData) -> "pd.DataFrame":
@@ -188,8 +176,13 @@ def to_frame(data: TrialData) -> "pd.DataFrame":
 def to_csv(data: TrialData, path: str | os.PathLike[str]) -> None:
     """Write a CSV file, see `Trials.to_csv`."""
     columns = _with_units(data)
-    rows = zip(*(_cells(column) for column in columns.values()), strict=True)
-    lines = [",".join(map(_quoted, columns)), *map(",".join, rows), ""]
+    cells = []
+    for column in columns.values():  # Text in quotes, numbers with all their digits, nothing if empty
+        if column.dtype == object:
+            cells.append(["" if value is None else _quoted(value) for value in column])
+        else:
+            cells.append(["" if value != value else repr(value) for value in column.tolist()])
+    lines = [",".join(map(_quoted, columns)), *map(",".join, zip(*cells, strict=True)), ""]
     write_whole(path, "\n".join(lines).encode())
 
 
@@ -247,13 +240,6 @@ def _with_units(data: TrialData) -> dict[str, Column]:
     """Return the columns with units in their names."""
     units = {name: check_unit(unit, f"column {name!r}") for name, unit in data.schema.units.items() if unit.strip()}
     return {join_header(name, units.get(name, "")): column for name, column in _columns(data).items()}
-
-
-def _cells(column: Column) -> list[str]:
-    """Return the cells of a column as CSV has them: text in quotes, numbers with all their digits, nothing if empty."""
-    if column.dtype == object:
-        return ["" if value is None else _quoted(value) for value in column]
-    return ["" if value != value else repr(value) for value in column.tolist()]
 
 
 def _quoted(text: str) -> str:

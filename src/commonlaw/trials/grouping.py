@@ -76,16 +76,22 @@ def groups_of(owners: Codes, objects: Sequence[str], runs: Codes, labels: Sequen
 def trials_of(
     table: Table, cells: Cells, groups: Sequence[Group], restarts: Restarts | None, *, named: bool
 ) -> Grouped:
-    """Return the trials of groups of rows.
+    """Return the trials of groups of rows, without rows that say nothing, see `are_used`.
 
     Where times go back and it is not said what this means, rows are sorted if they are in reverse or in random order or
-    a few single ones out of place, and refused otherwise. Rows that say nothing are left out, see `are_used`.
-    New trials are counted from 1, in their labels beside the one of the group if it was `named`.
+    a few single ones out of place, and refused otherwise. New trials are counted from 1, after the label of a group if
+    it was `named`.
     """
     notes = []
     if restarts == "trials":
         begun = [group.label for group in groups if len(_back(cells[0], group))]
-        groups = [part for group in groups for part in _parts(cells[0], group, named)]
+        parts = list[Group]()
+        for group in groups:
+            split = np.split(group.rows, _back(cells[0], group))
+            before = f"{group.trial}-" if named else ""
+            numbered = [Group(group.object, f"{before}{i}", rows) for i, rows in enumerate(split, 1)]
+            parts += numbered if len(split) > 1 else [group]
+        groups = parts
         notes = [f"a trial begins wherever the time goes back: {'; '.join(begun)}"] if begun else []
     # Rows of inputs alone, such as doses, come after what was measured at their times
     alone = np.asarray(np.isnan(cells[1]).all(axis=1))
@@ -114,17 +120,10 @@ def trials_of(
 
 
 def are_used(states: Floats, *, driven: bool) -> Bools:
-    """Return which samples of a trial say something, shape (n,), none where no state was measured.
+    """Return which samples of a trial say something, from states of shape (n, states): none where nothing was measured.
 
-    Those with a measured state; those after the last, where a law may be asked; and, where there are inputs, all after
+    Those with a measured state; those after the last, which are to be forecast; and, where there are inputs, all after
     the first, such as a dose between two measurements.
-
-    Parameters
-    ----------
-    states
-        Shape (n, states).
-    driven
-        Whether there are inputs.
     """
     measured = np.asarray(np.isfinite(states).any(axis=1))
     begun = np.logical_or.accumulate(measured)
@@ -133,10 +132,7 @@ def are_used(states: Floats, *, driven: bool) -> Bools:
 
 
 def inputs_before(times: Floats, inputs: Floats, used: Bools) -> Floats:
-    """Return times and inputs of the rows before the first that is used, from the first input on that is not zero.
-
-    Shape (m, 1 + inputs).
-    """
+    """Return times and inputs before the first used row, from the first nonzero input on, shape (m, 1 + inputs)."""
     before = slice(0, int(np.argmax(used)))
     rows = np.column_stack([times[before], inputs[before]])
     begun = np.logical_or.accumulate(rows[:, 1:].any(axis=1))
@@ -149,20 +145,11 @@ def _back(times: Floats, group: Group) -> Codes:
     return np.flatnonzero(own[1:] < own[:-1]) + 1
 
 
-def _parts(times: Floats, group: Group, named: bool) -> list[Group]:
-    """Return the trials in a group of rows: a new one begins wherever the time goes back."""
-    parts = np.split(group.rows, _back(times, group))
-    if len(parts) == 1:
-        return [group]
-    before = f"{group.trial}-" if named else ""
-    return [Group(group.object, f"{before}{number}", rows) for number, rows in enumerate(parts, 1)]
-
-
 def _refuse_restarts(table: Table, times: Floats, groups: Sequence[Group]) -> None:
-    """Refuse a table in which times start again: they go back, and not as in reverse or random order or by single rows.
+    """Refuse a table whose times go back, but not as in reverse or random order or by single rows.
 
-    Of n rows in random order, (n - 1) / 2 have a time before the one above, with a variance of (n + 1) / 12: the
-    Eulerian numbers. All groups that are not in order count together, as a table is shuffled as a whole.
+    Of n rows in random order, (n - 1) / 2 have a time before the one above, with a variance of (n + 1) / 12 (Eulerian
+    numbers). All groups count together, as a table is shuffled as a whole.
     """
     wild = [(group, back) for group in groups if _is_out_of_order(times[group.rows], back := _back(times, group))]
     if not wild:
@@ -267,12 +254,7 @@ def repeats_in_words(trials: Sequence[Trial]) -> list[str]:
     found = [each for each in trials if each.repeats is not None]
     if not found:
         return []
-    rows, times = (sum(int(own) for own in each) for each in zip(*map(_counts, found), strict=True))
+    repeated = [each.counts[each.counts > 1] for each in found]
+    rows, times = int(sum(map(np.sum, repeated))), sum(map(len, repeated))
     where = f"at {times} times in {counted(len(found), 'trial')}"
     return [f"{rows} measurements {where} are averaged, weighted by their number"]
-
-
-def _counts(trial: Trial) -> tuple[int, int]:
-    """Return how many measurements are repeated, and at how many times and of how many states."""
-    several = trial.counts > 1
-    return int(trial.counts[several].sum()), int(several.sum())

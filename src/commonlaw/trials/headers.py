@@ -103,15 +103,8 @@ def _registry() -> "pint.UnitRegistry[float]":
 
 @cache
 def parse_unit(text: str) -> "pint.Unit":
-    """Return the unit that a text stands for; of a number that is an empty one, as pint writes it.
+    """Return the unit that a text stands for; of a number that is an empty one. Refuse others, with the nearest name.
 
-    Raises
-    ------
-    CommonlawError
-        If pint does not know the unit; the message has the nearest name that it knows.
-
-    Examples
-    --------
     >>> print(parse_unit("m/s^2"), parse_unit("m⁰⋅⁵"), parse_unit("dB/s"), parse_unit(""), sep=", ")
     meter / second ** 2, meter ** 0.5, decibel / second, dimensionless
     """
@@ -166,8 +159,8 @@ _TIME_PER_UNIT = re.compile(r"(?i)(?:t|time|zeit|temps|tiempo|tempo|tijd|tid)\s*
 def split_header(header: str) -> tuple[str, str]:
     """Return the name and the unit in a header; the unit is empty where there is none.
 
-    What stands in brackets and is not a unit is part of the name. Empty square brackets say that the name before
-    them is complete, although it looks as if it ended in a unit.
+    Brackets around what is no unit are part of the name; empty square brackets follow a name that seems to end in a
+    unit.
 
     >>> split_header("Height (m)"), split_header("drag (fitted)"), split_header("v [m/s] []")
     (('Height', 'm'), ('drag (fitted)', ''), ('v [m/s]', ''))
@@ -207,10 +200,7 @@ def find_name(name: str, known: Iterable[str], kind: str = "column") -> str:
 def joined_units(
     headers: Mapping[str, str], given: Mapping[str, str] | None, known: Iterable[str], used: Iterable[str]
 ) -> dict[str, str]:
-    """Return the units of the columns that are used: those from the headers, or where the user gave one that.
-
-    An empty unit takes the one from the header away. Units can be given for the known columns.
-    """
+    """Return the units of the columns that are used: those that are given, an empty one for none, or of headers."""
     units, known = dict(headers), list(known)
     if given is not None and not isinstance(given, Mapping):
         raise CommonlawError("units-not-by-column", units=given)
@@ -239,10 +229,7 @@ def _in_brackets(header: str) -> str:
 
 
 def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the names of columns and the units by name.
-
-    Columns whose names differ in their units alone keep their whole header as the name.
-    """
+    """Return the names of columns and units by name; names that differ in units alone are whole headers."""
     blank = [number for number, header in enumerate(headers, 1) if not header.strip()]
     if blank:
         raise CommonlawError("header-missing", where=source, number=blank[0])

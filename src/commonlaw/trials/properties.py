@@ -33,10 +33,7 @@ class Properties:
 
 
 def column_properties(table: Table, names: Sequence[str], codes: Codes, objects: Sequence[str]) -> Properties:
-    """Return the properties in columns of a table, in which an empty cell says nothing.
-
-    The codes, shape (n,), are the object of each row as an index into `objects`.
-    """
+    """Return the properties in columns of a table, without empty cells, given the index of the object of each row."""
     values: dict[str, dict[str, Property]] = {}
     for name in names:
         cells, words = _cells(table, name)
@@ -65,13 +62,8 @@ def column_properties(table: Table, names: Sequence[str], codes: Codes, objects:
 def constant_columns(table: Table, names: Sequence[str], codes: Codes, *, others_are_states: bool) -> list[str]:
     """Return the columns that are constant, and not empty, for each object; of a single one, only those of numbers.
 
-    Where all columns of numbers of a single object are constant, they are its states.
-
-    Raises
-    ------
-    CommonlawError
-        If a column that would be a state is constant but for a few rows of at most half of the objects, as if these
-        were mistaken.
+    Where all columns of numbers of a single object are constant, they are its states. Refused is a column that is
+    constant but for a few rows of at most half of the objects.
     """
     _, first = np.unique(codes, return_index=True)
     single, found, varying = len(first) < 2, list[str](), False
@@ -119,8 +111,7 @@ def _refuse_nearly_constant(table: Table, name: str, cells: Floats, codes: Codes
 def given_properties(given: Any, key: str, objects: Sequence[str]) -> Properties:
     """Return the properties in a mapping from object to values by name, or in a table with a row for each object.
 
-    The table, a file or a frame, has the objects' names in the column `key`. Those of `objects` that have no
-    properties are named in a note.
+    The names are in its column `key`. A note names objects without properties.
     """
     if given is None:
         return Properties()

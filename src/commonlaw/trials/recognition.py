@@ -92,16 +92,11 @@ def readable(table: Table, name: str) -> Floats:
 
 
 def time_column(table: Table) -> str | None:
-    """Return the column that holds the time, None if there is no such.
+    """Return the column that holds the time, None if there is no such; refuse several that are as likely.
 
     ``t`` and ``time`` are the time by convention. Else it is the column with a word or a unit of time in its header; of
     several the one that increases from row to row. Then come short names, ``T`` and counts of steps, if they increase;
     and, whatever it is called, the column that holds dates, times of day, or numbers that increase by equal steps.
-
-    Raises
-    ------
-    CommonlawError
-        If there are several, and none is more likely than the others.
     """
     names = list(table.columns)
     folded = {name.casefold(): name for name in reversed(names)}
@@ -180,15 +175,10 @@ def _is_even(table: Table, name: str, names: Sequence[str]) -> bool:
 
 
 def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
-    """Return the column of these that names the objects, None if there is no such.
+    """Return the column of these that names the objects, None if there is no such; refuse several that are as likely.
 
     It is the one of text, but for what names trials, or of whole numbers that are called like an individual; a column
     that another one determines is a property.
-
-    Raises
-    ------
-    CommonlawError
-        If several are as likely.
     """
     able = [name for name in names if is_label(table, name, times)]
     texts = [name for name in able if not table.is_numeric(name)]
@@ -231,13 +221,8 @@ def _determines(codes: Codes, others: Codes) -> bool:
 def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Codes, *, named: bool) -> str | None:
     """Return the column of these that labels the trials of objects, shape (n,) in `owners`; None if there is no such.
 
-    It has the name of one, or it is text or counts from 0 or 1, and without it times of an object would go back. Where
-    no object is `named`, only a name will do.
-
-    Raises
-    ------
-    CommonlawError
-        If several are as likely.
+    It has the name of one; or, where objects are `named`, it is text or counts from 0 or 1, and without it times of an
+    object would go back. Several that are as likely are refused.
     """
     able = [name for name in names if is_label(table, name, times)]
     if called := [name for name in able if is_called(name, _TRIAL)]:
@@ -261,8 +246,8 @@ def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Code
 def is_label(table: Table, name: str, times: Floats) -> bool:
     """Say whether a column of text or whole numbers has the same cell in several rows, as names of objects do.
 
-    Where times increase throughout the table, no name is needed: what changes there is a remark, unless it is called a
-    name and each of its rows follow each other.
+    What changes while times increase throughout the table is a remark, unless it is called a name and its rows follow
+    each other.
     """
     if table.is_numeric(name):
         values = readable(table, name)
@@ -299,17 +284,7 @@ def increase_within(codes: Codes, times: Floats) -> bool:
 
 
 def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes) -> list[str]:
-    """Return columns that are further times or numbers of rows, by their names and as they increase with the times.
-
-    Parameters
-    ----------
-    table
-        The cells.
-    names
-        Columns of numbers.
-    times, runs
-        Of all rows the time, and a code of its trial, shape (n,).
-    """
+    """Return columns of numbers that are further times or row numbers, by name, and increase with the times."""
     order = np.lexsort((times, runs))
     same = np.diff(runs[order]) == 0
 
@@ -346,18 +321,9 @@ def deviation_columns(table: Table, names: Sequence[str]) -> dict[str, str]:
 
 
 def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Sequence[Codes]) -> dict[str, str]:
-    """Return columns of numbers that the experimenter set, and what shows it; there is always one that was measured.
+    """Return columns of numbers that the experimenter set, and what shows it; at least one is left as measured.
 
-    Parameters
-    ----------
-    table
-        The cells.
-    names
-        Columns that are inputs or states.
-    times
-        Of all rows, shape (n,).
-    trials
-        The rows of each trial in order of time.
+    Times are of all rows, shape (n,), and trials the indices of their rows in order of time.
     """
     cells = {name: readable(table, name) for name in names}
     spans = {name: _span(values) for name, values in cells.items()}
@@ -453,7 +419,7 @@ def _scatters(noise: Floats, digit: float, least: Floats) -> bool:
 
 
 def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:
-    """Return the standard deviation of the noise of evenly spaced values by each order of differences of neighbours.
+    """Return the standard deviation of noise of evenly spaced values by each order of differences of neighbours.
 
     The difference of order m of white noise of variance s^2 has variance (2m choose m) s^2; of a smooth course high
     orders leave least (Gasser, Sroka and Jennen-Steinmetz 1986). Infinite where there are too few samples.

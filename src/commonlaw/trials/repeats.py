@@ -19,15 +19,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 
 @dataclass(frozen=True, eq=False)
 class Repeats:
-    """Measurements at the samples of a trial that are means of several.
-
-    Parameters
-    ----------
-    counts
-        How many measurements each is the mean of, shape (n, states).
-    squares
-        The sum of their squared deviations from it, shape (n, states).
-    """
+    """Counts of measurements averaged in each sample, and sums of their squared deviations, shape (n, states)."""
 
     counts: Floats
     squares: Floats
@@ -65,14 +57,9 @@ class Repeats:
 def merged(
     first: Indices, states: Floats, noise: Floats, repeats: Repeats | None
 ) -> tuple[Floats, Floats, Repeats | None]:
-    """Return samples of which several are at one time as one for each time, with their noise and repeats.
+    """Return states, noise and repeats with one sample for each time, given the first row of each, shape (times,).
 
-    Parameters
-    ----------
-    first
-        The first row of each time, shape (times,).
-    states, noise, repeats
-        Of each row. Where standard deviations are known, measurements are weighted by their inverse squares.
+    Measurements with standard deviations are weighted by their inverse squares.
     """
     seen = np.isfinite(states)
     counts = np.where(seen, 1.0 if repeats is None else repeats.counts, 0.0)
@@ -93,14 +80,8 @@ def merged(
 def inputs_of_times(first: Indices, rows: Indices, inputs: Floats, alone: Bools) -> tuple[Floats, Bools]:
     """Return the inputs of each time, shape (times, inputs), and which rows have others, shape (n,).
 
-    An input of a row of inputs alone, such as a dose, counts where the other rows of its time have zero.
-
-    Parameters
-    ----------
-    first, rows
-        The first row of each time, and the time of each row, by its index.
-    inputs, alone
-        Of each row, and whether it has inputs alone.
+    An input of a row of inputs `alone`, such as a dose, counts where the other rows of its time have zero. Given are
+    the first row of each time, and the index of the time of each row.
     """
     low, high = np.minimum.reduceat(inputs, first), np.maximum.reduceat(inputs, first)
     has_alone = np.logical_or.reduceat(alone, first)[:, np.newaxis]

@@ -49,38 +49,35 @@ _OPTIONS = {
 class Roles(TypedDict, total=False):
     """Which column is what; a column is named by its header with or without the unit in it.
 
-    What is not named is guessed; `Trials.notes` then has one line that says what was taken for what.
+    What is not named is guessed; a line of `Trials.notes` says what was taken for what.
 
     Parameters
     ----------
     object
-        Column of the objects' names. Default: ``object``, or the column of repeated text, or of whole numbers with a
-        name such as ``subject``; else the table is of one object, as it is with ``""``.
+        Column of the objects' names. Default: ``object``, or a column of repeated text, or of whole numbers with a name
+        such as ``subject``; else the table is of one object, as it is with ``""``.
     object_name
         Name of the one object of a table without such a column.
     trial
-        Column of the trials' labels. Default: ``trial``, or a column with a name such as ``run`` or ``replicate``, or
-        that of text or of numbers from 1 without which the times of an object would go back; else every object has
-        one trial, as it has with ``""``.
+        Column of the trials' labels. Default: ``trial``, or a column with a name such as ``run``, or that of text or of
+        counts without which the times of an object would go back; else every object has one trial, as with ``""``.
     time
-        Column of the times. Default: ``t`` or ``time``, or the column with a word or a unit of time in its header that
-        increases. Dates become days since the earliest, or seconds if hours are given too, as do counts since 1970; the
-        date may stand in a column of its own. Durations such as 1:30:00 become seconds.
+        Column of the times. Default: ``t`` or ``time``, or a column with a word or a unit of time in its header that
+        increases. Dates and counts since 1970 become days since the earliest, or seconds if they have hours; the date
+        may stand in a column of its own. Durations such as 1:30:00 become seconds.
     states
         Columns of the measured states. Default: the columns of numbers without another role.
     inputs
-        Columns of the measured inputs. Default, where no states are named: columns of numbers that are held at levels,
-        recur in several trials, or are smooth to the last digit where others scatter, as what was set; ``[]`` says that
-        there are none.
+        Columns of the measured inputs, ``[]`` for none. Default, where no states are named: columns of numbers that are
+        held at levels, recur in several trials, or are smooth to the last digit where others scatter.
     noise_columns
-        Columns of standard deviations of the measurements, by state: ``{"x": "sx"}``. Default: positive columns with a
-        name such as ``x_std`` or ``std1`` that goes with a state, ``x`` or ``y1``; ``{}`` says that there are none.
+        Columns of standard deviations of the measurements, by state: ``{"x": "sx"}``; ``{}`` for none. Default:
+        positive columns with a name such as ``x_std`` or ``std1`` that goes with a state.
     properties
-        Columns of the objects' properties; or a second table (a file, a frame) with a row for each object; or a
-        mapping from object to property values by name. Default: the columns without another role that are constant
-        for each object.
+        Columns of the objects' properties; or a second table (a file, a frame) with a row for each object; or a mapping
+        from object to values by name. Default: the columns without another role that are constant for each object.
     units
-        Units by column; they take precedence over those in the headers.
+        Units by column, in place of those in the headers.
     """
 
     object: str | None
@@ -100,20 +97,19 @@ class Reading(Roles, total=False):
     Parameters
     ----------
     wide
-        What was measured, with its unit or without, such as ``"OD"``, in a table that has a column for each object, as
-        plate readers write it; True is for ``"value"``. The columns are those of `states`, by default all columns of
-        numbers without another role. Rows ahead of the first time, with a name in place of the time, are properties.
-        Default: True for columns that are named like wells or like replicates, unless objects or states are named.
+        What was measured, such as ``"OD"`` with its unit or without, in a table with a column for each object; True is
+        for ``"value"``. The columns are those of `states`, by default all of numbers without another role. Rows ahead
+        of the first time, with a name in place of the time, are properties. Default: True for columns that are named
+        like wells or replicates, unless objects or states are named.
     restarts
-        What it means where times go back within a trial: ``"trials"``, that a new trial begins there; ``"sort"``, that
-        rows of one trial are out of order. Default: rows in reverse or random order, and a few single ones
-        out of place, are sorted; all else is refused.
+        What it means where times go back within a trial: ``"trials"``, a new trial begins; ``"sort"``, rows are out of
+        order. Default: rows in reverse or random order, and a few single ones out of place, are sorted; others refused.
     missing
-        How values that are missing are marked, such as ``-999`` or ``["<0.5", "BLQ"]``, besides empty cells, NA, NaN,
-        ``-``, n.d. and the like.
+        Marks of missing values, such as ``-999`` or ``["<0.5", "BLQ"]``, besides empty cells, NA, NaN, ``-``, n.d. and
+        the like.
     decimal
-        The decimal mark, ``"."`` or ``","``. Default: that by which the cells are numbers; where both are possible, as
-        in 1,000, the table is refused.
+        The decimal mark, ``"."`` or ``","``. Default: that by which the cells are numbers; refused where both are
+        possible, as in 1,000.
     dates
         How dates are written, ``"dmy"``, ``"mdy"`` or ``"ymd"``, and times of day, ``"h:mm"`` or ``"m:ss"``, where that
         is ambiguous. Default: that which is possible in all rows.
@@ -164,22 +160,16 @@ class ColumnRoles:
 
     Parameters
     ----------
-    time, object, trial
-        Of times, and of labels if there are any.
-    states, inputs
-        Of numbers.
     properties
-        Of properties; None if these stand elsewhere.
+        Columns of properties; None if these stand elsewhere.
     noise_columns
-        Of standard deviations, by state.
+        Columns of standard deviations, by state.
     wide
         What was measured, if each column of a state is an object of its own.
     reasons
         What speaks for roles that were guessed, by column.
     guessed
-        Whether a role follows neither from what was said nor from the names ``object``, ``trial``, ``t`` and ``time``.
-    notes
-        What was noticed.
+        Whether a role follows neither from the settings nor from the names ``object``, ``trial``, ``t`` and ``time``.
     """
 
     time: str
@@ -245,22 +235,7 @@ def named_roles(table: Table, roles: Reading) -> dict[str, Any]:
 
 
 def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
-    """Return which column is what: as named, else by names, units and values.
-
-    Parameters
-    ----------
-    table
-        The rows of samples, with times as numbers.
-    roles
-        What was said.
-    time
-        The column of times.
-
-    Raises
-    ------
-    CommonlawError
-        If a column is named twice or is not there, two readings are as likely, or no states are left.
-    """
+    """Return which column is what, of samples with times as numbers: as named, else by names, units and values."""
     name, count = Counter(named := _named_columns(table, {**roles, "time": time})).most_common(1)[0]
     if count > 1:
         raise CommonlawError("role-twice", where=table.source, column=name)

@@ -158,7 +158,12 @@ def _schema(table: Table, roles: Reading, columns: ColumnRoles, known: Propertie
     names = [columns.time, *columns.states, *columns.inputs, *columns.noise_columns.values()]
     headers = {**unit_in_name(columns.time), **table.units, **known.units}
     units = joined_units(headers, roles.get("units"), [*table.columns, *known.names], [*names, *known.names])
-    _check_units(table, columns.noise_columns, units)
+    for state, name in columns.noise_columns.items():
+        if state in units and name in units and known_unit(units[state]) != known_unit(units[name]):
+            unit, state_unit = units[name], units[state]
+            raise CommonlawError(
+                "noise-column-unit", where=table.source, column=name, unit=unit, state=state, state_unit=state_unit
+            )
     labels_in = columns.object or "object", columns.trial or "trial"
     return Schema(columns.states, columns.inputs, *labels_in, columns.time, units, columns.noise_columns)
 
@@ -167,20 +172,6 @@ def _labels(table: Table, column: str | None, what: str, default: str) -> tuple[
     if column is None:
         return np.zeros(len(table), dtype=np.int64), [label(default)], ()
     return object_codes(table, column, what)
-
-
-def _check_units(table: Table, noise_columns: Mapping[str, str], units: Mapping[str, str]) -> None:
-    """Refuse standard deviations in another unit than their state."""
-    for state, name in noise_columns.items():
-        if state in units and name in units and known_unit(units[state]) != known_unit(units[name]):
-            raise CommonlawError(
-                "noise-column-unit",
-                where=table.source,
-                column=name,
-                unit=units[name],
-                state=state,
-                state_unit=units[state],
-            )
 
 
 def trials_from_arrays(
@@ -199,7 +190,9 @@ def trials_from_arrays(
     runs, clock = _elapsed([times] if single else list(times))
     count = len(runs)
     objects = [label(each) for each in _per_trial("objects", object, count)]
-    labels = _counted(objects) if trial is None else _per_trial("trial labels", trial, count)
+    counters = {name: itertools.count(1) for name in objects}
+    counted = [str(next(counters[name])) for name in objects]
+    labels = counted if trial is None else _per_trial("trial labels", trial, count)
     all_states = _per_trial("arrays of states", [states] if single else states, count)
     all_inputs = _per_trial("arrays of inputs", [inputs] if single else inputs, count)
     all_noise = _per_trial("arrays of standard deviations", [noise] if single else noise, count)
@@ -279,23 +272,17 @@ def _per_trial(what: str, values: Any, count: int) -> list[Any]:
     return list(values)
 
 
-def _counted(objects: Sequence[str]) -> list[str]:
-    """Return labels that count the trials of each object from 1."""
-    counters = {name: itertools.count(1) for name in objects}
-    return [str(next(counters[name])) for name in objects]
-
-
 def _columns(trial: Trial, names: Sequence[str] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the names of the states and of the inputs."""
     states, inputs = trial.states.shape[1], trial.inputs.shape[1]
     if names is None:
-        return _numbered("x", states), _numbered("u", inputs)
+        names = [
+            letter if count == 1 else f"{letter}{i}"
+            for letter, count in (("x", states), ("u", inputs))
+            for i in range(1, count + 1)
+        ]
     listed = isinstance(names, list | tuple | np.ndarray) and all(isinstance(name, str) for name in names)
     if not listed or len(names) != states + inputs:
         driven = f" and {inputs} of inputs" if inputs else ""
         raise CommonlawError("names-count", names=names, states=states, inputs=driven)
     return tuple(names[:states]), tuple(names[states:])
-
-
-def _numbered(letter: str, count: int) -> tuple[str, ...]:
-    return (letter,) if count == 1 else tuple(f"{letter}{i}" for i in range(1, count + 1))

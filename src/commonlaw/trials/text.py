@@ -94,8 +94,8 @@ def usual_width(rows: Sequence[Row]) -> int:
 def layout_of(rows: Sequence[Row], comments: Sequence[Row]) -> Layout:
     """Return where the table begins in rows, of which comments are taken out.
 
-    The header is the row of words above the first row of values that has a cell for each column, or a comment that has
-    so; what stands above it is left out. A row of units may follow it.
+    The header is the row of words, or a comment, with a cell for each column above the first row of values. A row of
+    units may follow it.
     """
     width = usual_width(rows) or 1
     full = [len(row.cells) == width and not row.is_blank for row in rows]
@@ -113,7 +113,10 @@ def layout_of(rows: Sequence[Row], comments: Sequence[Row]) -> Layout:
     while top and rows[top - 1].is_blank:
         top -= 1
     bottom = top
-    while top and not rows[top - 1].is_blank and _fits(rows[top - 1].cells, width, is_empty):
+    while top and not rows[top - 1].is_blank:
+        cells = len(rows[top - 1].cells)
+        if cells > width or not all(is_empty[cells:]):  # A header has a cell for each column in which anything stands
+            break
         top -= 1
     block = rows[top:bottom]
     if not block:
@@ -123,7 +126,10 @@ def layout_of(rows: Sequence[Row], comments: Sequence[Row]) -> Layout:
     units = block[chosen + 1].cells if chosen + 1 < len(block) and _are_units(block[chosen + 1].cells) else ()
     facts = _above(rows[: top + chosen])
     if units:
-        header = [_with_unit(name, unit) for name, unit in zip(header, units, strict=False)]
+        for j, (name, unit) in enumerate(zip(header, map(str.strip, units), strict=False)):
+            bare = _bare_unit(unit) if unit else ""
+            if bare not in ("", "-", "1") and not split_header(name)[1]:
+                header[j] = f"{name.strip()} [{bare}]"
         facts.append(f"line {block[chosen + 1].line} holds units")
     return Layout(header, block[chosen + bool(units)].line + 1, key, facts)
 
@@ -150,11 +156,6 @@ def _is_measured(rows: Sequence[Row], i: int, key: int | None, columns: Sequence
     return len(numbers) < 2 or any(there <= here for here, there in pairwise(numbers))
 
 
-def _fits(cells: Sequence[str], width: int, is_empty: Sequence[bool]) -> bool:
-    """Say whether a row may be the header: it has a cell for each column in which anything stands."""
-    return len(cells) <= width and all(is_empty[len(cells) :])
-
-
 def _header_in(block: Sequence[Row], width: int) -> int:
     """Return the index of the header among the rows directly above the first row of values."""
     filled = [sum(bool(cell.strip()) for cell in row.cells) for row in block]
@@ -172,11 +173,6 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _bare_unit(text: str) -> str:
     return text[1:-1].strip() if text[0] + text[-1] in ("[]", "()", "{}", "<>") else text
-
-
-def _with_unit(name: str, unit: str) -> str:
-    bare = _bare_unit(unit.strip()) if unit.strip() else ""
-    return f"{name.strip()} [{bare}]" if bare not in ("", "-", "1") and not split_header(name)[1] else name
 
 
 def _without_header(
@@ -325,8 +321,15 @@ class _Separators:
 def _separators(text: str) -> _Separators:
     """Return what leaves most rows of one width, and then most values in them: tabs, semicolons, commas, or blanks."""
     ways = [*map(_Separators, "\t;,"), _Separators("\t", _BLANKS), _Separators("\t", _WIDE_BLANKS)]
-    sample = _sample(text)
-    counts = [_rows_and_values(each.applied(sample), each.mark) for each in ways]
+    sample, counts = _sample(text), list[tuple[int, int]]()
+    for way in ways:
+        try:
+            rows = list(_read("", way.applied(sample), way.mark))
+        except CommonlawError:
+            rows = []
+        width = usual_width(rows)
+        table = [row.cells for row in rows if len(row.cells) == width]
+        counts.append((len(table), sum(map(is_value, chain.from_iterable(table)))))
     best = max(counts)
     return ways[counts.index(best)] if best[0] else _Separators(",")
 
@@ -334,17 +337,6 @@ def _separators(text: str) -> _Separators:
 def _sample(text: str) -> str:
     end = text.rfind("\n", 0, _SAMPLE)
     return text if len(text) <= _SAMPLE or end < 0 else text[:end]
-
-
-def _rows_and_values(sample: str, delimiter: str) -> tuple[int, int]:
-    """Return how many rows of the usual width a sample has by a delimiter, and how many values stand in them."""
-    try:
-        rows = list(_read("", sample, delimiter))
-    except CommonlawError:
-        return 0, 0
-    width = usual_width(rows)
-    table = [row.cells for row in rows if len(row.cells) == width]
-    return len(table), sum(map(is_value, chain.from_iterable(table)))
 
 
 def _read(source: str, text: str, delimiter: str, before: int = 0) -> Iterator[Row]:

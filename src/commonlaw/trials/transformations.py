@@ -2,17 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, Indices
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.outcomes import Outcome, note
 from commonlaw.text import shown
 from commonlaw.trials.headers import find_name, parse_unit, registry
 from commonlaw.trials.recognition import note_on_pulses
-from commonlaw.trials.trial import Property, Schema, Start, Trial, property_names
+from commonlaw.trials.trial import Schema, Start, Trial, property_names
 from commonlaw.trials.trials import Trials
 
 
@@ -24,15 +25,8 @@ class Conversion(NamedTuple):
 
     @classmethod
     def between(cls, name: str, given: str | None, wanted: str | None) -> "Conversion":
-        """Return the conversion of a variable; none if a unit is not known.
+        """Return the conversion of a variable, refused if there is none; nothing if a unit is not known.
 
-        Raises
-        ------
-        CommonlawError
-            If one unit is not a multiple of the other, but for where its zero is.
-
-        Examples
-        --------
         >>> Conversion.between("x", "mm", "m").scale, Conversion.between("T", "degC", "K").offset
         (0.001, 273.15)
         """
@@ -59,22 +53,10 @@ class Conversion(NamedTuple):
         return self.scale * values + self.offset
 
 
-class _Conversions(NamedTuple):
-    time: Conversion
-    states: tuple[Conversion, ...]
-    inputs: tuple[Conversion, ...]
-    logarithmic: tuple[bool, ...]
-
-
 def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
     """Return trials in the units that are given by name of time, states, inputs or properties; a note says so.
 
     What has no unit in the trials or among the given ones stays as it is.
-
-    Raises
-    ------
-    CommonlawError
-        If a unit cannot be converted into the other.
     """
     schema = trials.schema
     given = {name: unit for name, unit in schema.units.items() if name in units}
@@ -85,55 +67,46 @@ def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
     shifted = [name for name in schema.logarithmic if name in changed and changed[name].offset]
     if shifted:
         raise CommonlawError("unit-of-logarithm", name=shifted[0], unit=units[shifted[0]])
-    how = _Conversions(
-        changed.get(schema.time, Conversion()),
-        tuple(changed.get(name, Conversion()) for name in schema.states),
-        tuple(changed.get(name, Conversion()) for name in schema.inputs),
-        tuple(name in schema.logarithmic for name in schema.states),
-    )
+    properties = {owner: dict(values) for owner, values in trials.properties.items()}
+    for values, name in product(properties.values(), changed):
+        if isinstance(value := values.get(name), float):
+            values[name] = changed[name].scale * value + changed[name].offset
     said = ", ".join(f"{name} from {given[name]} to {units[name]}" for name in changed)
     return replace(
         trials,
-        trials=tuple(_converted(each, how) for each in trials),
+        trials=tuple(_converted(each, schema, changed) for each in trials),
         schema=replace(schema, units={**schema.units, **{name: units[name] for name in changed}}),
-        properties={
-            owner: {name: _property(value, changed.get(name)) for name, value in own.items()}
-            for owner, own in trials.properties.items()
-        },
+        properties=properties,
         notes=(*trials.notes, f"converted into the units of the law: {said}"),
     )
 
 
-def _converted(trial: Trial, how: _Conversions) -> Trial:
-    states, noise, inputs = trial.states.copy(), trial.noise.copy(), trial.inputs.copy()
-    for j, (each, is_logarithm) in enumerate(zip(how.states, how.logarithmic, strict=True)):
-        states[:, j] = states[:, j] + np.log(each.scale) if is_logarithm else each.of(states[:, j])
-        noise[:, j] *= 1.0 if is_logarithm else abs(each.scale)
-    for j, each in enumerate(how.inputs):
-        inputs[:, j] = each.of(inputs[:, j])
-    factors = [1.0 if log else each.scale for each, log in zip(how.states, how.logarithmic, strict=True)]
-    repeats = None if trial.repeats is None else trial.repeats.scaled(np.array(factors))
-    earlier, by_column = trial.earlier.copy(), (how.time, *how.inputs)
-    for j, each in enumerate(by_column[: earlier.shape[1]]):
-        earlier[:, j] = each.of(earlier[:, j])
-    found = replace(trial, times=how.time.of(trial.times), states=states, noise=noise, inputs=inputs)
-    return replace(found, repeats=repeats, earlier=earlier)
-
-
-def _property(value: Property, how: Conversion | None) -> Property:
-    return value if how is None or isinstance(value, str) else float(how.scale * value + how.offset)
+def _converted(trial: Trial, schema: Schema, changed: Mapping[str, Conversion]) -> Trial:
+    states, inputs, earlier = trial.states.copy(), trial.inputs.copy(), trial.earlier.copy()
+    factors = np.ones(len(schema.states))
+    for j, name in enumerate(schema.states):
+        how = changed.get(name, Conversion())
+        if name in schema.logarithmic:
+            states[:, j] += np.log(how.scale)
+        else:
+            states[:, j], factors[j] = how.of(states[:, j]), how.scale
+    for j, name in enumerate(schema.inputs):
+        inputs[:, j] = changed.get(name, Conversion()).of(inputs[:, j])
+    for column, name in zip(earlier.T, (schema.time, *schema.inputs), strict=False):
+        column[:] = changed.get(name, Conversion()).of(column)
+    return replace(
+        trial,
+        times=changed.get(schema.time, Conversion()).of(trial.times),
+        states=states,
+        noise=trial.noise * np.abs(factors),
+        inputs=inputs,
+        repeats=trial.repeats and trial.repeats.scaled(factors),
+        earlier=earlier,
+    )
 
 
 def with_logarithms(trials: Trials, states: Sequence[str]) -> Trials:
-    """Return trials whose measurements of some states are replaced by their logarithms, unless they are already.
-
-    Standard deviations of these become shares of what was measured.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such state, or a measurement is not above zero; the message names trial and sample.
-    """
+    """Return trials with logarithms of some states, which must be positive, and standard deviations as shares."""
     schema = trials.schema
     names = dict.fromkeys((*schema.logarithmic, *(find_name(name, schema.states, "state") for name in states)))
     new = [schema.states.index(name) for name in names if name not in schema.logarithmic]
@@ -145,19 +118,22 @@ def with_logarithms(trials: Trials, states: Sequence[str]) -> Trials:
 
 def as_measured(followed: Trials, measured: Trials) -> Trials:
     """Return measured trials at the samples of trials that were made of them by logarithms, and with their notes."""
-    own = {(each.object, each.name): each for each in measured}
-    rows = [_at_times(own[each.object, each.name], each) for each in followed]
-    return replace(measured.with_trials(rows), notes=followed.notes)
+    by_label = {(each.object, each.name): each for each in measured}
+    trials = []
+    for wanted in followed:
+        trial = by_label[wanted.object, wanted.name]
+        there = np.isin(wanted.times, trial.times)
+        rows = np.searchsorted(trial.times, wanted.times[there])
+        trials.append(replace(wanted, **_among(trial, np.flatnonzero(there), len(wanted), rows)))
+    return replace(measured.with_trials(trials), notes=followed.notes)
 
 
-def _at_times(measured: Trial, wanted: Trial) -> Trial:
-    """Return the measured samples at the times of others, and NaN where there is none."""
-    states, noise = (np.full(wanted.states.shape, np.nan) for _ in range(2))
-    there = np.isin(wanted.times, measured.times)
-    rows = np.searchsorted(measured.times, wanted.times[there])
-    states[there], noise[there] = measured.states[rows], measured.noise[rows]
-    repeats = measured.repeats and measured.repeats.taken(rows).placed(np.flatnonzero(there), len(wanted))
-    return replace(wanted, states=states, noise=noise, repeats=repeats)
+def _among(trial: Trial, places: Indices, count: int, rows: Indices | slice = slice(None)) -> dict[str, Any]:
+    """Return states, noise and repeats of so many samples: those of a trial's rows in their places, NaN elsewhere."""
+    states, noise = np.full((2, count, trial.states.shape[1]), np.nan)
+    states[places], noise[places] = trial.states[rows], trial.noise[rows]
+    repeats = trial.repeats and trial.repeats.taken(rows).placed(places, count)
+    return {"states": states, "noise": noise, "repeats": repeats}
 
 
 def natural(states: Floats, schema: Schema) -> Floats:
@@ -192,20 +168,7 @@ def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str])
 
 
 def without_rates(trials: Trials, rates: Mapping[str, str]) -> Trials:
-    """Return trials without the columns that are rates of states; their schema and a note say which these are.
-
-    Parameters
-    ----------
-    trials
-        What was measured.
-    rates
-        The column of its rate by state, see `Schema`. Columns that the trials do not have as states are passed over.
-
-    Raises
-    ------
-    CommonlawError
-        If nothing else was measured in a trial.
-    """
+    """Return trials without the columns that are rates of states; their schema and a note say which these are."""
     schema, left_out = trials.schema, [*rates.values()]
     kept = [j for j, name in enumerate(schema.states) if name not in left_out]
     if len(kept) == len(schema.states):
@@ -247,13 +210,7 @@ def _with_columns(trial: Trial, kept: list[int], names: tuple[str, ...]) -> Tria
 
 
 def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:
-    """Return trials with these properties of their objects as further inputs, the same throughout a trial.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such property, or it is no number for some object.
-    """
+    """Return trials with these properties of their objects, which must be numbers, as further inputs."""
     if not names:
         return trials
     changed = []
@@ -282,32 +239,23 @@ def number_of(name: str, owner: str, trials: Trials) -> float:
 
 
 def with_starts(trials: Trials, starts: Mapping[str, Start], at: float | None = None) -> Trials:
-    """Return trials with further states, of which each trial has one value: where it starts, in its first sample.
+    """Return trials with latent states, whose initial values stand in the first sample of each trial.
 
-    Parameters
-    ----------
-    trials
-        What was measured.
-    starts
-        By state: a number, the name of a property of the objects, or a number for each object by its name; None for
-        states that start where nobody knows, which have no value. States that the trials have are passed over; the
-        others have the unit of the property, unless they have one.
-    at
-        The time of the starts, if that is not the first sample: trials that begin later get a sample there, at which
-        nothing else was measured, and inputs are as in their first one.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such property, a start is no finite number for some object, or a trial begins before the time.
+    By state: a number, the name of a property of the objects, numbers by object, or None for unknown initial values.
+    States that the trials have are passed over; the others have the unit of the property, unless they have one. `at` is
+    the time of the initial values: trials that begin later get a sample there without measurements.
     """
     new = {name: start for name, start in starts.items() if name not in trials.schema.states}
     if not new:
         return trials
-    values = {
-        owner: np.array([_of_object(name, start, owner, trials) for name, start in new.items()])
-        for owner in trials.objects
-    }
+    values = {owner: np.full(len(new), np.nan) for owner in trials.objects}
+    for owner, (j, (state, start)) in product(trials.objects, enumerate(new.items())):
+        if isinstance(start, str):
+            values[owner][j] = number_of(start, owner, trials)
+        elif start is not None:
+            value = values[owner][j] = start.get(owner, np.nan) if isinstance(start, Mapping) else start
+            if not np.isfinite(value):
+                raise CommonlawError("initial-value-not-finite", state=state, value=value, object=owner)
     schema = trials.schema
     units = {name: schema.units[str(start)] for name, start in new.items() if str(start) in schema.units}
     schema = replace(
@@ -321,38 +269,24 @@ def with_starts(trials: Trials, starts: Mapping[str, Start], at: float | None = 
     return replace(trials, trials=changed, schema=schema)
 
 
-def _of_object(state: str, start: Start, owner: str, trials: Trials) -> float:
-    if start is None:
-        return np.nan
-    if isinstance(start, str):
-        return number_of(start, owner, trials)
-    value = start.get(owner, np.nan) if isinstance(start, Mapping) else start
-    if not np.isfinite(value):
-        raise CommonlawError("initial-value-not-finite", state=state, value=value, object=owner)
-    return float(value)
-
-
 def _with_first(trial: Trial, values: Floats, at: float | None) -> Trial:
     """Return a trial with further states, which have these values in its first sample, and none in others."""
-    columns = [trial.times[:, np.newaxis], trial.states, trial.inputs, trial.noise]
-    if at is not None and trial.times[0] < at:
-        raise CommonlawError("initial-time-late", trial=trial.label, time=trial.times[0], initial_time=at)
-    if at is not None and trial.times[0] > at:
-        unknown = np.full((1, trial.states.shape[1]), np.nan)
-        before = np.array([[at]]), unknown, trial.inputs[:1], unknown
-        columns = [np.concatenate(pair) for pair in zip(before, columns, strict=True)]
-    times, states, inputs, noise = columns
-    unknown = np.full((len(times), len(values)), np.nan)
-    starts = unknown.copy()
+    times, inputs = trial.times, trial.inputs
+    if at is not None and times[0] < at:
+        raise CommonlawError("initial-time-late", trial=trial.label, time=times[0], initial_time=at)
+    if at is not None and times[0] > at:
+        times, inputs = np.append(at, times), np.concatenate([inputs[:1], inputs])
+    count = len(times)
+    samples = _among(trial, np.arange(count - len(trial), count), count)
+    starts, unknown = np.full((2, count, len(values)), np.nan)
     starts[0] = values
-    repeats = trial.repeats and trial.repeats.placed(np.arange(len(times) - len(trial), len(times)), len(times))
     return replace(
         trial,
-        repeats=repeats and repeats.wider(len(values)),
-        times=times[:, 0],
-        states=np.column_stack([states, starts]),
+        repeats=samples["repeats"] and samples["repeats"].wider(len(values)),
+        times=times,
+        states=np.column_stack([samples["states"], starts]),
         inputs=inputs,
-        noise=np.column_stack([noise, unknown]),
+        noise=np.column_stack([samples["noise"], unknown]),
     )
 
 
@@ -365,20 +299,7 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
 
     There an input rises and falls on straight lines over two further samples, at which nothing was measured. The
     integral is the amount. A trial whose first dose is before its first measurement begins there, with a state of zero
-    as if it had been measured.
-
-    Parameters
-    ----------
-    trials
-        What was measured; inputs that were turned before stay.
-    doses
-        Names of inputs, which are zero where nothing is added.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such input, or other inputs beside them; if an object has no dose; or if several states were
-        measured, and none of them at a first dose.
+    as if it had been measured. All inputs must be doses, and every object must have one.
     """
     new = [name for name in doses if name not in trials.schema.doses]
     if not new:
@@ -409,20 +330,11 @@ def _from_first_dose(trial: Trial, measured: Sequence[str]) -> Trial:
     times, amounts = trial.earlier[:, 0], trial.earlier[:, 1:]
     if len(measured) > 1:
         raise CommonlawError("doses-before-start", where=trial.label, time=times[0], states=measured)
-    before = np.full((len(times), trial.states.shape[1]), np.nan)
-    before[0, 0] = 0.0
-    noise = np.full(before.shape, np.nan)
-    noise[0] = trial.noise[0]
     count = len(times) + len(trial)
-    return replace(
-        trial,
-        times=np.concatenate([times, trial.times]),
-        states=np.concatenate([before, trial.states]),
-        inputs=np.concatenate([amounts, trial.inputs]),
-        noise=np.concatenate([noise, trial.noise]),
-        repeats=trial.repeats and trial.repeats.placed(np.arange(len(times), count), count),
-        earlier=np.empty((0, 0)),
-    )
+    samples = _among(trial, np.arange(len(times), count), count)
+    samples["states"][0, 0], samples["noise"][0] = 0.0, trial.noise[0]
+    times, inputs = np.concatenate([times, trial.times]), np.concatenate([amounts, trial.inputs])
+    return replace(trial, times=times, inputs=inputs, earlier=np.empty((0, 0)), **samples)
 
 
 def _with_moments(trial: Trial) -> Trial:
@@ -432,20 +344,8 @@ def _with_moments(trial: Trial) -> Trial:
     times = np.concatenate([trial.times, trial.times[given] + moment, trial.times[given] + 2 * moment])
     order, none = np.argsort(times, kind="stable"), np.zeros_like(trial.inputs[given])
     inputs = np.concatenate([np.zeros_like(trial.inputs), trial.inputs[given] / moment, none])
-    rows = np.flatnonzero(order < len(trial))
-    return replace(
-        trial,
-        repeats=trial.repeats and trial.repeats.placed(rows, len(times)),
-        times=times[order],
-        states=_longer(trial.states, len(times))[order],
-        inputs=inputs[order],
-        noise=_longer(trial.noise, len(times))[order],
-    )
-
-
-def _longer(values: Floats, count: int) -> Floats:
-    """Return values, shape (n, columns), with rows of NaN behind them, so many in all."""
-    return np.pad(values, ((0, count - len(values)), (0, 0)), constant_values=np.nan)
+    samples = _among(trial, np.flatnonzero(order < len(trial)), len(times))
+    return replace(trial, times=times[order], inputs=inputs[order], **samples)
 
 
 _DIFFERENCES = 10
@@ -459,13 +359,22 @@ def objects_at_rest(trials: Trials) -> tuple[str, ...]:
     """Return the objects whose states stay constant within their noise while those of others change, with no input.
 
     Differences d of neighbouring samples and deviations e from the mean of a trial are those of white noise alone (von
-    Neumann 1941): sum d^2 / sum e^2 = 2 with a standard deviation of 2 / sqrt(n), of n differences. The variance is
-    less than a hundredth of the mean of all objects. Objects with few samples, or with inputs that change, count as
-    moving.
+    Neumann 1941): sum d^2 / sum e^2 = 2 with a standard deviation of 2 / sqrt(n), of n differences; and the variance is
+    less than a hundredth of the mean of all objects.
     """
     names = trials.objects
-    found = [_squares(trials.of_object(name)) for name in names]
-    count, differences, deviations = (np.array([each[k] for each in found]) for k in range(3))
+    count, differences, deviations = np.zeros((3, len(names), len(trials.schema.states)))
+    driven = np.zeros(len(names), dtype=np.bool_)
+    for o, name in enumerate(names):
+        inputs = np.concatenate([trial.inputs for trial in trials.of_object(name)])
+        driven[o] = (inputs != inputs[0]).any()
+        for trial in trials.of_object(name):
+            for j, column in enumerate(trial.states.T):
+                seen = column[np.isfinite(column)]
+                if len(seen) > 1:
+                    count[o, j] += len(seen) - 1
+                    differences[o, j] += np.sum(np.diff(seen) ** 2)
+                    deviations[o, j] += np.sum((seen - seen.mean()) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         is_noise = differences >= (2 - 4 / np.sqrt(count)) * deviations
         variance = deviations / count
@@ -473,10 +382,8 @@ def objects_at_rest(trials: Trials) -> tuple[str, ...]:
     if np.isnan(counted).all(axis=0).any():
         return ()
     is_small = variance < _SHARE * np.nanmean(counted, axis=0)
-    at_rest = ((count >= _DIFFERENCES) & is_noise & is_small).all(axis=1)
-    return tuple(
-        name for name, rests in zip(names, at_rest, strict=True) if rests and not _is_driven(trials.of_object(name))
-    )
+    at_rest = ((count >= _DIFFERENCES) & is_noise & is_small).all(axis=1) & ~driven
+    return tuple(name for name, rests in zip(names, at_rest, strict=True) if rests)
 
 
 def without_objects(trials: Trials, names: tuple[str, ...]) -> Trials:
@@ -489,19 +396,3 @@ def outcome_of_rest(names: tuple[str, ...]) -> tuple[Outcome, ...]:
     if not names:
         return ()
     return (note("objects-at-rest", objects=shown(names, "object")),)
-
-
-def _squares(trials: tuple[Trial, ...]) -> Floats:
-    """Return the number of differences, their sum of squares, and that of deviations from means: shape (3, states)."""
-    total = np.zeros((3, trials[0].states.shape[1]))
-    for trial in trials:
-        for j, column in enumerate(trial.states.T):
-            seen = column[np.isfinite(column)]
-            if len(seen) > 1:
-                total[:, j] += len(seen) - 1, np.sum(np.diff(seen) ** 2), np.sum((seen - seen.mean()) ** 2)
-    return total
-
-
-def _is_driven(trials: tuple[Trial, ...]) -> bool:
-    inputs = np.concatenate([each.inputs for each in trials])
-    return bool(inputs.size) and bool((inputs != inputs[0]).any())

@@ -378,10 +378,7 @@ def _property(what: str, value: object) -> Property:
 
 
 def check_measured(trials: Sequence[Trial], states: Sequence[str]) -> None:
-    """Refuse trials in which a state with gaps has too few measured values; one will do if rows are to be forecast.
-
-    A state may be missing throughout a trial if it was measured in another.
-    """
+    """Refuse trials in which a state with gaps has too few measured values; one will do if rows are to be forecast."""
     if all(trial.complete for trial in trials):
         return
     counts = np.array([np.sum(~np.isnan(trial.states), axis=0) for trial in trials])

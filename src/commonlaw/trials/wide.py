@@ -30,9 +30,9 @@ _ALIKE = 0.1
 def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     """Return those columns of numbers that hold one quantity of an object each; none if that is in doubt.
 
-    They have one unit, and names of wells, which start alike if they are few and of one letter; or all are called by
-    words with numbers, which name individuals or repetitions, or have nearly the same values for the same word, as
-    replicates have. Names of quantities such as theta are no such words.
+    They have one unit, and names of wells; or all are called by words with numbers, which name individuals or
+    repetitions, or have nearly the same values for the same word, as replicates have. Names of quantities such as theta
+    are no such words.
     """
     wells = {name: found for name in names if (found := _WELL.fullmatch(name))}
     stems = {name: found[1] for name in names if (found := _REPLICATE.fullmatch(name))}
@@ -90,20 +90,8 @@ def long_table(
 ) -> tuple[Table, str, Codes]:
     """Return a table with a row for each sample of each object, the name of its state, and the row that each was in.
 
-    Where objects have columns of standard deviations, they are in the column named by `deviations_of`.
-
-    Parameters
-    ----------
-    table
-        A table with a column for each object.
-    time
-        The column of times. Rows ahead of the first time are conditions: a column of the name in place of the time.
-    columns
-        Those of the objects; others are the same for all objects.
-    noise
-        Columns of standard deviations, by the column of an object.
-    wide
-        The name of what stands in these columns, with its unit or without; True is for ``value``.
+    Given are the column of times; those of the objects, and of standard deviations by them, which go to the column
+    named by `deviations_of`; and the name of the state. Rows ahead of the first time are conditions of the objects.
     """
     name, unit = _state(table, columns, wide)
     repeated = [each for each in table.columns if each not in (time, *columns, *noise.values())]
@@ -181,10 +169,7 @@ _VALUE, _TIME = "value", "time"
 
 
 def times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] | None:
-    """Return a table of which the columns are times with a row for each of its cells; None if they are no times.
-
-    The second value is the index of the row in which each cell stood, shape (cells,).
-    """
+    """Return a table whose columns are times as a row for each cell, and the rows of these; None if they are not."""
     dates = [name for name in table.columns if holds_dates(np.array([name], dtype=object))]
     years = years_of(table.columns) if len(dates) < _FEWEST else {}
     times = dates if len(dates) >= _FEWEST else list(years)

@@ -70,11 +70,9 @@ def _check(laws: Mapping[str, Law]) -> None:
         raise CommonlawError("other", text="there is no law to draw; give at least one")
     first, *_ = laws
     for title, law in laws.items():
-        if len(law.schema.states) > 1:
-            raise CommonlawError(
-                "other",
-                text=f"{title}: a grid shows one equation, not {len(law.schema.states)}: use plot_coefficients",
-            )
+        if (count := len(law.schema.states)) > 1:
+            text = f"{title}: the law has {count} equations, and a grid shows one: use plot_coefficients"
+            raise CommonlawError("other", text=text)
         for what, own, wanted in (
             ("objects", law.objects, laws[first].objects),
             ("terms", law.terms.names, laws[first].terms.names),
