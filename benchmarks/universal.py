@@ -22,7 +22,7 @@ from joblib import Parallel, delayed
 
 import commonlaw as cl
 from benchmarks.machine import machine
-from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.parameters import left_hand_sides
 
 Truth = Mapping[str, Mapping[str, tuple[Any, ...]]]
 

@@ -12,7 +12,7 @@ from commonlaw.discovery import fit
 from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
-from commonlaw.law.relations import dependence
+from commonlaw.law.printing import dependence
 from commonlaw.plots import plot_relations
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from commonlaw.trials import Trials

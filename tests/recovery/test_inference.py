@@ -10,8 +10,7 @@ import commonlaw as cl
 from benchmarks.variational import cramer_rao, solve
 from commonlaw import datasets
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law.equations import left_hand_sides
-from commonlaw.law.parameters import standard_errors
+from commonlaw.law.parameters import left_hand_sides, standard_errors
 from tests.refusals import refused
 
 STAGES = {"noise", "library", "mesh", "model error", "coefficients"}

@@ -7,8 +7,7 @@ import commonlaw as cl
 from commonlaw import Law, Trials
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law.equations import vector_field
-from commonlaw.law.parameters import standard_errors
+from commonlaw.law.parameters import standard_errors, vector_field
 from commonlaw.library.expansion import summands, traced
 from tests.refusals import refused
 

@@ -12,8 +12,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.app.result import results
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law.equations import left_hand_sides, rate_names, state_rates
-from commonlaw.law.parameters import coefficient_units, named_parameters
+from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, rate_names, state_rates
 from commonlaw.library import Terms
 from tests.refusals import refused
 

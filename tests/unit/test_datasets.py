@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 from commonlaw import datasets
 from commonlaw.datasets import DATASETS, PRINTED_VISCOSITY, sphere_drag
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law.equations import rate_names
 from commonlaw.law.law import object_index
+from commonlaw.law.parameters import rate_names
 from tests.refusals import refused
 
 SIMULATED = [name for name, dataset in DATASETS.items() if dataset.law is not None]

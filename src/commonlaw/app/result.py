@@ -16,9 +16,8 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Law
-from commonlaw.law.equations import left_hand_sides, rate_names
 from commonlaw.law.law import shares_terms
-from commonlaw.law.parameters import named_parameters, standard_errors
+from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import rounded, said_within_errors, with_error
 from commonlaw.library import order_of_each

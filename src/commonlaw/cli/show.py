@@ -27,7 +27,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     import pandas as pd
 
     from commonlaw.law import Law
-    from commonlaw.law.equations import state_rates
+    from commonlaw.law.parameters import state_rates
 
     if name and average:
         raise click.UsageError("give --object or --average, not both")

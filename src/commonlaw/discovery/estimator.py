@@ -25,7 +25,7 @@ from commonlaw.inference import can_be_carried
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
-from commonlaw.law.equations import state_rates
+from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, CappedLibrary, one_order, order_of_each, parse_library

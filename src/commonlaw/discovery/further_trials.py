@@ -12,8 +12,8 @@ from commonlaw.forecast import forecast_from
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, PlausibleLaw
-from commonlaw.law.equations import left_hand_sides, rate_names
 from commonlaw.law.law import with_other_laws
+from commonlaw.law.parameters import left_hand_sides, rate_names
 from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Trials
 

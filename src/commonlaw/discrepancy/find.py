@@ -20,7 +20,7 @@ from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, conv
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.covariance import errors_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
-from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.parameters import left_hand_sides
 from commonlaw.law.script import call
 from commonlaw.library import Terms
 from commonlaw.library.notation import quoted

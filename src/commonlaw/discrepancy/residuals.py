@@ -11,8 +11,8 @@ from commonlaw.discrepancy.residual_tests import Residuals, patterns
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
-from commonlaw.law.equations import rate_names
 from commonlaw.law.law import object_index
+from commonlaw.law.parameters import rate_names
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
 

@@ -11,9 +11,8 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.experiments.gaussian import Evidence
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.integration import InitialValueProblem, simulate
-from commonlaw.law.equations import vector_field
 from commonlaw.law.law import object_index
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import named_parameters, vector_field
 
 _FORECAST = re.compile(r"(?P<state>\S+) at (?:\S+ *= *)?(?P<time>\S+) from (?P<start>.+?)(?: of (?P<object>.+))?")
 _COEFFICIENT = re.compile(r"(?P<name>.+?)(?: of (?P<object>.+))?")

@@ -25,8 +25,7 @@ from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, SETTLED, Search
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.alignment import matched
-from commonlaw.law.equations import state_rates
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials

@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
-from commonlaw.law.equations import state_rates
+from commonlaw.law.parameters import state_rates
 from commonlaw.text import counted
 
 Value = float | str | tuple[float, ...]

@@ -13,8 +13,8 @@ from commonlaw.experiments.gaussian import Gaussian
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
-from commonlaw.law.equations import vector_field
 from commonlaw.law.law import object_index
+from commonlaw.law.parameters import vector_field
 from commonlaw.library import highest_columns
 from commonlaw.trials import Trial, Trials
 

@@ -14,8 +14,8 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast.model_error import MESH_POINTS, MODEL_ERRORS, FilteredStart, filtered_start, unit_of_errors
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
-from commonlaw.law.equations import rate_names
 from commonlaw.law.law import object_index
+from commonlaw.law.parameters import rate_names
 from commonlaw.library import order_of_each, with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,

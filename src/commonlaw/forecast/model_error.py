@@ -7,8 +7,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
-from commonlaw.law.equations import vector_field
 from commonlaw.law.law import object_index
+from commonlaw.law.parameters import vector_field
 from commonlaw.library import with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,

@@ -18,8 +18,8 @@ from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import Event, InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
-from commonlaw.law.equations import rate_names, vector_field
 from commonlaw.law.law import object_index
+from commonlaw.law.parameters import rate_names, vector_field
 from commonlaw.library import Terms
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trial, Trials

@@ -165,6 +165,8 @@ class Law(ShownInNotebooks):
 
         A law of given equations is written as these, with numbers for its parameters: ``N' = 0.8 N (1 - N/1.4)``.
 
+        Raises `CommonlawError` if no object is named of several, or errors are asked for that are not known.
+
         Parameters
         ----------
         name
@@ -174,11 +176,6 @@ class Law(ShownInNotebooks):
             Significant digits of coefficients without error.
         errors
             Whether to show standard errors; None shows them when they are known.
-
-        Raises
-        ------
-        CommonlawError
-            If no object is named of several, or errors are asked for that are not known.
         """
         return cast(tuple[str, ...], _call("law.printing:equations", self, name, digits, errors))
 
@@ -189,10 +186,7 @@ class Law(ShownInNotebooks):
     def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
         """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.
 
-        Raises
-        ------
-        CommonlawError
-            If no object is named of several, or SymPy is not installed.
+        Raises `CommonlawError` if no object is named of several, or SymPy is not installed.
         """
         return cast("dict[sympy.Expr, sympy.Expr]", _call("law.printing:sympy_equations", self, name))
 
@@ -267,10 +261,7 @@ class Law(ShownInNotebooks):
         doubtful term tends to include zero. Errors follow Student's t distribution, with the degrees of freedom of the
         estimated noise.
 
-        Raises
-        ------
-        CommonlawError
-            If the covariance is not known, or the level is not between 0 and 1.
+        Raises `CommonlawError` if the covariance is not known, or the level is not between 0 and 1.
         """
         self.uncertainty.known_covariance()
         return cast("pd.DataFrame", _call("law.tables:parameter_frame", self, level, averaged))
@@ -278,10 +269,7 @@ class Law(ShownInNotebooks):
     def cov_params(self, name: str | None = None) -> "pd.DataFrame":
         """Return the covariance of one object's parameters, by their names in rows and columns, to first order.
 
-        Raises
-        ------
-        CommonlawError
-            If it is not known, or the object is not named and there are several.
+        Raises `CommonlawError` if it is not known, or the object is not named and there are several.
 
         Examples
         --------
@@ -299,6 +287,8 @@ class Law(ShownInNotebooks):
         and is zero for terms that are not in it. The distribution is normal, or Student's t where the noise was
         estimated.
 
+        Raises `CommonlawError` if the covariance is not known, or no draw is asked for.
+
         Parameters
         ----------
         n
@@ -310,11 +300,6 @@ class Law(ShownInNotebooks):
         -------
         pandas.DataFrame
             A row for each draw and object, which are its index; a column for each parameter of `structure`.
-
-        Raises
-        ------
-        CommonlawError
-            If the covariance is not known, or no draw is asked for.
 
         Examples
         --------
@@ -336,10 +321,7 @@ class Law(ShownInNotebooks):
         With several equations the columns have two levels, the equation and the term. A law of given equations has a
         column for each parameter. With `errors`, a column of standard errors, ``"v ±"``, follows each column.
 
-        Raises
-        ------
-        CommonlawError
-            If errors are asked for that are not known.
+        Raises `CommonlawError` if errors are asked for that are not known.
         """
         return cast("pd.DataFrame", _call("law.tables:wide_frame", self, errors))
 
@@ -350,12 +332,9 @@ class Law(ShownInNotebooks):
         of the relation. Scatter is relative where all objects have the same sign; the factor of an affine function is
         its constant.
 
-        Raises
-        ------
-        CommonlawError
-            If the law was not explained, see `explain`.
+        Raises `CommonlawError` if the law was not explained, see `explain`.
         """
-        return cast("pd.DataFrame", _call("law.relations:relations_frame", self))
+        return cast("pd.DataFrame", _call("law.printing:relations_frame", self))
 
     # Comparison with other models, and how the law was found
 
@@ -398,12 +377,9 @@ class Law(ShownInNotebooks):
         Coefficients are the pooled ones of the law if it has any, as these err less. Values are states, rates, inputs
         and time, shape (n, variables); without time where no term depends on it.
 
-        Raises
-        ------
-        CommonlawError
-            If there is no such object, or the values are not those of the variables.
+        Raises `CommonlawError` if there is no such object, or the values are not those of the variables.
         """
-        return cast(Floats, _call("law.equations:right_hand_side", self, name, values))
+        return cast(Floats, _call("law.parameters:right_hand_side", self, name, values))
 
     def simulate(
         self,
@@ -419,6 +395,9 @@ class Law(ShownInNotebooks):
     ) -> dict[str, Trajectory]:
         """Integrate the law for every object; a divergence is an outcome of its trajectory.
 
+        Raises `CommonlawError` if the law has other inputs, lacks an object, or has not as many states as an initial
+        state.
+
         Parameters
         ----------
         times
@@ -431,11 +410,6 @@ class Law(ShownInNotebooks):
             Whether to give the derivatives of states by coefficients in the support, row by row, and by initial states.
         doses
             Amounts by their times, of a law whose inputs are doses: ``{"dose": {3.0: 60.0}}``.
-
-        Raises
-        ------
-        CommonlawError
-            If the law has other inputs, lacks an object, or has not as many states as an initial state.
         """
         how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
         found = _call("forecast:simulate_law", self, times, initial, sensitivities=sensitivities, **how)
@@ -457,6 +431,9 @@ class Law(ShownInNotebooks):
         averaged: bool = True,
     ) -> "Forecast":
         """Forecast each trial from its own initial state.
+
+        Raises `CommonlawError` if the variables are not those of the law, an initial state cannot be fitted, or
+        covariance, noise or discrepancy are asked for that the law does not have.
 
         Parameters
         ----------
@@ -486,12 +463,6 @@ class Law(ShownInNotebooks):
             Whether to include the discrepancy that was found with the law, see `discrepancy`.
         averaged
             Whether to average over `models`: forecasts are weighted medians, intervals those of the mixture.
-
-        Raises
-        ------
-        CommonlawError
-            If the variables are not those of the law, an initial state cannot be fitted, or covariance, noise or
-            discrepancy are asked for that the law does not have.
         """
         options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
@@ -507,10 +478,7 @@ class Law(ShownInNotebooks):
         non-normality (Ljung and Box, Spearman, Shapiro and Wilk, F tests). P-values are adjusted for their number
         (Benjamini and Yekutieli 2001).
 
-        Raises
-        ------
-        CommonlawError
-            If the law is of discrete time, or the trials cannot be used.
+        Raises `CommonlawError` if the law is of discrete time, or the trials cannot be used.
 
         Examples
         --------
@@ -556,6 +524,9 @@ class Law(ShownInNotebooks):
         visited, and orthogonal over the samples to the law's other terms in the coordinate, so that these keep their
         meaning.
 
+        Raises `CommonlawError` if the law is of discrete time, its objects do not share their terms, or a coordinate
+        cannot be read, is not finite or does not change.
+
         Parameters
         ----------
         trials
@@ -572,12 +543,6 @@ class Law(ShownInNotebooks):
         noise, huber_threshold
             See `commonlaw.refine`.
 
-        Raises
-        ------
-        CommonlawError
-            If the law is of discrete time, its objects do not share their terms, or a coordinate cannot be read, is
-            not finite or does not change.
-
         Examples
         --------
         >>> import commonlaw as cl
@@ -593,10 +558,8 @@ class Law(ShownInNotebooks):
     def bounds(self, trials: Trials, terms: Sequence[str] | None = None, *, level: float = 0.95) -> "Bounds":
         """Return how large coefficients of absent terms, by default all of the library, could be unseen: see `Bounds`.
 
-        Raises
-        ------
-        CommonlawError
-            If there are more than 30 such terms, or one is named that is in the law or cannot be read.
+        Raises `CommonlawError` if there are more than 30 such terms, or one is named that is in the law or cannot be
+        read.
         """
         return cast("Bounds", _call("inference:bounds", self, trials, terms, level=level))
 
@@ -608,10 +571,7 @@ class Law(ShownInNotebooks):
         See `assess` for what the law was `learned` from: ``law.report(*stream.split(trial=3))``. All of a stream is
         forecast, by the workers of a dask client if one is given, and the page shows few objects that stand for all.
 
-        Raises
-        ------
-        CommonlawError
-            If law and trials have other variables.
+        Raises `CommonlawError` if law and trials have other variables.
 
         Examples
         --------
@@ -631,11 +591,8 @@ class Law(ShownInNotebooks):
         properties or are typical, with their covariance. The likelihood of the trials, with free initial states,
         updates it to first order. Trials that the law was learned from would count twice.
 
-        Raises
-        ------
-        CommonlawError
-            If covariance or noise is not known, the law has errors other than white noise or is of discrete time; or
-            the trials cannot be used.
+        Raises `CommonlawError` if covariance or noise is not known, the law has errors other than white noise or is of
+        discrete time; or the trials cannot be used.
 
         Examples
         --------
@@ -657,10 +614,8 @@ class Law(ShownInNotebooks):
         within its error is left out. The mean over objects may be `tolerance` standard errors off; all replacements
         together may be as improbable, of the mean and of all objects, by chi-square tests.
 
-        Raises
-        ------
-        CommonlawError
-            If the covariance is not known, objects have terms of their own, or SymPy is not installed.
+        Raises `CommonlawError` if the covariance is not known, objects have terms of their own, or SymPy is not
+        installed.
 
         Examples
         --------
@@ -678,10 +633,7 @@ class Law(ShownInNotebooks):
         shrinkage of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `universal`
         coefficients, shape (equations, terms), become the same for all objects; the `others` are shrunk.
 
-        Raises
-        ------
-        CommonlawError
-            If the covariance is not known, or the law is pooled already.
+        Raises `CommonlawError` if the covariance is not known, or the law is pooled already.
         """
         return cast("Law", _call("law.pooling:pooled", self, universal, others))
 
@@ -692,17 +644,14 @@ class Law(ShownInNotebooks):
         diameter^2/mass``), an affine function of properties where signs differ, or object-specific; objects may scatter
         about it. The evidence decides, with a prior against properties. Coefficients become what their relations give.
 
+        Raises `CommonlawError` if a property is not known or no number, objects have terms of their own, there is only
+        one, or the covariance is not known.
+
         Parameters
         ----------
         properties
             Names of known properties; or a mapping from object to values by name; or a table (a file, a frame) with a
             row for each object. Default: all numbers that are known of every object; ``[]`` for none.
-
-        Raises
-        ------
-        CommonlawError
-            If a property is not known or no number, objects have terms of their own, there is only one, or the
-            covariance is not known.
 
         Examples
         --------
@@ -729,10 +678,7 @@ class Law(ShownInNotebooks):
     def select(self, objects: Sequence[str]) -> "Law":
         """Return the law of these objects only.
 
-        Raises
-        ------
-        CommonlawError
-            If the law has no such object.
+        Raises `CommonlawError` if the law has no such object.
         """
         indices = [object_index(self, name) for name in objects]
         others = self.uncertainty.map_other_laws(lambda law: law.select(objects))
@@ -766,6 +712,9 @@ class Law(ShownInNotebooks):
     ) -> "Law":
         """Return the law that equations state, for instance to simulate it; `commonlaw.fit` finds coefficients instead.
 
+        Raises `CommonlawError` if the text cannot be read, the message says at which character; or if a coefficient has
+        no value.
+
         Parameters
         ----------
         equations
@@ -776,11 +725,6 @@ class Law(ShownInNotebooks):
             Of these coefficients by name: one number, or one for each object by its name.
         **names
             Of inputs and time, and units, see `Schema`.
-
-        Raises
-        ------
-        CommonlawError
-            If the text cannot be read, the message says at which character; or if a coefficient has no value.
 
         Examples
         --------
@@ -798,21 +742,15 @@ class Law(ShownInNotebooks):
     def from_json(cls, content: str | bytes) -> "Law":
         """Return the law that `to_json` wrote.
 
-        Raises
-        ------
-        CommonlawError
-            If the text is damaged, or written by another version of the schema.
+        Raises `CommonlawError` if the text is damaged, or written by another version of the schema.
         """
         return cast("Law", _call("law.io:decode", content.encode() if isinstance(content, str) else content))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the law, whole or not at all: as JSON, or if the file is named ``.parquet`` with a row for each object.
 
-        Raises
-        ------
-        CommonlawError
-            If the file cannot be written, is read-only, a folder or one of several names of a file; or if the law
-            could not be read again, for too many objects in JSON, or numbers whose squares are infinite.
+        Raises `CommonlawError` if the file cannot be written, is read-only, a folder or one of several names of a file;
+        or if the law could not be read again, for too many objects in JSON, or numbers whose squares are infinite.
         """
         write_whole(path, _call("law.io:law_bytes", self, path))
 
@@ -820,10 +758,7 @@ class Law(ShownInNotebooks):
     def load(cls, path: str | os.PathLike[str]) -> "Law":
         """Read a law that `save` wrote.
 
-        Raises
-        ------
-        CommonlawError
-            If the file cannot be read or is no law; the message names the file.
+        Raises `CommonlawError` if the file cannot be read or is no law; the message names the file.
         """
         content = read_file(path)
         try:

@@ -11,11 +11,10 @@ from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
 from commonlaw.hierarchy.dimensions import dimensions_of
-from commonlaw.law.equations import left_hand_sides
 from commonlaw.law.law import Law, shares_terms, with_other_laws
-from commonlaw.law.parameters import coefficient_units
+from commonlaw.law.parameters import coefficient_units, left_hand_sides
+from commonlaw.law.printing import dependence
 from commonlaw.law.provenance import Step
-from commonlaw.law.relations import dependence
 from commonlaw.law.script import written
 from commonlaw.law.uncertainty import Explanation, ObjectEstimates
 from commonlaw.outcomes import note

@@ -11,9 +11,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.equations import left_hand_sides
 from commonlaw.law.law import Law, shares_terms
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.simplification import Replacement, Simplification, p_value
 from commonlaw.law.text import rounded

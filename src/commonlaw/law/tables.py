@@ -7,9 +7,14 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.array_types import Floats
-from commonlaw.law.equations import left_hand_sides
 from commonlaw.law.law import Law, object_index, only_object
-from commonlaw.law.parameters import coefficient_intervals, coefficient_units, named_parameters, standard_errors
+from commonlaw.law.parameters import (
+    coefficient_intervals,
+    coefficient_units,
+    left_hand_sides,
+    named_parameters,
+    standard_errors,
+)
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.text import Written, probability_text, rounded
 from commonlaw.runtime.arguments import check_whole_number

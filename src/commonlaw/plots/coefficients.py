@@ -20,9 +20,14 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import unknown
 from commonlaw.law import Law
-from commonlaw.law.equations import left_hand_sides
 from commonlaw.law.law import object_index
-from commonlaw.law.parameters import coefficient_intervals, coefficient_units, named_parameters, standard_errors
+from commonlaw.law.parameters import (
+    coefficient_intervals,
+    coefficient_units,
+    left_hand_sides,
+    named_parameters,
+    standard_errors,
+)
 from commonlaw.law.text import with_error
 from commonlaw.library.notation import latex_name
 from commonlaw.plots.equations import equation_labels, letter_of, term_labels

@@ -3,8 +3,7 @@
 import numpy as np
 
 from commonlaw.law import Law
-from commonlaw.law.equations import left_hand_sides, state_rates
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import left_hand_sides, named_parameters, state_rates
 from commonlaw.law.printing import latex_structure
 from commonlaw.law.text import latex_left_hand_sides
 from commonlaw.library import Terms

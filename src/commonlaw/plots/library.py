@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from commonlaw.array_types import Floats
 from commonlaw.formulation import StrongForm
 from commonlaw.law import Law
-from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.parameters import left_hand_sides
 from commonlaw.library import Order, Terms, Variables, term_unit, with_rates
 from commonlaw.plots.equations import equation_labels
 from commonlaw.plots.style import (

@@ -13,10 +13,9 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
-from commonlaw.law.equations import left_hand_sides
-from commonlaw.law.parameters import coefficient_units
+from commonlaw.law.parameters import coefficient_units, left_hand_sides
+from commonlaw.law.printing import dependence
 from commonlaw.law.quantiles import two_sided
-from commonlaw.law.relations import dependence
 from commonlaw.plots.equations import equation_labels, term_labels
 from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
 from commonlaw.text import in_line

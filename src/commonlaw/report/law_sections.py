@@ -17,9 +17,8 @@ from commonlaw.experiments import suggestions
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
 from commonlaw.law import Law
-from commonlaw.law.equations import state_rates
 from commonlaw.law.law import shares_terms
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import Source
 from commonlaw.law.tables import MEANINGS, readable_candidates

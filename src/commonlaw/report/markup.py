@@ -10,9 +10,8 @@ from xml.etree.ElementTree import Element, fromstring, tostring
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.equations import left_hand_sides
 from commonlaw.law.law import shares_terms
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.printing import latex_structure
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import aligned, latex_left_hand_sides, said_within_errors

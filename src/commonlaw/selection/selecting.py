@@ -16,7 +16,7 @@ from commonlaw.formulation import (
     effective_share,
 )
 from commonlaw.law import Alternative, Law
-from commonlaw.law.equations import left_hand_sides
+from commonlaw.law.parameters import left_hand_sides
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome, note
 from commonlaw.selection.cross_validation import CrossValidationScore

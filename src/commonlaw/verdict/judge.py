@@ -14,8 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
-from commonlaw.law.equations import left_hand_sides
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.runtime.progress import announced

@@ -7,8 +7,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.equations import left_hand_sides, rate_names
 from commonlaw.law.law import Law
+from commonlaw.law.parameters import left_hand_sides, rate_names
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials

@@ -24,8 +24,7 @@ from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.law_search import PATH
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Step
-from commonlaw.law.equations import left_hand_sides
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.text import structure
 from commonlaw.library import ParametricTerm, Terms, TiedTerms, Variables, parse_term
 from commonlaw.library.notation import quoted

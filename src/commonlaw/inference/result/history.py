@@ -13,8 +13,7 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.settings import CONVERGED, MAX_MESH_POINTS, MAX_MODELS, MAX_TERMS, MIN_PROBABILITY
 from commonlaw.law import Alternative, Law, Step
-from commonlaw.law.equations import left_hand_sides
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.text import counted

@@ -11,9 +11,8 @@ from commonlaw.inference import settings
 from commonlaw.inference.diagnose.coefficient_limits import Bound, Bounds
 from commonlaw.inference.verbs.other_terms import candidate_law
 from commonlaw.law import Law, Provenance
-from commonlaw.law.equations import left_hand_sides
 from commonlaw.law.law import shares_terms
-from commonlaw.law.parameters import coefficient_units, standard_errors
+from commonlaw.law.parameters import coefficient_units, left_hand_sides, standard_errors
 from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.library import Terms, parse_term, parse_terms
 from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal

@@ -10,9 +10,8 @@ from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.verbs.refinement import refine
 from commonlaw.law import Law, Provenance, Uncertainty
-from commonlaw.law.equations import left_hand_sides
 from commonlaw.law.law import shares_terms
-from commonlaw.law.parameters import standard_errors
+from commonlaw.law.parameters import left_hand_sides, standard_errors
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.runtime.progress import Stage

@@ -25,7 +25,7 @@ from commonlaw.inference.search.law_search import begin_search, fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.law import Law, Step
-from commonlaw.law.equations import state_rates
+from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.runtime.cluster import on_cluster, refuse_client
