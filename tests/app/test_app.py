@@ -136,7 +136,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
             text(page, "command")
             == f"commonlaw fit \"x'' = {'a' if term == '1' else f'a {term}'}\" drops.csv --hold-out trial=2"
         )
-        assert "candidate that is shown" in text(page, "taken")
+        assert "candidate shown" in text(page, "taken")
         assert "law.py" not in text(page, "files")
         take_other_terms(page)
         wait(page, "$('own_plot').querySelector('canvas')")
@@ -144,9 +144,9 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         ActionChains(page).move_to_element_with_offset(over, 10, 10).perform()
         told = page.find_element("css selector", "#forecast_plot .readout").text
         assert re.search(r"Ball 1: fitted [\d.]+ \([\d.]+ to [\d.]+\), measured [\d.]+ at t", told)
-        assert text(page, "see_title") == "Measured and fitted"
+        assert text(page, "see_title") == "Measurements and fit"
         choose(page, "view", "1")
-        assert text(page, "see_title") == "Measured, and forecast from the first 7 samples"
+        assert text(page, "see_title") == "Measurements and forecast from the first 7 samples"
         before = page.find_element("id", "start_0").get_attribute("value")
         over = page.find_element("css selector", "#own_plot .u-over")
         ActionChains(page).drag_and_drop_by_offset(over, 0, -30).perform()
@@ -230,7 +230,7 @@ def take_other_terms(page):
     (missing,) = {frozenset(own) for size in (1, 2, 3) for own in combinations(names, size)} - seen
     for name in pressed(page) - missing:
         click_term(page, name)
-    wait(page, "$('which').textContent.includes('taken by you')")
+    wait(page, "$('which').textContent.includes('your choice')")
     assert pressed(page) == missing
     for name in missing:
         click_term(page, name)

@@ -19,8 +19,8 @@ def test_times_that_start_again_are_refused_with_the_rows_and_what_to_do():
         Trials.from_frame(RUNS)
     assert str(refused.value) == (
         "the frame: object, trial 1: the time decreases from 9 in row 10 to 0.5 in row 11; name the columns of "
-        "trials and objects with trial=... and object=..., or say restarts='trials' if a trial begins wherever "
-        "the time decreases, restarts='sort' if all rows are of one trial [time-decreases]"
+        "trials and objects, trial=... and object=..., or use restarts='trials' if the rows of trials follow one "
+        "another, or restarts='sort' if all rows are of one trial [time-decreases]"
     )
 
 

@@ -30,17 +30,21 @@ _COLUMNS = {
 """What the page calls the settings that choose columns."""
 
 _READING = {
-    "dates": "the form of dates",
+    "dates": "the date format",
     "decimal": "the decimal mark",
     "missing": "a mark of missing values",
     "units": "the unit",
-    "wide": "what the columns measure",
-    "restarts": "what begins where the time goes back",
+    "wide": "the quantity measured",
 }
 """The same of other settings of how a table is read."""
 
-_ONLY_IN_THE_COMMAND = {"clip_irregular()": "--clip", "order=0": "--order 0"}
-"""What the page cannot do."""
+_OTHERS = {
+    "restarts='trials'": "the box 'Each decrease of time starts a new trial' under Columns",
+    "restarts='sort'": "the option --restarts sort of the command",
+    "clip_irregular()": "the option --clip of the command",
+    "order=0": "the option --order 0 of the command",
+}
+"""Settings that the page has no field for."""
 
 
 def in_page(code: str) -> str:
@@ -52,8 +56,8 @@ def in_page(code: str) -> str:
     'the option --order 0 of the command'
     """
     name, _, value = code.partition("=")
-    if code in _ONLY_IN_THE_COMMAND:
-        return f"the option {_ONLY_IN_THE_COMMAND[code]} of the command"
+    if code in _OTHERS:
+        return _OTHERS[code]
     if name in _COLUMNS:
         return f"{_COLUMNS[name]!r} under Columns" if value in ("...", "[...]") else f"{_COLUMNS[name]} {value}"
     if name in _READING:

@@ -90,12 +90,12 @@ export function showCurves() {
   const { found, preview } = state, j = Number($("state").value), every = curves(j), shown = every.filter(each => state.chosen.has(each.object));
   const [x, y] = found ? [found.time, found.states[j]] : [preview.roles.time, preview.roles.states[j]].map(name => ({ name, unit: preview.units[name] }));
   const modelled = every.some(each => each.line && each.line !== each.points), { fit, title } = view() ?? {};
-  $("see_title").textContent = !modelled ? "Measured" : fit ? "Measured and fitted" : `Measured, and ${title}`;
+  $("see_title").textContent = !modelled ? "Measurements" : fit ? "Measurements and fit" : `Measurements and ${title}`;
   const lines = fit ? "fitted" : "forecast", difference = fit ? "residual" : "error";
   draw($("forecast_plot"), shown, { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240, lines });
   $("bands").hidden = !modelled || shown.some(each => each.low);
-  const what = fit ? "Lines are solutions of the law, their initial conditions estimated from all samples; below, the residuals, measured minus fitted." : `Lines are a ${title}; below, their errors, forecast minus measured.`;
-  $("reading").textContent = `${modelled ? `Points were measured. ${what} About 95 % of measurements are expected in the bands. ` : ""}Drag to zoom, double-click to go back.`;
+  const what = fit ? "Lines: fit of the law, initial conditions estimated from all samples. Below: residuals, measured minus fitted." : `Lines: ${title}. Below: errors, forecast minus measured.`;
+  $("reading").textContent = `${modelled ? `Points: measurements. ${what} Bands: 95 % of measurements expected. ` : ""}Drag to zoom, double-click to go back.`;
   draw($("error_plot"), modelled ? shown.map(each => errors(each, fit)) : [], { x: withUnit(x), y: withUnit({ name: difference, unit: y.unit }), height: 130, points: difference });
   $("pictures").hidden = !modelled;
   for (const kind of ["svg", "png"]) $(kind).href = `searches/${state.search}/law.${kind}?candidate=${state.at}`;

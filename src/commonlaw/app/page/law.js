@@ -15,8 +15,8 @@ export function show({ found, asked }) {
   $("limits").hidden = !more.length;
   $("limits").replaceChildren($("limits").firstElementChild, ...more.map(each => element("p", each)));
   const second = found.states.filter((_, j) => found.orders[j] === 2);
-  const rates = found.rates.map((rate, i) => `${rate} is how fast ${second[i].name} changes`);
-  $("terms_text").textContent = `Click a term to take it in or out${rates.length ? `; ${rates.join(", ")}` : ""}:`;
+  const rates = found.rates.map((rate, i) => `${rate} is the rate of ${second[i].name}`);
+  $("terms_text").textContent = `Click a term to add or remove it${rates.length ? `; ${rates.join(", ")}` : ""}:`;
   $("evidence_text").hidden = found.candidates[0].evidence === null;
   showViews(found);
   showOwn(found);
@@ -57,7 +57,7 @@ export function move(index) {
   Object.assign(state, { at: index, wanted: candidate.terms });
   $("slider").value = state.order.indexOf(index);
   $("other").hidden = candidate.chosen;
-  const parts = [`${plural(candidate.size, "term")}${candidate.chosen ? ", chosen" : ""}${candidate.own ? ", taken by you" : ""}`];
+  const parts = [`${plural(candidate.size, "term")}${candidate.chosen ? ", chosen" : ""}${candidate.own ? ", your choice" : ""}`];
   if (candidate.evidence !== null) parts.push(`${probable(candidate.evidence)} (2 log B ${Number(candidate.evidence.toPrecision(3))})`);
   found.views.forEach((view, i) => {
     const { score, diverged, curves } = candidate.views[i], held = view.held_out ? ", held-out trials" : "";
@@ -88,8 +88,8 @@ function equation(parts) {
 
 /** How probable a candidate is beside the best, after Kass and Raftery (1995). */
 function probable(evidence) {
-  const words = [[0, "the most probable"], [2, "about as probable as the best"], [6, "less probable than the best"], [10, "much less probable than the best"]];
-  return words.find(([most]) => evidence <= most)?.[1] ?? "far less probable than the best";
+  const words = [[0, "the most probable"], [2, "not distinguishable from the best"], [6, "positive evidence against it"], [10, "strong evidence against it"]];
+  return words.find(([most]) => evidence <= most)?.[1] ?? "very strong evidence against it";
 }
 
 // Terms, taken in and out
@@ -99,7 +99,7 @@ function showTerms() {
   $("terms").replaceChildren(...candidates[0].left.map((left, j) => {
     const line = element("div"), near = terms.filter(term => candidates.some(each => each.terms[j].includes(term)));
     const buttons = names => names.map(term => termButton(j, left, term)), others = terms.filter(each => !near.includes(each));
-    line.append(element("span", `${left} (${found.orders[j] === 2 ? `how ${found.states[j].name} accelerates` : `how fast ${found.states[j].name} changes`})`), ...buttons(near));
+    line.append(element("span", `${left} (${found.orders[j] === 2 ? `acceleration of ${found.states[j].name}` : `rate of ${found.states[j].name}`})`), ...buttons(near));
     if (others.length && found.others) {
       const more = element("details"), list = element("div", "", { class: "many" });
       list.append(...buttons(others));
@@ -113,7 +113,7 @@ function showTerms() {
 
 function termButton(j, left, term) {
   const button = element("button", pretty(term), { "aria-label": `${term} in ${left}`, "data-equation": j, "data-term": term });
-  if (state.found.known[j].includes(term)) button.title = "It is known, and stays";
+  if (state.found.known[j].includes(term)) button.title = "Fixed coefficient";
   button.addEventListener("click", () => trying("terms_failed", () => toggle(j, term)));
   return button;
 }

@@ -43,7 +43,7 @@ function showPreview() {
     showChecks({ checks: [], notes: [] });
     return showMeasured();
   }
-  $("counts").textContent = `${found.name}: ${plural(found.count, "trial")} of ${plural(found.objects.length, "object")}, ${plural(found.samples, "sample")}. Measured: ${roles.states.join(", ")}${roles.inputs.length ? `; acting from outside: ${roles.inputs.join(", ")}` : ""}.${found.trials.length < found.count ? ` The first ${found.trials.length} trials are drawn.` : ""}`;
+  $("counts").textContent = `${found.name}: ${plural(found.count, "trial")} of ${plural(found.objects.length, "object")}, ${plural(found.samples, "sample")}. States: ${roles.states.join(", ")}${roles.inputs.length ? `; inputs: ${roles.inputs.join(", ")}` : ""}.${found.trials.length < found.count ? ` The first ${found.trials.length} trials are drawn.` : ""}`;
   showChecks(found);
   showMeasured();
   $("explain_choice").hidden = !roles.properties.length;
@@ -65,7 +65,7 @@ function showChecks({ checks, notes, columns }) {
 function kindItem({ text, count, cases }, columns) {
   const item = element("li", text), fold = element("details");
   if (!cases.some(each => each.rows.length)) return item;
-  fold.append(element("summary", count > 1 ? "The cases, with their rows" : "The rows"));
+  fold.append(element("summary", count > 1 ? "Cases and rows" : "The rows"));
   for (const each of cases) {
     if (count > 1) fold.append(element("p", each.text));
     fold.append(checkedRows(each, columns));
@@ -91,7 +91,7 @@ function showColumns({ columns, rows, recognised }) {
   fill(table, columns, rows);
   const choices = element("tr");
   for (const name of columns) {
-    const cell = element("td"), choice = element("select", "", { "aria-label": `What ${name} is`, "data-column": name });
+    const cell = element("td"), choice = element("select", "", { "aria-label": `Role of ${name}`, "data-column": name });
     const roles = ["", "object", "trial", "time", "state", "input", "property", ...recognised.deviations?.includes(name) ? [DEVIATION] : []];
     for (const role of roles) choice.append(element("option", role || "not used", { value: role }));
     choice.value = roleOf(name, recognised);

@@ -4,7 +4,7 @@ import { draw } from "./plots.js";
 
 export function showOwn(found) {
   $("own").hidden = found.inputs.length > 0;
-  const unseen = found.follows.length ? [element("option", "one of your own", { value: "" })] : [];
+  const unseen = found.follows.length ? [element("option", "a new object", { value: "" })] : [];
   $("own_object").replaceChildren(...found.objects.map(name => element("option", name, { value: name })), ...unseen);
   $("own_properties").replaceChildren(...found.follows.flatMap((name, j) => [
     element("label", name, { for: `property_${j}` }), element("input", "", { id: `property_${j}`, type: "number", step: "any", value: 1, "data-name": name }),
@@ -12,9 +12,9 @@ export function showOwn(found) {
   const names = [...found.states.map(each => each.name), ...found.rates], first = found.candidates.find(each => each.chosen).views[0]?.curves[0];
   $("starts").replaceChildren(...names.flatMap((name, j) => {
     const value = tidy(first?.states[j]?.[1]?.find(each => each !== null) ?? 0);
-    return [element("label", `${name} at the start`, { for: `start_${j}` }), element("input", "", { id: `start_${j}`, type: "number", step: "any", value })];
+    return [element("label", `Initial ${name}`, { for: `start_${j}` }), element("input", "", { id: `start_${j}`, type: "number", step: "any", value })];
   }));
-  $("duration_label").textContent = withUnit({ name: "For how long", unit: found.time.unit });
+  $("duration_label").textContent = withUnit({ name: "Duration", unit: found.time.unit });
   $("duration").value = first ? tidy(first.t.at(-1) - first.t[0]) || 1 : 1;
   for (const input of $("own").querySelectorAll("#starts input, #own_properties input")) input.addEventListener("change", forecastOwn);
 }

@@ -4,13 +4,13 @@ import { showMeasured } from "./curves.js";
 import { followFit, settle, show } from "./law.js";
 
 const LIBRARIES = [
-  ["auto", "products like x, x², x² y; saturation, roots, exponentials, powers where these are not enough (usual)"],
-  ["poly:3", "products of up to three variables, like x, x², x² y"],
-  ["poly:2", "products of up to two variables, like x, x², x y"],
-  ["poly:1", "the variables themselves, like x, y"],
-  ["terms:1,v,v*abs(v)", "forces that depend on speed, like v, v |v|", "2"],
-  ["poly:1 + fourier:1", "the variables, and sines and cosines of them"],
-  ["ratio(poly:2, poly:2)", "ratios of sums of these, like x/(K + x)"],
+  ["auto", "automatic: polynomials; richer if these do not fit"],
+  ["poly:3", "polynomials up to degree 3: x, x², x² y"],
+  ["poly:2", "polynomials up to degree 2: x, x², x y"],
+  ["poly:1", "linear terms: x, y"],
+  ["terms:1,v,v*abs(v)", "drag forces: v, v |v|", "2"],
+  ["poly:1 + fourier:1", "linear terms with sines and cosines"],
+  ["ratio(poly:2, poly:2)", "ratios of polynomials: x/(K + x)"],
 ];
 
 export function showLibraries() {
@@ -29,7 +29,7 @@ export function showHeld() {
 function known() {
   const pairs = $("known").value.split(",").map(each => each.trim()).filter(Boolean).map(each => each.split("="));
   const wrong = pairs.find(([name, value]) => !name || value === undefined || !Number.isFinite(Number(value)));
-  if (wrong) throw new Error(`known coefficients are written like 1=-9.81, and not like ${wrong.join("=")}`);
+  if (wrong) throw new Error(`write fixed coefficients as 1=-9.81, not ${wrong.join("=")}`);
   return Object.fromEntries(pairs.map(([name, value]) => [name.trim(), Number(value)]));
 }
 

@@ -2,15 +2,15 @@
 import { $, element, plural, reach, state } from "./basics.js";
 
 const FILES = {
-  "report.html": "the report, one page with everything", "law.json": "the law, to open again", "coefficients.csv": "the coefficients with their errors, a row for each",
-  "fit.csv": "measured and fitted states, with bands", "forecasts.csv": "forecasts from the first samples, with bands", "law.svg": "the law and its fit as a figure", "law.png": "the same as an image", "law.tex": "the equations in LaTeX",
-  "law.py": "a Python program that finds it again",
+  "report.html": "report with all results, one page", "law.json": "law, to be opened again", "coefficients.csv": "coefficients with standard errors",
+  "fit.csv": "measured and fitted states, with bands", "forecasts.csv": "forecasts from the first samples, with bands", "law.svg": "figure of the law and its fit", "law.png": "the same figure as an image", "law.tex": "equations in LaTeX",
+  "law.py": "Python program that reproduces the search",
 };
 
 /** Offer the files of the candidate that is shown, and its command; only for the law that was chosen there is a program that finds it. */
 export function showFiles() {
   const { chosen, size } = state.found.candidates[state.at], names = Object.keys(FILES).filter(name => chosen || name !== "law.py");
-  $("taken").textContent = `Of the ${chosen ? "law that was chosen" : "candidate that is shown"} (${plural(size, "term")}):`;
+  $("taken").textContent = `Files of the ${chosen ? "chosen law" : "candidate shown"} (${plural(size, "term")}):`;
   $("files").replaceChildren(...names.map(name => {
     const line = element("li");
     const link = element("a", name, { href: `searches/${state.search}/${name}?candidate=${state.at}`, download: name });
