@@ -8,10 +8,10 @@ BENCH_STAMP := .venv/.bench-installed
 RELEASE_STAMP := .venv/.release-installed
 TRIED := build/release
 DEMO := demo
-DEMO_RUN := commonlaw discover --dataset linear-drag:noise=0.05:seed=1 --order 2 \
-	--save $(DEMO)/law.json --plot $(DEMO)/law.png
+DEMO_RUN := commonlaw discover dataset:linear-drag:noise=0.05:seed=1 --order 2 \
+	--save $(DEMO)/law.json --save $(DEMO)/law.png
 
-RELEASE_RUN := bin/commonlaw discover --dataset linear-drag:noise=0.05:seed=1 --order 2 --method derivative-regression
+RELEASE_RUN := bin/commonlaw discover dataset:linear-drag:noise=0.05:seed=1 --order 2 --method derivative-regression
 
 # The kernels gain nothing from threads of their own, and lose much when the cores are busy.
 export OMP_NUM_THREADS := 1

@@ -23,6 +23,7 @@ from commonlaw.cli.command import ALL_OPTIONS
 from commonlaw.cli.main import commonlaw as command
 from commonlaw.diagnostics import kinds, notes, sentences, template, topic_of, topics
 from commonlaw.report.markup import formula
+from commonlaw.runtime.fit_options import FitOptions, setting_rows
 
 project = "commonlaw"
 author = "the maintainers of commonlaw"
@@ -154,6 +155,19 @@ def _commands(path: tuple[str, ...], found: click.Command) -> list[tuple[tuple[s
     return [(path, found), *(pair for name, each in inner if each for pair in _commands((*path, name), each))]
 
 
+class FitSettings(SphinxDirective):
+    """Lists the settings of a fit by name, with the defaults of `discover`, and others of `fit` and `refine`."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return the table."""
+        given = {name: default for name, default, _ in setting_rows(FitOptions, "fit")}
+        lines = [".. list-table::", "   :header-rows: 1", "", "   * - setting", "     - default", "     - what it says"]
+        for name, default, text in setting_rows(FitOptions):
+            own = f"; {given[name] or 'none'} in `fit` and `refine`" if given.get(name, default) != default else ""
+            lines += [f"   * - ``{name}``", f"     - {default or 'none'}{own}", f"     - {text}"]
+        return self.parse_text_to_nodes("\n".join([*lines, ""]))
+
+
 class Messages(SphinxDirective):
     """Lists the messages of a topic by their codes, each with an anchor of that name; ``notes`` is a topic too."""
 
@@ -224,6 +238,7 @@ def setup(app: Sphinx) -> None:
     app.add_directive("public-names", PublicNames)
     app.add_directive("command-help", CommandHelp)
     app.add_directive("messages", Messages)
+    app.add_directive("fit-options", FitSettings)
     app.connect("builder-inited", _check_names)
     app.connect("builder-inited", _write_pages)
     app.connect("build-finished", _check_links)

@@ -134,7 +134,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         (term,) = pressed(page)
         assert (
             text(page, "command")
-            == f"commonlaw fit \"x'' = {'a' if term == '1' else f'a {term}'}\" drops.csv --hold-out trial=2"
+            == f"commonlaw fit drops.csv \"x'' = {'a' if term == '1' else f'a {term}'}\" --hold-out trial=2"
         )
         assert "candidate shown" in text(page, "taken")
         assert "law.py" not in text(page, "files")

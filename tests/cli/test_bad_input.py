@@ -41,7 +41,7 @@ CASES = {
     "a wrong column": (rows(), ["--state", "hieght"], "'hieght': did you mean 'height'"),
     "a window longer than a trial": (
         rows(),
-        ["--order", "2", "--differentiation", "savgol:45:3"],
+        ["--order", "2", "--set", "differentiation=savgol:45:3"],
         "golf, trial 1: .*40 samples.*45",
     ),
     "a constant state": (
@@ -51,11 +51,11 @@ CASES = {
     ),
     "an unknown unit": (rows(), ["--unit", "height=metrez"], "height.*metrez|metrez.*height"),
     "a unit for no column": (rows(), ["--unit", "speed=m/s"], "speed"),
-    "an unknown solver": (rows(), ["--solver", "stlqs:1"], "unknown solver 'stlqs': did you mean 'stlsq'"),
+    "an unknown solver": (rows(), ["--set", "solver=stlqs:1"], "unknown solver 'stlqs': did you mean 'stlsq'"),
     "an unknown library": (rows(), ["--library", "ploy:2"], "unknown library 'ploy': did you mean 'poly'"),
     "an unknown differentiation": (
         rows(),
-        ["--differentiation", "savgo:3"],
+        ["--set", "differentiation=savgo:3"],
         "unknown differentiation 'savgo': did you mean 'savgol'",
     ),
     "a term that is not finite": (rows(), ["--library", "terms:1,1/t"], r"golf, trial 1.*1/t|1/t.*golf, trial 1"),
@@ -75,10 +75,10 @@ CASES = {
     "a property that is called like a word of Python": (rows(), ["--where", "self=1"], "unknown property 'self'"),
     "a figure of unknown kind": (
         rows(),
-        ["--plot", "law.jpeg"],
-        "unknown format of a figure 'jpeg': .*Known: png, svg, pdf",
+        ["--save", "law.jpeg"],
+        "law.jpeg: the ending says what is written",
     ),
-    "a folder that does not exist": (rows(), ["--plot", "nowhere/law.png"], "there is no folder 'nowhere'"),
+    "a folder that does not exist": (rows(), ["--save", "nowhere/law.png"], "there is no folder 'nowhere'"),
 }
 
 
@@ -128,7 +128,7 @@ def test_a_missing_file_and_one_with_nearly_that_name(fails, tmp_path):
     ],
 )
 def test_options_of_data_sets_that_are_not_numbers_are_refused(fails, options, message):
-    said = fails("data", "check", "--dataset", f"linear-drag:{options}")
+    said = fails("data", "check", f"dataset:linear-drag:{options}")
     assert re.search(message, said), said
 
 
@@ -160,7 +160,7 @@ def test_laws_that_cannot_be_read(fails, tmp_path):
     (tmp_path / "drops.csv").write_text(rows())
     (tmp_path / "law.json").write_text('{"format": "commonlaw law", "version": 7}')
     assert "law.json: the law has format version 7" in fails(
-        "predict", "law.json", "drops.csv", "--save", "forecast.csv"
+        "predict", "drops.csv", "law.json", "--save", "forecast.csv"
     )
     (tmp_path / "law.json").write_text("{")
     assert "law.json: this is not a saved law, or it is damaged" in fails("show", "law.json")
@@ -178,7 +178,7 @@ def test_a_forecast_that_diverges_is_said_and_written_as_far_as_it_went(monkeypa
         order=1,
     )
     law.save("law.json")
-    monkeypatch.setattr("sys.argv", ["commonlaw", "predict", "law.json", "drops.csv", "--save", "forecast.csv"])
+    monkeypatch.setattr("sys.argv", ["commonlaw", "predict", "drops.csv", "law.json", "--save", "forecast.csv"])
     with pytest.raises(SystemExit) as ended:
         main()
     captured = capsys.readouterr()

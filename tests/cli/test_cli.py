@@ -19,12 +19,12 @@ SETTINGS = [
     "2",
     "--library",
     "poly:3",
-    "--differentiation",
-    "savgol:25:3",
-    "--trim",
-    "8",
-    "--solver",
-    "group-stlsq:1.5",
+    "--set",
+    "differentiation=savgol:25:3",
+    "--set",
+    "trim=8",
+    "--set",
+    "solver=group-stlsq:1.5",
 ]
 
 
@@ -39,14 +39,14 @@ def table(tmp_path):
 
 @pytest.mark.usefixtures("table")
 def test_discover_predict_show_and_check_as_in_the_help(run, tmp_path):
-    code, out, err = run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json", "--plot", "law.png")
+    code, out, err = run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json", "--save", "law.png")
     assert (code, err) == (0, "")
     assert "height'' = a + b v" in out
     assert "Ball 3" in out
     assert "Wrote law.json\nWrote law.png" in out
     assert (tmp_path / "law.png").read_bytes().startswith(b"\x89PNG")
 
-    code, out, err = run("predict", "law.json", "drops.csv", "--save", "forecast.csv")
+    code, out, err = run("predict", "drops.csv", "law.json", "--save", "forecast.csv")
     assert (code, err) == (0, "")
     assert "rms error" in out
     forecast = pd.read_csv(tmp_path / "forecast.csv")
@@ -82,7 +82,7 @@ def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
     assert "from" not in out
     code, out, _ = run("show", "law.json", "--history")
     assert "height: 0.01" in out
-    code, out, _ = run("predict", "law.json", "drops.csv", "--save", "forecast.csv", "--plot", "bands.svg")
+    code, out, _ = run("predict", "drops.csv", "law.json", "--save", "forecast.csv", "--save", "bands.svg")
     assert code == 0
     forecast = pd.read_csv(tmp_path / "forecast.csv")
     assert np.all(forecast["height low"] < forecast["height forecast"])
@@ -95,11 +95,11 @@ def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
 @pytest.mark.usefixtures("table")
 def test_a_law_by_rates_is_refined(run, tmp_path):
     run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
-    arguments = ("refine", "law.json", "drops.csv", "--noise")
-    code, out, _ = run(*arguments, "height=0.01", "--save", "refined.json", "--history")
+    arguments = ("refine", "drops.csv", "law.json", "--noise")
+    code, out, _ = run(*arguments, "height=0.01", "--save", "refined.json")
     assert code == 0
     assert "±" in out
-    assert "maximum likelihood of" in out
+    assert "maximum likelihood of" in run("show", "refined.json", "--history")[1]
     law, refined = (cl.Law.load(tmp_path / name) for name in ("law.json", "refined.json"))
     np.testing.assert_array_equal(refined.support, law.support)
     assert refined.uncertainty.noise == pytest.approx([0.01])
@@ -108,7 +108,17 @@ def test_a_law_by_rates_is_refined(run, tmp_path):
 
 @pytest.mark.usefixtures("table")
 def test_errors_by_bootstrap_and_objects_alone_can_be_asked_for(run, tmp_path):
-    for name, options in (("law", ()), ("drawn", ("--covariance", "bootstrap")), ("alone", ("--no-partial-pooling",))):
+    for name, options in (
+        ("law", ()),
+        ("drawn", ("--set", "covariance=bootstrap")),
+        (
+            "alone",
+            (
+                "--set",
+                "partial_pooling=false",
+            ),
+        ),
+    ):
         code, _, _ = run(
             "discover", "drops.csv", *DROPS, "--order", "2", "--library", "poly:1", *options, "--save", f"{name}.json"
         )
@@ -126,11 +136,11 @@ def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
     replace(law, uncertainty=replace(law.uncertainty, noise=[0.01])).save("law.json")
     found = {}
     for start in (1, 15, "all"):
-        code, out, err = run("predict", "law.json", "drops.csv", "--start", str(start), "--json")
+        code, out, err = run("predict", "drops.csv", "law.json", "--initial-samples", str(start), "--json")
         assert (code, err) == (0, "")
         found[start] = np.mean([row["rms error"] for row in json.loads(out)["errors"]])
     assert found["all"] < found[15] < found[1] / 2
-    code, _, err = run("predict", "law.json", "drops.csv", "--start", "0")
+    code, _, err = run("predict", "drops.csv", "law.json", "--initial-samples", "0")
     assert (code, "start is 0: give the number of first samples" in err) == (1, True)
 
 
@@ -138,7 +148,7 @@ def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
 def test_forecasts_go_beyond_what_was_measured(run, tmp_path):
     run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
     drops = pd.read_csv(tmp_path / "drops.csv")
-    ahead = "predict", "law.json", "drops.csv", "--until", "9", "--step", "0.5", "--save", "a.csv", "--plot", "a.svg"
+    ahead = "predict", "drops.csv", "law.json", "--until", "9", "--step", "0.5", "--save", "a.csv", "--save", "a.svg"
     assert run(*ahead)[0] == 0
     forecast, wanted = pd.read_csv(tmp_path / "a.csv"), np.arange(0.0, 9.1, 0.5)
     last = drops["t"].max()
@@ -146,7 +156,7 @@ def test_forecasts_go_beyond_what_was_measured(run, tmp_path):
     assert forecast["height forecast"].notna().all()
     drops["height"] = drops["height"].where(drops.groupby(["ball", "drop"]).cumcount() < 12)
     drops.to_csv(tmp_path / "given.csv", index=False)
-    assert run("predict", "law.json", "given.csv", "--save", "b.csv")[0] == 0
+    assert run("predict", "given.csv", "law.json", "--save", "b.csv")[0] == 0
     forecast = pd.read_csv(tmp_path / "b.csv")
     assert len(forecast) == len(drops)
     assert forecast["height forecast"].notna().all()
@@ -165,9 +175,9 @@ def test_discover_shows_errors_intervals_and_history(run, monkeypatch):
 
     discover = cl.discover
     monkeypatch.setattr(cl, "discover", certain)
-    arguments = ("discover", "--dataset", "linear-drag:noise=0.01:seed=1", *SETTINGS)
-    code, out, _ = run(*arguments, "--history", "--plot", "law.svg")
-    assert code == 0
+    arguments = ("discover", "dataset:linear-drag:noise=0.01:seed=1", *SETTINGS)
+    code, out, err = run(*arguments, "--history", "--save", "law.svg")
+    assert (code, "commonlaw show LAW.json --history" in err) == (0, True)
     row = next(line for line in out.splitlines() if "Ball 3" in line)
     assert row.count("±") == 2
     assert "the evidence is largest" in out
@@ -193,26 +203,26 @@ def test_json_holds_the_law_its_equations_and_the_errors_of_the_held_out_trials(
 
 
 def test_a_data_set_shows_its_truth_beside_what_was_learned(run):
-    code, out, _ = run("discover", "--dataset", "linear-drag:noise=0.01:seed=1", *SETTINGS, "--json")
+    code, out, _ = run("discover", "dataset:linear-drag:noise=0.01:seed=1", *SETTINGS, "--json")
     found = json.loads(out)
     assert code == 0
     truth, learned = (cl.Law.from_json(json.dumps(found[key])).to_frame() for key in ("truth", "law"))
     assert (np.abs(learned / truth[learned.columns] - 1) < 0.03).all(axis=None)
-    code, out, _ = run("discover", "--dataset", "linear-drag:noise=0.01:seed=1", *SETTINGS)
+    code, out, _ = run("discover", "dataset:linear-drag:noise=0.01:seed=1", *SETTINGS)
     assert "true b" in out
 
 
 def test_known_terms_and_each_objects_own_terms(run):
-    own = ["--known", "1=-9.8", "--differentiation", "finite:6", "--solver", "stlsq:0.05"]
-    code, out, _ = run("discover", "--dataset", "linear-drag:noise=0", *SETTINGS[:4], *own, "--json")
+    own = ["--known", "1=-9.8", "--set", "differentiation=finite:6", "--set", "solver=stlsq:0.05"]
+    code, out, _ = run("discover", "dataset:linear-drag:noise=0", *SETTINGS[:4], *own, "--json")
     assert code == 0
     assert json.loads(out)["equations"]["Ball 4"] == ["x'' = -9.8 - 0.5 v"]
 
 
 def test_the_real_drops_give_the_printed_law_from_the_command_line(run, ball_drops_folder):
     code, out, err = run(
-        "discover", "--dataset", f"ball-drops:folder={ball_drops_folder}", "--where", "trial=2", "--order", "2",
-        "--library", "poly:3", "--differentiation", "savgol:35:3", "--solver", "group-stlsq:1.5",
+        "discover", f"dataset:ball-drops:folder={ball_drops_folder}", "--where", "trial=2", "--order", "2",
+        "--library", "poly:3", "--set", "differentiation=savgol:35:3", "--set", "solver=group-stlsq:1.5",
     )  # fmt: skip
     assert code == 0
     assert "x'' = a + b v" in out
@@ -223,7 +233,7 @@ def test_the_real_drops_give_the_printed_law_from_the_command_line(run, ball_dro
 
 
 def test_export_writes_a_table_that_reads_back(run, tmp_path):
-    code, out, _ = run("data", "export", "--dataset", "linear-drag:noise=0.05", "--save", "drops.parquet")
+    code, out, _ = run("data", "export", "dataset:linear-drag:noise=0.05", "--save", "drops.parquet")
     assert (code, out) == (0, "Wrote drops.parquet\n")
     again, original = cl.Trials.read(tmp_path / "drops.parquet"), cl.datasets.linear_drag(noise=0.05)
     assert again.schema == original.schema
@@ -248,14 +258,15 @@ def test_every_command_explains_itself(run, command):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["discover"], "give a file of measurements, or a data set with --dataset"),
-        (["discover", "a.csv", "--dataset", "lorenz"], "give a file or --dataset, not both"),
+        (["discover"], "Missing argument 'TABLE': a file, or a data set, dataset:NAME"),
         (["discover", "a.csv", "--order", "3"], "3 is not in the range 0<=x<=2"),
-        (["discover", "--dataset", "lorenz", "--known", "1:9.8"], "'1:9.8' is not of the form NAME=VALUE"),
-        (["discover", "--dataset", "lorenz", "--known", "1=g"], "'g' is not a number"),
+        (["discover", "dataset:lorenz", "--known", "1:9.8"], "'1:9.8' is not of the form NAME=VALUE"),
+        (["discover", "dataset:lorenz", "--known", "1=g"], "'g' is not a number"),
         (["discvoer"], "No such command 'discvoer'"),
-        (["predict"], "Missing argument 'LAW.json'"),
-        (["data", "export", "--dataset", "lorenz"], "Missing option '--save'"),
+        (["predict", "a.csv"], "Missing argument 'LAW.json'"),
+        (["fit", "a.csv"], "Missing argument 'EQUATIONS'"),
+        (["show"], "Missing argument 'LAW.json'"),
+        (["data", "export", "dataset:lorenz"], "Missing option '--save'"),
     ],
 )
 def test_wrong_usage_ends_with_2(run, arguments, message):
@@ -268,8 +279,8 @@ def test_the_short_help_of_discover_lists_the_options_of_every_day(run):
     _, out, _ = run("discover", "--help")
     listed = re.findall(r"^  (--[a-z-]+)", out.partition("\nTable:")[2], re.MULTILINE)
     assert listed == [
-        "--schema", "--object", "--trial", "--time", "--state", "--hold-out", "--order", "--library", "--save",
-        "--plot", "--help-all",
+        "--schema", "--object", "--trial", "--time", "--state", "--where", "--hold-out", "--order", "--library",
+        "--noise", "--set", "--save", "--json", "--help-all",
     ]  # fmt: skip
     assert "more options: commonlaw discover --help-all" in out
 
@@ -281,14 +292,13 @@ def test_the_help_of_discover_groups_options_by_method(run):
         "Table",
         "Law",
         "Method",
-        "Options of trajectory-likelihood",
-        "Options of derivative-regression, weak-regression and discrete-time-regression",
-        "Options of derivative-regression",
-        "Options of weak-regression",
         "Output",
         "Several files",
         "Cluster",
         "Options",
+        "Settings of a fit, --set NAME=VALUE, --method trajectory-likelihood",
+        "Settings of --method derivative-regression",
+        "Settings of --method weak-regression",
     ]
 
 
@@ -297,14 +307,14 @@ def test_the_help_of_discover_groups_options_by_method(run):
     [
         ([], None),
         (["--noise", "x=0.1"], cl.TrajectoryLikelihood(noise={"x": 0.1})),
-        (["--seed", "3"], cl.TrajectoryLikelihood(seed=3)),
-        (["--solver", "best-subset"], cl.DerivativeRegression(solver="best-subset")),
-        (["--trim", "2", "--jobs", "2"], cl.DerivativeRegression(trim=2, n_jobs=2)),
-        (["--radius", "9", "--radius", "20"], cl.WeakRegression(radii=(9.0, 20.0))),
-        (["--method", "weak-regression", "--resamples", "0"], cl.WeakRegression(n_resamples=0)),
-        (["--order", "0", "--rule", "bic"], cl.DiscreteTimeRegression(rule="bic")),
+        (["--set", "seed=3"], cl.TrajectoryLikelihood(seed=3)),
+        (["--set", "solver=best-subset"], cl.DerivativeRegression(solver="best-subset")),
+        (["--set", "trim=2", "--set", "n_jobs=2"], cl.DerivativeRegression(trim=2, n_jobs=2)),
+        (["--set", "radii=9", "--set", "radii=20"], cl.WeakRegression(radii=(9.0, 20.0))),
+        (["--method", "weak-regression", "--set", "n_resamples=0"], cl.WeakRegression(n_resamples=0)),
+        (["--order", "0", "--set", "rule=bic"], cl.DiscreteTimeRegression(rule="bic")),
         (
-            ["--method", "trajectory-likelihood", "--solver", "best-subset"],
+            ["--method", "trajectory-likelihood", "--set", "solver=best-subset"],
             cl.TrajectoryLikelihood(solver="best-subset"),
         ),
     ],
@@ -317,23 +327,23 @@ def test_options_make_the_method_that_has_them(run, monkeypatch, options, method
         raise cl.CommonlawError("other", text="enough")
 
     monkeypatch.setattr("commonlaw.discover", discover)
-    run("discover", "--dataset", "linear-drag", *options)
+    run("discover", "dataset:linear-drag", *options)
     assert asked == [method]
 
 
 def test_an_option_that_the_method_does_not_have_is_refused_by_name(run):
-    code, _, err = run("discover", "--dataset", "lorenz", "--method", "trajectory-likelihood", "--trim", "3")
+    code, _, err = run("discover", "dataset:lorenz", "--method", "trajectory-likelihood", "--set", "trim=3")
     assert code == 2
-    assert (
-        "--trim does not go with --method trajectory-likelihood: leave it out, or use --method derivative-regression"
-        in " ".join(err.split())
-    )
+    said = "the setting trim does not go with --method trajectory-likelihood: leave it out, or use --method derivative"
+    assert said in " ".join(err.split())
 
 
 def test_options_of_other_methods_are_left_out_where_these_do_not_take_the_order(run):
-    code, _, err = run("discover", "--dataset", "lorenz", "--order", "0", "--errors", "white")
+    code, _, err = run("discover", "dataset:lorenz", "--order", "0", "--set", "errors=white")
     assert code == 2
-    assert " ".join(err.split()).endswith("--errors does not go with --method discrete-time-regression: leave it out")
+    assert " ".join(err.split()).endswith(
+        "the setting errors does not go with --method discrete-time-regression: leave it out"
+    )
 
 
 def test_standard_deviations_are_left_out_by_the_options_that_the_message_names(run, tmp_path):
@@ -341,8 +351,10 @@ def test_standard_deviations_are_left_out_by_the_options_that_the_message_names(
     (tmp_path / "map.csv").write_text(f"t,x,x_std\n{rows}")
     code, _, err = run("discover", "map.csv", "--order", "0", "--library", "poly:1")
     assert code == 1
-    (named,) = re.findall(r"--noise-column '' --state '\w+'", err.replace(",", ""))
-    code, out, err = run("discover", "map.csv", "--order", "0", "--library", "poly:1", *shlex.split(named))
+    (named,) = re.findall(r"noise_columns = {} \(--schema\) --state '\w+'", err.replace(",", ""))
+    (tmp_path / "schema.toml").write_text("noise_columns = {}")
+    words = ["--schema", "schema.toml", *shlex.split(named)[-2:]]
+    code, out, err = run("discover", "map.csv", "--order", "0", "--library", "poly:1", *words)
     assert code == 0, err
     assert "x[k+1] = 0.5 x" in out
 
@@ -353,13 +365,15 @@ def test_messages_are_in_the_words_of_the_command_line(run, tmp_path):
     assert code == 1
     assert "Name it with --time ...; columns: ticker, U, wind speed" in err
     named = ["few.csv", "--time", "ticker", "--state", "U"]
-    assert "known noise is given by --noise U=..." in run("discover", *named, "--history")[1]
-    _, out, _ = run("discover", *named, "--noise", "U [V]=0.03", "--history")
+    run("discover", *named, "--save", "law.json")
+    assert "known noise is given by noise={'U': ...}" in run("show", "law.json", "--history")[1]
+    run("discover", *named, "--noise", "U [V]=0.03", "--save", "law.json")
+    out = run("show", "law.json", "--history")[1]
     assert "U: 0.03 V" in out
     assert "as given" in out
-    solver = ["--method", "trajectory-likelihood", "--solver", "best-subset:1"]
+    solver = ["--method", "trajectory-likelihood", "--set", "solver=best-subset:1"]
     assert run("discover", *named, *solver)[2].endswith(
-        "use --method derivative-regression --solver ... [commonlaw help solver-with-value]\n"
+        "use --method derivative-regression --set solver=... [commonlaw help solver-with-value]\n"
     )
     assert "or give it with --unit ...\n" in run("data", "check", *named)[1]
 

@@ -24,7 +24,9 @@ def tables(tmp_path):
 
 @pytest.mark.usefixtures("tables")
 def test_each_file_has_its_law_and_a_bad_one_says_what_is_wrong(run, tmp_path):
-    code, out, err = run("discover", "0.csv", "bad.csv", "1.csv", "--each", *QUICK, "--workers", "1", "--out", "r.csv")
+    code, out, err = run(
+        "discover", "0.csv", "bad.csv", "1.csv", "--each", *QUICK, "--set", "n_jobs=1", "--save", "r.csv"
+    )
     assert (
         "Note: in 2 (0.csv, 1.csv): columns recognized as time: t; object: object; trial: trial; state: x; property: "
         in err
@@ -51,7 +53,7 @@ def test_each_file_has_its_law_and_a_bad_one_says_what_is_wrong(run, tmp_path):
 @pytest.mark.usefixtures("tables")
 def test_where_no_file_has_a_law_the_command_fails_and_the_table_says_why(run, tmp_path):
     pytest.importorskip("pyarrow")
-    code, _, err = run("discover", "bad.csv", "none.csv", "--each", "--out", "r.parquet")
+    code, _, err = run("discover", "bad.csv", "none.csv", "--each", "--save", "r.parquet")
     assert (code, err) == (1, "commonlaw: no file has a law\n")
     errors = pd.read_parquet(tmp_path / "r.parquet")["error"].tolist()
     assert "--state ..." in errors[0]  # in the words of the command line
@@ -62,10 +64,8 @@ def test_where_no_file_has_a_law_the_command_fails_and_the_table_says_why(run, t
     ("words", "said"),
     [
         (["a.csv", "b.csv"], "several files: say --each"),
-        (["a.csv", "--out", "r.csv"], "--out and --workers go with --each"),
-        (["a.csv", "--each", "--plot", "p.svg", "--json"], "--plot and --json for a single file"),
-        (["--dataset", "lorenz", "--each"], "--each takes files"),
-        (["a.csv", "b.csv", "--each", "--workers", "0"], "0 is not in the range"),
+        (["a.csv", "--each", "--save", "p.svg", "--json"], "--save p.svg and --json for a single file"),
+        (["dataset:lorenz", "--each"], "--each takes files"),
     ],
 )
 def test_what_does_not_go_together_is_refused(run, words, said):
@@ -74,11 +74,8 @@ def test_what_does_not_go_together_is_refused(run, words, said):
 
 
 def test_a_table_of_another_format_is_refused_before_anything_is_done(run):
-    code, _, err = run("discover", "a.csv", "--each", "--out", "r.xlsx")
-    assert (code, err) == (
-        1,
-        "commonlaw: cannot infer the format of 'r.xlsx': name it .csv or .parquet [commonlaw help table-format]\n",
-    )
+    code, _, err = run("discover", "a.csv", "--each", "--save", "r.xlsx")
+    assert (code, "commonlaw: r.xlsx: the ending says what is written" in err) == (1, True)
 
 
 def _piece(number):

@@ -26,7 +26,7 @@ def test_files_of_a_pattern_give_one_law(run, tmp_path):
     for name in drops.objects:
         drops.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
     words = ["Ball *.parquet", "--order", "2", "--library", "poly:1", "--cluster", "local:2"]
-    code, out, err = run("discover", *words, "--save", "law.json", "-v")
+    code, out, err = run("-v", "discover", *words, "--save", "law.json")
     assert code == 0, err
     assert "2 files with 2 objects" in out
     assert "Training data, 6 trials: " in out
@@ -40,19 +40,19 @@ def test_a_law_in_mind_is_fitted_by_workers(run, tmp_path):
     drops = cl.datasets.linear_drag(drag=(-0.2, -0.6), noise=0.01, trials=3)
     for name in drops.objects:
         drops.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
-    words = ["Ball *.parquet", "--noise", "x=0.01", "--errors", "white", "--cluster", "local:2"]
-    code, out, err = run("fit", "x'' = -g - c v", *words, "--hold-out", "trial=3", "--save", "law.json")
+    words = ["Ball *.parquet", "--noise", "x=0.01", "--set", "errors=white", "--cluster", "local:2"]
+    code, out, err = run("fit", words[0], "x'' = -g - c v", *words[1:], "--hold-out", "trial=3", "--save", "law.json")
     assert code == 0, err
     assert "Forecasts of 2 held-out trials of 2 objects" in out
     law = cl.Law.load(tmp_path / "law.json")
     expected = cl.fit("x'' = -g - c v", drops.select(trial=["1", "2"]), noise={"x": 0.01}, errors="white")
     np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-7)
-    code, out, err = run("refine", "law.json", *words, "--save", "refined.json")
+    code, out, err = run("refine", words[0], "law.json", *words[1:], "--save", "refined.json")
     assert code == 0, err
     refined, expected = cl.Law.load(tmp_path / "refined.json"), cl.refine(law, drops, noise={"x": 0.01}, errors="white")
     np.testing.assert_allclose(refined.coefficients, expected.coefficients, rtol=1e-7)
-    code, _, err = run("fit", "x'' = -g - c v", *words, "--start", "x=1")
-    assert (code, "--start with --cluster: leave it out" in err) == (2, True)
+    code, _, err = run("fit", words[0], "x'' = -g - c v", *words[1:], "--initial-value", "x=1")
+    assert (code, "--initial-value with --cluster: leave it out" in err) == (2, True)
 
 
 def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(run, tmp_path):
@@ -62,13 +62,13 @@ def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(
     for i in (0, 30):
         drops.select(object=list(drops.objects[i : i + 30])).to_parquet(tmp_path / f"{i}.parquet")
     words = ["*.parquet", "--order", "2", "--library", "terms:1,v", "--method", "derivative-regression"]
-    code, out, err = run("discover", *words, "--cluster", "local:2", "--out", "r.parquet", "--property", "mass")
+    code, out, err = run("discover", *words, "--cluster", "local:2", "--save", "r.csv", "--property", "mass")
     assert code == 0, err
     rows = [line.split() for line in out.splitlines()]
     medians = next(row for row in rows if row[:1] == ["median"])
     strangest = rows[next(i for i, row in enumerate(rows) if "farthest" in row and "by" in row) + 2]
     assert strangest[:2] == ["Ball", "60"]
-    table = pd.read_parquet(tmp_path / "r.parquet")
+    table = pd.read_csv(tmp_path / "r.csv")
     assert len(table) == 120
     assert float(medians[2]) == pytest.approx(table[table["term"] == "v"]["value"].median(), rel=1e-3)
 
@@ -86,11 +86,11 @@ def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
         "poly:1",
         "--state",
         "x",
-        "--solver",
-        "stlsq:0.1",
+        "--set",
+        "solver=stlsq:0.1",
     ]
-    assert run("discover", *words, "--out", "here.parquet")[0] == 0
-    code, out, _ = run("discover", *words, "--out", "there.parquet", "--cluster", "local:2")
+    assert run("discover", *words, "--save", "here.parquet")[0] == 0
+    code, out, _ = run("discover", *words, "--save", "there.parquet", "--cluster", "local:2")
     assert (code, out.splitlines()[-2:]) == (0, ["1 law in 2 files", "Wrote there.parquet"])
     pd.testing.assert_frame_equal(pd.read_parquet("there.parquet"), pd.read_parquet("here.parquet"))
 
@@ -98,9 +98,8 @@ def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["a.parquet", "--where", "trial=1", "--clip"], "--clip with a stream of files"),
-        (["a.parquet", "--dataset", "lorenz"], "--dataset with a stream of files"),
-        (["a.csv", "--each", "--workers", "2"], "--workers is for this machine"),
+        (["a.parquet", "--where", "trial=1", "--clip"], "clip with a stream of files"),
+        (["a.csv", "--each", "--set", "n_jobs=2"], "--set n_jobs is for this machine"),
     ],
 )
 def test_what_does_not_go_with_a_cluster_is_refused(run, words, said):

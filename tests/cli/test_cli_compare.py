@@ -73,5 +73,5 @@ def test_a_data_set_stands_for_the_file(run, monkeypatch):
         raise cl.CommonlawError("other", text="enough")
 
     monkeypatch.setattr("commonlaw.fit", fit)
-    assert run("compare", "--dataset", "linear-drag", *LAWS)[0] == 1
+    assert run("compare", "dataset:linear-drag", *LAWS)[0] == 1
     assert asked == LAWS[:1]

@@ -19,8 +19,8 @@ def laws(tmp_path):
 
 @pytest.mark.usefixtures("laws")
 def test_the_experiment_that_tells_laws_apart_is_said_saved_and_drawn(run, tmp_path):
-    given = ("linear.json", "drops.csv", "--against", "quadratic.json", "--vary", "x=20..60", "--vary", "duration=1..4")
-    files = ("--within", "x=0..100", "--save", "design.csv", "--plot", "design.svg")
+    given = ("linear.json", "drops.csv", "--rival", "quadratic.json", "--vary", "x=20..60", "--vary", "duration=1..4")
+    files = ("--within", "x=0..100", "--save", "design.csv", "--save", "design.svg")
     code, out, _ = run("design", *given, *files)
     assert code == 0
     assert "0.50  x'' = -g - c v" in out
@@ -56,8 +56,8 @@ def test_what_is_wanted_and_what_it_costs_is_said_in_options(run):
 
 @pytest.mark.usefixtures("laws")
 def test_bounds_of_absent_terms_are_said_and_saved(run, tmp_path):
-    code, out, _ = run("bounds", "linear.json", "drops.csv", "--term", "v^2", "--save", "bounds.csv")
+    code, out, _ = run("bounds", "drops.csv", "linear.json", "--term", "v^2", "--save", "bounds.csv")
     assert code == 0
     assert "v^2 in x'': |coefficient| <" in out
     assert len(pd.read_csv(tmp_path / "bounds.csv")) == 5
-    assert run("bounds", "linear.json", "drops.csv", "--term", "v")[0] == 1
+    assert run("bounds", "drops.csv", "linear.json", "--term", "v")[0] == 1

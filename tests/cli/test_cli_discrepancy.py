@@ -16,15 +16,15 @@ def drops(tmp_path):
 
 @pytest.mark.usefixtures("drops")
 def test_a_saved_law_is_given_the_drag_that_it_lacks_and_forecasts_with_it(run, tmp_path):
-    assert run("fit", "x'' = -g", "drops.csv", "--save", "law.json")[0] == 0
+    assert run("fit", "drops.csv", "x'' = -g", "--save", "law.json")[0] == 0
     given = ("law.json", "drops.csv", "--of", "v", "--noise", "x=0.05")
-    code, out, err = run("discrepancy", *given, "--save", "with.json", "--plot", "discrepancy.svg")
+    code, out, err = run("discrepancy", *given, "--save", "with.json", "--save", "discrepancy.svg")
     assert (code, "property: drag." in err) == (0, True)
     assert out.startswith("Discrepancy: x'' = law + f(v), 2 log B = ")
     assert "Terms in place of the function" in out
     assert (tmp_path / "discrepancy.svg").stat().st_size > 0
     scores = [
-        json.loads(run("predict", "with.json", "drops.csv", "--start", "15", "--json", *how)[1])["score"]
+        json.loads(run("predict", "drops.csv", "with.json", "--initial-samples", "15", "--json", *how)[1])["score"]
         for how in ([], ["--discrepancy"])
     ]
     assert scores[0] < 0.9999 < scores[1]
@@ -34,7 +34,7 @@ def test_a_saved_law_is_given_the_drag_that_it_lacks_and_forecasts_with_it(run, 
         None,
         ["1"],
     )
-    code, _, err = run("discrepancy", "law.json", "drops.csv", "--zero-at", "rest")
+    code, _, err = run("discrepancy", "drops.csv", "law.json", "--zero-at", "rest")
     assert (code, "--zero-at rest: give a number, 'none' or 'auto'" in err) == (1, True)
-    code, _, err = run("predict", "law.json", "drops.csv", "--discrepancy")
+    code, _, err = run("predict", "drops.csv", "law.json", "--discrepancy")
     assert (code, "help discrepancy-missing]" in err) == (1, True)

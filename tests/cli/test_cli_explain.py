@@ -21,9 +21,9 @@ def drops(tmp_path):
 
 @pytest.mark.usefixtures("drops")
 def test_a_fitted_law_is_explained_by_the_properties_in_its_table(run, tmp_path):
-    assert run("fit", "x'' = -g - c v", "drops.csv", "--save", "law.json")[0] == 0
+    assert run("fit", "drops.csv", "x'' = -g - c v", "--save", "law.json")[0] == 0
     code, out, err = run(
-        "explain", "law.json", "--property", "mass,day", "--save", "explained.json", "--plot", "relations.svg"
+        "explain", "law.json", "--property", "mass,day", "--save", "explained.json", "--save", "relations.svg"
     )
     assert (code, err) == (0, "")
     assert (tmp_path / "relations.svg").stat().st_size > 0
@@ -71,9 +71,9 @@ def test_a_ball_that_was_never_seen_is_forecast_from_the_mass_in_its_table(run, 
     frame[~new].to_csv(tmp_path / "learned.csv", index=False)
     frame[new].to_csv(tmp_path / "new.csv", index=False)
     frame[new].drop(columns="mass").to_csv(tmp_path / "bare.csv", index=False)
-    run("fit", "x'' = -g - c v", "learned.csv", "--save", "law.json")
+    run("fit", "learned.csv", "x'' = -g - c v", "--save", "law.json")
     run("explain", "law.json", "--property", "mass", "--save", "explained.json")
-    code, out, err = run("predict", "explained.json", "new.csv", "--save", "forecast.csv")
+    code, out, err = run("predict", "new.csv", "explained.json", "--save", "forecast.csv")
     assert code == 0
     assert float(out.partition("R^2 ")[2].split()[1]) > 0.999
     assert "Ball 2 is not in the law: it has the coefficients that follow from its mass" in err
@@ -93,7 +93,7 @@ def test_parameters_of_given_equations_have_their_letters_also_without_propertie
         for (name, (r, K)), e in zip(truth.items(), noise, strict=True)
     ]
     pd.concat(frames).to_csv(tmp_path / "growth.csv", index=False)
-    run("fit", "N' = r*N*(1 - N/K)", "growth.csv", "--save", "law.json")
+    run("fit", "growth.csv", "N' = r*N*(1 - N/K)", "--save", "law.json")
     code, out, err = run("explain", "law.json")
     assert (code, err) == (
         0,

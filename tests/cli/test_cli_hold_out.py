@@ -20,7 +20,7 @@ def table(tmp_path):
 
 def learned(run, *options):
     """Return what `commonlaw fit` says about the decays with these options."""
-    code, out, err = run("fit", "x' = -k x", "decays.csv", *options, "--json")
+    code, out, err = run("fit", "decays.csv", "x' = -k x", *options, "--json")
     assert (code, err) == (0, "")
     document = json.loads(out)
     trials = {(each["object"], each["trial"]) for each in document["forecast"]["errors"]}
@@ -66,8 +66,8 @@ def test_samples_after_a_time_can_be_held_out(run, tmp_path):
 
 @pytest.mark.usefixtures("table")
 def test_predict_leaves_trials_out_too(run):
-    assert run("fit", "x' = -k x", "decays.csv", "--save", "law.json")[0] == 0
-    code, out, _ = run("predict", "law.json", "decays.csv", "--exclude", "trial=2", "--json")
+    assert run("fit", "decays.csv", "x' = -k x", "--save", "law.json")[0] == 0
+    code, out, _ = run("predict", "decays.csv", "law.json", "--exclude", "trial=2", "--json")
     assert code == 0
     assert {each["trial"] for each in json.loads(out)["errors"]} == {"1"}
 

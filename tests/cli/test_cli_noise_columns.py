@@ -20,43 +20,45 @@ def cups(tmp_path):
 
 
 def test_deviations_are_heeded_by_every_command(run, cups):
-    code, out, err = run("discover", "cups.csv", "--noise-column", "T=s", "--save", "law.json", "--history")
+    assert run("data", "check", "cups.csv", "--noise-column", "T=s", "--save", "schema.toml")[0] == 0
+    code, out, err = run("discover", "cups.csv", "--schema", "schema.toml", "--save", "law.json")
     assert (code, err) == (0, "")
     assert "T' = a + b T" in out
+    out = run("show", "law.json", "--history")[1]
     assert "as given for each measurement, T by s; their median" in out
     assert cl.Law.load("law.json").schema.noise_columns == {"T": "s"}
 
     # The column is found by the name that it had
-    run("predict", "law.json", "cups.csv", "--save", "forecast.csv")
+    run("predict", "cups.csv", "law.json", "--save", "forecast.csv")
     widths = pd.read_csv("forecast.csv").eval("`T measured high` - `T measured low`")
     assert widths[30] < 0.3 * widths[31]
-    code, out, _ = run("refine", "law.json", "cups.csv", "--history")
-    assert (code, "T by s" in out) == (0, True)
-    code, out, _ = run("fit", "T' = a + b T", "cups.csv", "--noise-column", "T=s", "--against", "law.json")
+    assert run("refine", "cups.csv", "law.json", "--save", "refined.json")[0] == 0
+    assert "T by s" in run("show", "refined.json", "--history")[1]
+    code, out, _ = run("compare", "cups.csv", "T' = a + b T", "law.json", "--schema", "schema.toml")
     assert (code, "0.5" in out) == (0, True)
-    assert run("data", "check", "cups.csv", "--noise-column", "T=s")[0] == 0
 
     # A table that has none is forecast with a typical one
     cups[["t", "T"]].to_csv("bare.csv", index=False)
-    run("predict", "law.json", "bare.csv", "--save", "forecast.csv")
+    run("predict", "bare.csv", "law.json", "--save", "forecast.csv")
     widths = pd.read_csv("forecast.csv").eval("`T measured high` - `T measured low`")
     assert widths[30] == pytest.approx(widths[31], rel=0.05)
 
 
 @pytest.mark.usefixtures("cups")
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("schema", "options", "message"),
     [
-        (["--noise-column", "x=s"], "cups.csv: --noise-column ...: unknown state 'x'"),
-        (["--noise-column", "s"], "--noise-column 's' is not of the form NAME=VALUE"),
-        (["--noise-column", "T=s", "--noise", "T=1"], "the noise of 'T' is given as an option and in column 's'"),
+        ("noise_columns = {x = 's'}", [], "cups.csv: noise_columns = ... (--schema): unknown state 'x'"),
+        ("noise_columns = {T = 's'}", ["--noise", "T=1"], "the noise of 'T' is given as an option and in column 's'"),
         (
-            ["--noise-column", "T=s", "--solver", "stlsq"],
-            "read the table with --noise-column '', --state 'T', or use --method trajectory-likelihood [",
+            "noise_columns = {T = 's'}",
+            ["--set", "solver=stlsq"],
+            "read the table with noise_columns = {} (--schema), --state 'T', or use --method trajectory-likelihood [",
         ),
     ],
 )
-def test_what_does_not_fit_is_refused_in_words_of_the_command(run, options, message):
-    code, _, err = run("discover", "cups.csv", *options)
+def test_what_does_not_fit_is_refused_in_words_of_the_command(run, tmp_path, schema, options, message):
+    (tmp_path / "schema.toml").write_text(schema)
+    code, _, err = run("discover", "cups.csv", "--schema", "schema.toml", *options)
     assert code != 0
     assert message in err

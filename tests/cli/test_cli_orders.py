@@ -7,7 +7,7 @@ import pytest
 import commonlaw as cl
 
 EQUATIONS = "theta'' = -a sin(theta) - b theta' + k i; i' = -r i - m theta'"
-OPTIONS = ["--library", "poly:1 + terms:sin(theta)", "--no-cache"]
+OPTIONS = ["--library", "poly:1 + terms:sin(theta)"]
 
 
 @pytest.fixture
@@ -28,9 +28,9 @@ def test_orders_are_given_by_state(run):
     assert "theta'' = " in out
     assert "i' = " in out
     assert cl.Law.load("law.json").order == (2, 1)
-    assert run("predict", "law.json", "motor.csv", "--save", "forecast.csv")[0] == 0
+    assert run("predict", "motor.csv", "law.json", "--save", "forecast.csv")[0] == 0
     assert "theta forecast" in pd.read_csv("forecast.csv")
-    out = run("fit", EQUATIONS, "motor.csv", "--against", "law.json")[1]
+    out = run("compare", "motor.csv", EQUATIONS, "law.json")[1]
     assert "2 log B" in out
 
 
@@ -57,10 +57,10 @@ def test_a_table_of_generations_hints_at_the_option_for_discrete_time(run, tmp_p
     noise = 0.01 * np.random.default_rng(3).standard_normal(61)
     frame = pd.DataFrame({"generation": range(61), "size": sizes + noise})
     frame.to_csv(tmp_path / "flies.csv", index=False)
-    code, _, err = run("discover", "flies.csv", "--time", "generation", "--no-cache")
+    code, _, err = run("discover", "flies.csv", "--time", "generation")
     assert code == 0
     assert "discover a law in discrete time: --order 0" in err
-    code, out, err = run("discover", "flies.csv", "--time", "generation", "--order", "0", "--no-cache")
+    code, out, err = run("discover", "flies.csv", "--time", "generation", "--order", "0")
     assert code == 0
     assert "size[k+1] = " in out
     assert "discrete time" not in err

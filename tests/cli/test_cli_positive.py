@@ -17,28 +17,27 @@ def plants(tmp_path):
 
 
 def test_bands_of_a_positive_state_are_above_zero_whatever_command_forecasts(run, plants, tmp_path):
-    options = ["--positive", "weight", "--library", "terms:weight,weight^2", "--history"]
+    options = ["--set", "positive=weight", "--library", "terms:weight,weight^2"]
     code, out, err = run("discover", "plants.csv", *options, "--save", "law.json")
     assert (code, err) == (0, "")
     assert "weight' = a weight + b weight^2" in out
-    assert "% of it, on a logarithmic scale" in out
-    assert run("predict", "law.json", "plants.csv", "--save", "forecast.csv", "--plot", "bands.svg")[0] == 0
+    assert "% of it, on a logarithmic scale" in run("show", "law.json", "--history")[1]
+    assert run("predict", "plants.csv", "law.json", "--save", "forecast.csv", "--save", "bands.svg")[0] == 0
     forecast = pd.read_csv("forecast.csv")
     assert (forecast["weight measured low"] > 0).all()
     ratio = forecast["weight measured high"] * forecast["weight measured low"] / forecast["weight forecast"] ** 2
     np.testing.assert_allclose(ratio, 1, rtol=1e-9)
     np.testing.assert_array_equal(forecast["weight"], plants["weight"])
-    code, out, _ = run("refine", "law.json", "plants.csv", "--history")
-    assert (code, "on a logarithmic scale" in out) == (0, True)
+    assert run("refine", "plants.csv", "law.json", "--save", "refined.json")[0] == 0
+    assert "on a logarithmic scale" in run("show", "refined.json", "--history")[1]
     growth = "weight' = a weight + b weight^2"
-    out = run("fit", growth, "plants.csv", "--positive", "weight", "--against", "law.json")[1]
-    assert "2 log B" in out
-    assert "--positive ..., or none" in run("fit", growth, "plants.csv", "--against", "law.json")[2]
+    assert "2 log B" in run("compare", "plants.csv", growth, "law.json", "--set", "positive=weight")[1]
+    assert "--set positive=..., or none" in run("compare", "plants.csv", growth, "law.json")[2]
 
     plants.assign(weight=plants["weight"] - plants["weight"].min()).to_csv(tmp_path / "zero.csv", index=False)
-    code, _, err = run("discover", "zero.csv", "--positive", "weight")
+    code, _, err = run("discover", "zero.csv", "--set", "positive=weight")
     assert code != 0
     assert "zero, trial 1: weight is 0 in sample " in err
-    assert "leave --positive ... out" in err
-    _, _, err = run("discover", "plants.csv", "--positive", "weight", "--trim", "2")
-    assert "--positive does not go with --method derivative-regression" in err
+    assert "leave --set positive=... out" in err
+    _, _, err = run("discover", "plants.csv", "--set", "positive=weight", "--set", "trim=2")
+    assert "the setting positive does not go with --method derivative-regression" in err

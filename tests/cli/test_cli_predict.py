@@ -25,7 +25,7 @@ def tank(tmp_path):
 
 
 def test_inputs_between_samples_are_as_the_user_says(run, tmp_path, tank):
-    predict = "predict", "law.json", "tank.csv", "--start", "1", "--save", "out.csv"
+    predict = "predict", "tank.csv", "law.json", "--initial-samples", "1", "--save", "out.csv"
     assert run(*predict, "--input-between", "held")[0] == 0
     np.testing.assert_allclose(pd.read_csv(tmp_path / "out.csv")["x forecast"], tank, atol=1e-6)
     for other in ([], ["--input-between", "linear"], ["--input-between", "cubic"]):
@@ -39,15 +39,17 @@ def test_inputs_between_samples_are_as_the_user_says(run, tmp_path, tank):
 def test_a_law_of_one_object_forecasts_a_table_that_names_none(run, tmp_path):
     frame = pd.read_csv(tmp_path / "tank.csv").drop(columns="object")
     frame.to_csv(tmp_path / "other.csv", index=False)
-    code, out, err = run("predict", "law.json", "other.csv", "--start", "1")
+    code, out, err = run("predict", "other.csv", "law.json", "--initial-samples", "1")
     assert (code, "other" in out) == (0, True)
     assert err == "Note: no object is named: other has the coefficients of tank, the only object of the law\n"
-    assert run("predict", "law.json", "other.csv", "--start", "1", "--object-name", "tank")[2] == ""
+    (tmp_path / "tank.toml").write_text('object_name = "tank"')
+    words = ("--initial-samples", "1", "--schema", "tank.toml")
+    assert run("predict", "other.csv", "law.json", *words)[2] == ""
     frame.assign(object="barrel").to_csv(tmp_path / "named.csv", index=False)
-    code, _, err = run("predict", "law.json", "named.csv")
+    code, _, err = run("predict", "named.csv", "law.json")
     assert (code, "unknown object of this law 'barrel'" in err) == (1, True)
-    code, _, err = run("predict", "law.json", "named.csv", "--object-name", "tank")
-    assert (code, "column 'object' names the objects: leave --object-name" in err) == (1, True)
+    code, _, err = run("predict", "named.csv", "law.json", "--schema", "tank.toml")
+    assert (code, "column 'object' names the objects: leave object_name = ..." in err) == (1, True)
 
 
 @pytest.mark.usefixtures("tank")
@@ -56,9 +58,10 @@ def test_a_law_of_several_objects_asks_which_one_a_table_is_of(run, tmp_path):
     several = Law(law.terms, law.schema, 1, ("tank", "tub"), np.array([[[-1.0, 1.0]], [[-2.0, 1.0]]]))
     several.save(tmp_path / "several.json")
     pd.read_csv(tmp_path / "tank.csv").drop(columns="object").to_csv(tmp_path / "other.csv", index=False)
-    code, _, err = run("predict", "several.json", "other.csv")
-    assert (code, "the law has several: give --object-name ..., one of tank, tub" in err) == (1, True)
-    code, out, err = run("predict", "several.json", "other.csv", "--object-name", "tub")
+    code, _, err = run("predict", "other.csv", "several.json")
+    assert (code, "the law has several: give object_name = ... (--schema), one of tank, tub" in err) == (1, True)
+    (tmp_path / "schema.toml").write_text('object_name = "tub"')
+    code, out, err = run("predict", "other.csv", "several.json", "--schema", "schema.toml")
     assert (code, err) == (0, "")
     assert "tub" in out
 
@@ -67,8 +70,8 @@ def test_forecasts_begin_at_a_time(run, tmp_path, tank):
     frame = pd.read_csv(tmp_path / "tank.csv")
     table = pd.concat([frame.assign(trial="long"), frame[:8].assign(trial="short")])
     table.to_csv(tmp_path / "two.csv", index=False)
-    arguments = "predict", "law.json", "two.csv", "--input-between", "held", "--from", "12", "--save", "out.csv"
-    code, out, err = run(*arguments, "--plot", "out.png")
+    arguments = "predict", "two.csv", "law.json", "--input-between", "held", "--from", "12", "--save", "out.csv"
+    code, out, err = run(*arguments, "--save", "out.png")
     assert (code, "short" in out) == (0, False)
     assert err.startswith("Note: trials not forecast (no samples before or from --from 12.0 on: 1 (ta")
     found = pd.read_csv(tmp_path / "out.csv")
@@ -91,5 +94,5 @@ def test_forecasts_begin_at_a_time(run, tmp_path, tank):
     ],
 )
 def test_times_without_end_are_refused(run, options, message):
-    code, _, err = run("predict", "law.json", "tank.csv", *options)
+    code, _, err = run("predict", "tank.csv", "law.json", *options)
     assert (code, message in err) == (1, True), err

@@ -17,7 +17,7 @@ def _files(tmp_path):
 
 
 def test_a_pattern_is_a_stream(run, tmp_path):
-    words = ["Ball *.parquet", "--order", "2", "--library", "poly:1", "--save", "found.json", "--out", "values.csv"]
+    words = ["Ball *.parquet", "--order", "2", "--library", "poly:1", "--save", "found.json", "--save", "values.csv"]
     code, out, err = run("discover", *words)
     assert code == 0, err
     assert "2 files with 2 objects" in out
@@ -25,7 +25,7 @@ def test_a_pattern_is_a_stream(run, tmp_path):
 
 
 def test_forecasts_of_a_pattern_are_written_file_by_file(run, tmp_path):
-    code, out, err = run("predict", "law.parquet", "Ball *.parquet", "--folder", "f", "--out", "errors.parquet")
+    code, out, err = run("predict", "Ball *.parquet", "law.parquet", "--folder", "f", "--save", "errors.parquet")
     assert code == 0, err
     assert "of 6 trials" in out
     assert len(pd.read_parquet(tmp_path / "errors.parquet")) == 6
@@ -35,7 +35,7 @@ def test_forecasts_of_a_pattern_are_written_file_by_file(run, tmp_path):
 @pytest.mark.slow
 def test_forecasts_that_all_run_away_are_listed(run):
     cl.Law.from_text("x' = k x^3", {"k": {"Ball 1": 50.0, "Ball 2": 50.0}}).save("wrong.json")
-    code, out, err = run("predict", "wrong.json", "Ball *.parquet")
+    code, out, err = run("predict", "Ball *.parquet", "wrong.json")
     assert code == 0, err
     assert "The worst" in out
     assert "by trial" not in out
@@ -43,30 +43,30 @@ def test_forecasts_that_all_run_away_are_listed(run):
 
 def test_a_law_of_many_objects_without_coefficients_is_shown(run, tmp_path):
     cl.datasets.linear_drag(drag=(0.0,) * 51, noise=0.01, trials=1, samples=8).to_csv(tmp_path / "drops.csv")
-    code, out, err = run("fit", "x'' = -9.81", "drops.csv")
+    code, out, err = run("fit", "drops.csv", "x'' = -9.81")
     assert code == 0, err
     assert "51 objects" in out
 
 
 def test_a_page_on_a_pattern(run, tmp_path):
-    code, _, err = run("report", "Ball *.parquet", "--law", "law.parquet", "--out", "page.html")
+    code, _, err = run("report", "Ball *.parquet", "--law", "law.parquet", "--save", "page.html")
     assert code == 0, err
     assert "6 trials of 2 objects were forecast" in (tmp_path / "page.html").read_text()
 
 
 def test_residuals_of_a_pattern_are_checked_file_by_file(run, tmp_path):
-    code, out, err = run("check", "law.parquet", "Ball *.parquet", "--save", "objects.csv")
+    code, out, err = run("check", "Ball *.parquet", "law.parquet", "--save", "objects.csv")
     assert code == 0, err
     assert "trend with v" in out
     assert "of 2 objects" in out
     found = pd.read_csv(tmp_path / "objects.csv")
     assert found["object"].tolist() == ["Ball 1", "Ball 2"]
-    code, out, err = run("check", "law.parquet", "Ball *.parquet", "--where", "object=Ball 2", "--json")
+    code, out, err = run("check", "Ball *.parquet", "law.parquet", "--where", "object=Ball 2", "--json")
     assert code == 0, err
     (own,) = json.loads(out)["objects"]
     assert own["RMS over noise"] == pytest.approx(found["RMS over noise"][1])
-    code, _, err = run("check", "law.parquet", "Ball *.parquet", "--plot", "residuals.png")
-    assert (code, "--plot with a stream of files" in err) == (2, True)
+    code, _, err = run("check", "Ball *.parquet", "law.parquet", "--save", "residuals.png")
+    assert (code, "--save residuals.png with a stream of files" in err) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -75,11 +75,11 @@ def test_residuals_of_a_pattern_are_checked_file_by_file(run, tmp_path):
         (["data", "check", "Ball *.parquet"], "6 trials of 2 objects"),
         (["data", "check", "Ball*", "--where", "object=Ball 2"], "3 trials of 1 object"),
         (
-            ["discrepancy", "law.parquet", "Ball *.parquet", "--where", "object=Ball 2", "--of", "v"],
+            ["discrepancy", "Ball *.parquet", "law.parquet", "--where", "object=Ball 2", "--of", "v"],
             "No strong evidence for a discrepancy",
         ),
-        (["refine", "law.parquet", "Ball *.parquet", "--where", "trial=1"], "Ball 2  9.7995 ± 0.0030"),
-        (["fit", "x'' = -g - c v", "Ball *.parquet", "--hold-out", "trial=1"], "Held-out data, 2 trials"),
+        (["refine", "Ball *.parquet", "law.parquet", "--where", "trial=1"], "Ball 2  9.7995 ± 0.0030"),
+        (["fit", "Ball *.parquet", "x'' = -g - c v", "--hold-out", "trial=1"], "Held-out data, 2 trials"),
     ],
 )
 def test_what_needs_all_trials_at_once_reads_the_files_of_a_pattern(run, words, said):
@@ -110,7 +110,7 @@ def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials, tmp_path)
         return
     assert f"Forecasts of {trials}: R^2 " in out
     assert "This law can be used for forecasts" in out
-    code, out, err = run("report", *asked, "--law", "found.json", "--out", "page.html")
+    code, out, err = run("report", "Ball *.parquet", "found.json", *words, "--save", "page.html")
     assert code == 0, err
     page = (tmp_path / "page.html").read_text()
     assert f"{trials} were forecast" in page
@@ -120,10 +120,13 @@ def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials, tmp_path)
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["law.parquet", "Ball *.parquet", "--save", "f.csv", "--step", "1"], "--save, --step with a stream of files"),
-        (["law.parquet", "Ball *.parquet", "--clip"], "--clip with a stream of files"),
-        (["law.parquet", "Ball *.parquet", "--where", "mass=1"], "say which trials by object or trial"),
-        (["law.parquet", "Ball 1.parquet", "--folder", "f"], "--folder and --out are for a folder or a pattern"),
+        (
+            ["Ball *.parquet", "law.parquet", "--save", "f.png", "--step", "1"],
+            "--save f.png, --step with a stream",
+        ),
+        (["Ball *.parquet", "law.parquet", "--clip"], "clip with a stream of files"),
+        (["Ball *.parquet", "law.parquet", "--where", "mass=1"], "say which trials by object or trial"),
+        (["Ball 1.parquet", "law.parquet", "--folder", "f"], "--folder is for a folder or a pattern"),
     ],
 )
 def test_what_does_not_go_with_a_stream_is_refused(run, words, said):

@@ -32,9 +32,9 @@ def named(tmp_path, monkeypatch):
 COMMANDS = {
     "check": ["data", "check", "drops.csv"],
     "check as JSON": ["data", "check", "drops.csv", "--json"],
-    "discover": ["discover", "drops.csv", "--order", "2", "--solver", "group-stlsq:1", "--history"],
-    "discover as JSON": ["discover", "drops.csv", "--order", "2", "--solver", "group-stlsq:1", "--json"],
-    "predict": ["predict", "law.json", "drops.csv"],
+    "discover": ["discover", "drops.csv", "--order", "2", "--set", "solver=group-stlsq:1"],
+    "discover as JSON": ["discover", "drops.csv", "--order", "2", "--set", "solver=group-stlsq:1", "--json"],
+    "predict": ["predict", "drops.csv", "law.json"],
     "show": ["show", "law.json", "--history"],
     "show an object": ["show", "law.json", "--object", BALL],
     "show LaTeX": ["show", "law.json", "--latex"],
@@ -59,7 +59,7 @@ def test_nothing_that_a_terminal_obeys_is_printed(run, arguments):
 
 @pytest.mark.usefixtures("named")
 def test_json_holds_the_names_as_they_are(run):
-    _, out, _ = run("discover", "drops.csv", "--order", "2", "--solver", "group-stlsq:1", "--json")
+    _, out, _ = run("discover", "drops.csv", "--order", "2", "--set", "solver=group-stlsq:1", "--json")
     assert set(json.loads(out)["equations"]) == {BALL, "b"}
 
 

@@ -8,9 +8,9 @@ from commonlaw.cli import main
 COLUMNS = ["--object", "object", "--trial", "trial", "--time", "t", "--state", "x"]
 COMMANDS = {
     "discover": ["discover", "in.csv", *COLUMNS],
-    "fit": ["fit", "x'' = -g - c v", "in.csv", *COLUMNS],
-    "predict": ["predict", "law.json", "in.csv"],
-    "refine": ["refine", "law.json", "in.csv"],
+    "fit": ["fit", "in.csv", "x'' = -g - c v", *COLUMNS],
+    "predict": ["predict", "in.csv", "law.json"],
+    "refine": ["refine", "in.csv", "law.json"],
     "export": ["data", "export", "in.csv"],
 }
 
@@ -57,14 +57,14 @@ def test_the_law_that_a_command_reads_is_not_written_over(refused, command):
 @pytest.mark.parametrize("command", ["discover", "fit", "predict"])
 @pytest.mark.parametrize("plot", ["s.svg", "./s.svg", "folder/../s.svg"])
 def test_table_or_law_and_figure_are_not_written_to_one_file(refused, command, plot):
-    said = refused(*COMMANDS[command], "--save", "s.svg", "--plot", plot)
+    said = refused(*COMMANDS[command], "--save", "s.svg", "--save", plot)
     assert said.startswith(f"commonlaw: cannot write {plot}: it is the same file as s.svg; choose another name [")
 
 
 @pytest.mark.parametrize("command", ["discover", "fit", "predict"])
 def test_a_figure_of_a_format_that_there_is_not_is_refused(refused, command):
-    said = refused(*COMMANDS[command], "--save", "new.json", "--plot", "law.jpeg")
-    assert said.startswith("commonlaw: unknown format of a figure 'jpeg'")
+    said = refused(*COMMANDS[command], "--save", "law.jpeg")
+    assert said.startswith("commonlaw: law.jpeg: the ending says what is written")
 
 
 @pytest.mark.parametrize("command", ["discover", "fit", "predict", "refine"])

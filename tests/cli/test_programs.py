@@ -14,7 +14,7 @@ from commonlaw.law.script import Source
 
 RATES = {"cup": 0.1, "mug": 0.2, "pot": 0.05}
 TIMES = np.linspace(0.0, 20.0, 21)
-QUICK = ("--order", "1", "--library", "poly:1", "--errors", "white")
+QUICK = ("--order", "1", "--library", "poly:1", "--set", "errors=white")
 
 
 def measured(rate, replicate):
@@ -87,7 +87,9 @@ def test_the_program_of_a_report_prints_its_law_and_verdict(run, printed, tmp_pa
             frame.to_excel(book, sheet_name="second", index=False)
     else:
         frame.to_csv(tmp_path / name, index=False)
-    code, _, err = run("report", name, *roles, *HELD_OUT[kind], *QUICK, "--out", "report.html", "--save", "law.json")
+    assert run("data", "check", name, *roles, "--save", "schema.toml")[0] == 0
+    words = ("--schema", "schema.toml", *HELD_OUT[kind], *QUICK)
+    code, _, err = run("discover", name, *words, "--save", "report.html", "--save", "law.json")
     assert code == 0, err
     page = (tmp_path / "report.html").read_text()
     (program,) = re.findall(r"<code[^>]*>(import commonlaw as cl\n.*?)</code>", page, flags=re.DOTALL)

@@ -126,8 +126,8 @@ def law(r: random.Random) -> Case:
         change(r, document)
     content = json.dumps(document).encode()
     content = damaged(r, content) if r.random() < 0.3 else content
-    shown = ("show", "law.json", *r.choice([(), ("--latex",), ("--average",), ("--history",), ("--object", "golf")]))
-    given = ("predict", "law.json", "drops.csv", *COLUMNS[:-2], "--save", "out.csv")
+    shown = ("show", "law.json", *r.choice([(), ("--latex",), ("--average",), ("--history",), ("--select", "golf")]))
+    given = ("predict", "drops.csv", "law.json", *COLUMNS[:-2], "--save", "out.csv")
     command = r.choice([shown, shown, given])
     return Case(command, {"law.json": content, "drops.csv": table(r)}, frozenset({"out.csv"}))
 
@@ -210,7 +210,7 @@ KINDS: Mapping[str, Callable[[random.Random], Case]] = {
 }
 
 COLUMNS = ("--object", "ball", "--trial", "drop", "--time", "t", "--state", "height")
-REGRESSION = ("--solver", "group-stlsq:1", "--differentiation", "finite:2")
+REGRESSION = ("--set", "solver=group-stlsq:1", "--set", "differentiation=finite:2")
 CHECK = ("data", "check", "drops.csv", *COLUMNS)
 EXPORT = ("data", "export", "drops.csv", *COLUMNS, "--save")
 

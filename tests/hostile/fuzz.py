@@ -152,8 +152,8 @@ def load() -> None:
         Path("drops.csv").write_bytes(table(random.Random(0)))
         for arguments in (
             ("discover", "drops.csv", *COLUMNS, *REGRESSION),
-            ("fit", "height'' = a + b sin(height)", "drops.csv", *COLUMNS),
-            ("predict", "law.json", "drops.csv", *COLUMNS, "--save", "out.csv"),
+            ("fit", "drops.csv", "height'' = a + b sin(height)", *COLUMNS),
+            ("predict", "drops.csv", "law.json", *COLUMNS, "--save", "out.csv"),
             ("show", "law.json"),
             ("data", "check", "drops.csv", *COLUMNS, "--json"),
             ("data", "export", "drops.csv", *COLUMNS, "--save", "out.parquet"),

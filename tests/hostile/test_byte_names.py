@@ -7,7 +7,7 @@ import commonlaw as cl
 BYTES = "b\udcff"
 """As Python has the name of a file that is not text in UTF-8."""
 
-QUICK = ["--order", "2", "--library", "poly:1", "--solver", "group-stlsq:1.5"]
+QUICK = ["--order", "2", "--library", "poly:1", "--set", "solver=group-stlsq:1.5"]
 
 
 @pytest.mark.parametrize(
@@ -15,10 +15,10 @@ QUICK = ["--order", "2", "--library", "poly:1", "--solver", "group-stlsq:1.5"]
     [
         (["data", "check"], None),
         (["data", "export", "--save", f"{BYTES}.parquet"], f"{BYTES}.parquet"),
-        (["discover", *QUICK, "--save", f"{BYTES}.json", "--plot", f"{BYTES}.svg"], f"{BYTES}.svg"),
+        (["discover", *QUICK, "--save", f"{BYTES}.json", "--save", f"{BYTES}.svg"], f"{BYTES}.svg"),
         (["discover", *QUICK, "--json"], None),
-        (["report", *QUICK, "--out", f"{BYTES}.html"], f"{BYTES}.html"),
-        (["discover", *QUICK, "--each", "--out", f"{BYTES}-all.csv"], f"{BYTES}-all.csv"),
+        (["report", *QUICK, "--save", f"{BYTES}.html"], f"{BYTES}.html"),
+        (["discover", *QUICK, "--each", "--save", f"{BYTES}-all.csv"], f"{BYTES}-all.csv"),
     ],
 )
 def test_a_name_of_a_file_may_be_any_bytes(run, tmp_path, words, written):

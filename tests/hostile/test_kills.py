@@ -26,16 +26,17 @@ COMMAND = (sys.executable, "-c", "from commonlaw.cli import main; main()")
 COMMANDS = {
     "export to CSV": ("data", "export", "in/drops.csv", "--save", "drops.csv"),
     "export to Parquet": ("data", "export", "in/drops.csv", "--save", "drops.parquet"),
-    "predict": ("predict", "in/law.json", "in/drops.csv", "--save", "forecast.csv", "--plot", "forecast.svg"),
-    "refine": ("refine", "in/law.json", "in/drops.csv", "--save", "law.json"),
-    "fit": ("fit", "x'' = -g - c v", "in/drops.csv", "--save", "law.json"),
-    "discover": ("discover", "in/drops.csv", "--order", "2", "--solver", "group-stlsq:1", "--save", "law.json"),
+    "predict": ("predict", "in/drops.csv", "in/law.json", "--save", "forecast.csv", "--save", "forecast.svg"),
+    "refine": ("refine", "in/drops.csv", "in/law.json", "--save", "law.json"),
+    "fit": ("fit", "in/drops.csv", "x'' = -g - c v", "--save", "law.json"),
+    "discover": ("discover", "in/drops.csv", "--order", "2", "--set", "solver=group-stlsq:1", "--save", "law.json"),
     "discover in processes": (
-        "discover", "in/drops.csv", "--order", "2", "--solver", "group-stlsq:1", "--jobs", "2", "--save", "law.json"
+        "discover", "in/drops.csv", "--order", "2", "--set", "solver=group-stlsq:1", "--set", "n_jobs=2",
+        "--save", "law.json",
     ),
     "discover in each of two tables": (
-        "discover", "in/drops.csv", "in/again.csv", "--each", "--workers", "2", "--order", "2", "--solver",
-        "group-stlsq:1", "--out", "laws.csv",
+        "discover", "in/drops.csv", "in/again.csv", "--each", "--set", "n_jobs=2", "--order", "2", "--set",
+        "solver=group-stlsq:1", "--save", "laws.csv",
     ),
     "export a workbook": ("data", "export", "in/drops.xlsx", "--save", "drops.csv"),
 }  # fmt: skip
@@ -90,9 +91,19 @@ def test_a_command_that_is_ended_leaves_old_files_or_whole_ones_and_no_process(
 def test_an_interrupt_from_a_terminal_ends_all_processes_and_writes_nothing(tmp_path: Path) -> None:
     for i in range(6):
         cl.datasets.linear_drag(noise=0.1, trials=1, seed=i).to_csv(tmp_path / f"{i}.csv")
-    words = ["discover", *(f"{i}.csv" for i in range(6)), "--each", "--order", "2", "--out", "r.csv", "--workers", "2"]
+    words = [
+        "discover",
+        *(f"{i}.csv" for i in range(6)),
+        "--each",
+        "--order",
+        "2",
+        "--save",
+        "r.csv",
+        "--set",
+        "n_jobs=2",
+    ]
     command = subprocess.Popen(
-        [*COMMAND, *words, "-v"],
+        [*COMMAND, "-v", *words],
         cwd=tmp_path,
         start_new_session=True,
         stderr=subprocess.PIPE,

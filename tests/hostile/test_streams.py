@@ -12,7 +12,10 @@ import commonlaw as cl
 
 NAME = "日本 µ\U0001f3c0 €"
 COMMAND = f"{sys.executable} -c 'from commonlaw.cli import main; main()'"
-CANNOT = "commonlaw: cannot write to standard output: {}; keep it open, and direct it to a place with free space\n"
+CANNOT = (
+    "commonlaw: cannot write to standard output: {}; keep it open, and direct it to a place with free space "
+    "[commonlaw help standard-output]\n"
+)
 
 
 @pytest.fixture(scope="module")

@@ -92,7 +92,9 @@ def test_such_a_law_is_saved_and_forecasts_trials_that_start_elsewhere():
 
 def test_the_command_line_takes_free_starts(tmp_path):
     drawn("pendulum")[-1].to_frame().to_csv(tmp_path / "swings.csv", index=False)
-    done = CliRunner().invoke(commonlaw, ["fit", PENDULUM, str(tmp_path / "swings.csv"), "--start", "omega=free"])
+    done = CliRunner().invoke(
+        commonlaw, ["fit", PENDULUM, str(tmp_path / "swings.csv"), "--initial-value", "omega=free"]
+    )
     assert done.exit_code == 0, done.output
     assert "omega' = -g sin(theta) - c omega" in done.output
 

@@ -106,7 +106,7 @@ def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
 def test_the_command_line_takes_the_time_of_the_starts(tmp_path):
     *_, trials = drawn("microconstants")
     trials.to_frame().to_csv(tmp_path / "injected.csv", index=False)
-    options = ["--start", "tissue=0", "--starts-at", "0", "--save", str(tmp_path / "law.json")]
+    options = ["--initial-value", "tissue=0", "--initial-time", "0", "--save", str(tmp_path / "law.json")]
     done = CliRunner().invoke(commonlaw, ["fit", MICROCONSTANTS, str(tmp_path / "injected.csv"), *options])
     assert done.exit_code == 0, done.output
     assert cl.Law.load(tmp_path / "law.json").schema.starts_at == 0.0

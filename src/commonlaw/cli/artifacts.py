@@ -1,10 +1,12 @@
 """What follows a result: no later step costs what was found."""
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from io import BytesIO
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
+from commonlaw.cli.options import is_of_kind
 from commonlaw.cli.output import print_notes, say
 from commonlaw.diagnostics import marked, reference
 from commonlaw.errors import CommonlawError
@@ -67,16 +69,35 @@ class LaterSteps:
         if name not in ("", path) and said not in self.failures:
             self.failures.append(said)
 
-    def draw(self, path: str | None, figure: "Callable[[ModuleType], Figure | None]") -> None:
-        """Draw a figure if one is asked for, by a function of the room of plots."""
+    def save(
+        self,
+        paths: Iterable[str],
+        *,
+        law: "Law | None" = None,
+        figure: "Callable[[ModuleType], Figure | None] | None" = None,
+        table: "Callable[[], pd.DataFrame] | None" = None,
+        report: Callable[[], bytes] | None = None,
+    ) -> None:
+        """Write files, each with what its ending says if that is given; figures by a function of the room of plots."""
 
-        def drawn() -> bytes | None:
+        def drawn(path: str, figure: "Callable[[ModuleType], Figure | None]") -> bytes | None:
             from commonlaw import plots
 
             made = figure(plots)
-            return None if made is None else plots.render(made, str(path))
+            return None if made is None else plots.render(made, path)
 
-        self.write(path, drawn)
+        def tabled(path: str, table: "Callable[[], pd.DataFrame]") -> bytes:
+            return table_bytes(table(), path)
+
+        for path in paths:
+            if law is not None and is_of_kind(path, "law"):
+                self.write_law(path, law)
+            elif figure is not None and is_of_kind(path, "figure"):
+                self.write(path, partial(drawn, path, figure))
+            elif report is not None and is_of_kind(path, "report"):
+                self.write(path, report)
+            elif table is not None and is_of_kind(path, "table"):
+                self.write(path, partial(tabled, path, table))
 
     def end(self, notes: Iterable[object] = (), *, silent: bool = False, reasons: Sequence[str] = ()) -> None:
         """Say which files were written, unless silent, then the notes and what failed.
@@ -92,7 +113,7 @@ class LaterSteps:
 
 def table_bytes(frame: "pd.DataFrame", path: str) -> bytes:
     """Return a table in the format that the name of its file says."""
-    if path.endswith(".csv"):
+    if path.lower().endswith(".csv"):
         return frame.to_csv(index=False).encode()
     content = BytesIO()
     frame.to_parquet(content, index=False)

@@ -9,7 +9,8 @@ from typing import IO, Any
 
 import click
 
-from commonlaw.cli.options import check_files, check_order, check_text, dialect
+from commonlaw.cli.deprecated import current
+from commonlaw.cli.options import SettingsOption, check_files, check_order, check_text, dialect, in_order
 from commonlaw.cli.output import changing_line, say
 from commonlaw.diagnostics import reference
 from commonlaw.errors import CommonlawError
@@ -17,12 +18,6 @@ from commonlaw.runtime.progress import Course, ProgressCallback
 
 INTERVAL = 10.0
 """Seconds between lines where there is no terminal to show a line that changes."""
-
-
-def verbose_option() -> click.Option:
-    """Return the option that has every step said, with the seconds since the command began to work."""
-    text = "Say on standard error what is done, step by step, with the seconds that have passed."
-    return click.Option(["-v", "--verbose"], is_flag=True, expose_value=False, callback=_remember, help=text)
 
 
 @contextmanager
@@ -42,8 +37,9 @@ def working(text: str) -> Iterator[ProgressCallback]:
 _VERBOSE = f"{__name__}.verbose"
 
 
-def _remember(context: click.Context, _: click.Parameter, value: bool) -> None:
-    context.meta[_VERBOSE] = value
+def say_every_step(context: click.Context) -> None:
+    """Have commands say every step, with the seconds since they began to work."""
+    context.meta[_VERBOSE] = True
 
 
 @contextmanager
@@ -98,12 +94,11 @@ class Command(click.Command):
 
     An option counts each time that it is given, or is refused where it has one value; so is what is no text. Files
     that are to be written and cannot be, or are read too, are refused before anything is done. The help lists everyday
-    options by their headings, ``--help-all`` all of them. A command that works can be asked to say at what.
+    options by their headings, ``--help-all`` all of them. What it is given may be written as in the last release.
     """
 
-    def __init__(self, *args: Any, works: bool = True, **settings: Any) -> None:
+    def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
-        self.params += [verbose_option()] if works else []
         text = "Show this message with all options and exit."
         self._help_all = click.Option(
             ["--help-all"], is_flag=True, is_eager=True, expose_value=False, callback=_show_all_options, help=text
@@ -112,17 +107,29 @@ class Command(click.Command):
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the parameters, with ``--help-all`` where the short help leaves some out."""
         params = super().get_params(ctx)
-        return params if all(getattr(each, "everyday", True) for each in params) else [*params, self._help_all]
+        is_short = all(getattr(each, "everyday", True) or getattr(each, "hidden", False) for each in params)
+        return params if is_short else [*params, self._help_all]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments; an option of one value that is given twice is wrong usage."""
+        for name in ("-v", "--verbose"):
+            if name in args:
+                say(f"commonlaw: {name} after the command is deprecated: write commonlaw -v {self.name} ...", err=True)
+                say_every_step(ctx)
+                args = [each for each in args if each != name]
+        args = current(str(self.name), args, [name for each in self.params for name in each.opts])
         given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
         for each, count in given.items():
             if isinstance(each, click.Option) and count > 1 and not (each.multiple or each.count or each.is_eager):
                 names = " or ".join(each.opts + each.secondary_opts)
                 raise click.UsageError(f"{names} is given {count} times and counts once: give it once", ctx)
+            if instead := getattr(each, "replaced_by", ""):
+                name = each.opts[0]
+                say(f"commonlaw: {name} is deprecated here: {instead.format(option=name)}", err=True)
         rest = super().parse_args(ctx, args)
         check_text(self.params, ctx.params)
+        if in_order(ctx.params):
+            say(f"commonlaw: the table comes first now: commonlaw {self.name} TABLE ...", err=True)
         return rest
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -135,10 +142,10 @@ class Command(click.Command):
             raise Refusal(error, self) from error
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options under their headings."""
-        options = [each for each in self.get_params(ctx) if isinstance(each, click.Option)]
-        count = len(options)
-        if not ctx.meta.get(ALL_OPTIONS):
+        """Write the options under their headings, and those that are settings under theirs."""
+        options = [each for each in self.get_params(ctx) if isinstance(each, click.Option) and not each.hidden]
+        count, is_whole = len(options), bool(ctx.meta.get(ALL_OPTIONS))
+        if not is_whole:
             options = [each for each in options if getattr(each, "everyday", True)]
         headings = dict.fromkeys(getattr(each, "group", _OTHERS) for each in options)
         for heading in sorted(headings, key=_OTHERS.__eq__):
@@ -148,6 +155,10 @@ class Command(click.Command):
                 formatter.write_dl(records)
         if len(options) < count:
             formatter.write(f"\n{count - len(options)} more options: {ctx.command_path} --help-all\n")
+        for each in options if is_whole else ():
+            for title, rows in each.groups().items() if isinstance(each, SettingsOption) else ():
+                with formatter.section(title):
+                    formatter.write_dl(rows)
 
 
 class Commands(click.Group):
@@ -159,8 +170,3 @@ class Commands(click.Group):
 def command(function: Callable[..., None]) -> Command:
     """Make a command of a function."""
     return click.command(cls=Command)(function)
-
-
-def quick_command(function: Callable[..., None]) -> Command:
-    """Make a command of a function that is done at once."""
-    return click.command(cls=Command, works=False)(function)

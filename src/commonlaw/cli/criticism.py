@@ -10,9 +10,9 @@ import numpy as np
 
 from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
-from commonlaw.cli.options import ReadFile, WrittenFigure, WrittenFile, numbers
+from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, is_of_kind, numbers, saving
 from commonlaw.cli.output import print_frame, print_json, say
-from commonlaw.cli.source import Source, on_cluster_at, stream_of, with_cluster, with_source
+from commonlaw.cli.source import WITH_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError
 
 if TYPE_CHECKING:
@@ -29,23 +29,16 @@ _STRANGEST = 10
 
 
 @command
-@click.argument("law_path", metavar="LAW.json", type=ReadFile())
-@with_source
-@click.option(
-    "--save",
-    type=WrittenFile(),
-    metavar="RESIDUALS.csv",
-    help="Write measured and fitted states, and residuals over noise; of files a row for each object and state.",
+@with_table(*WITH_LAW)
+@LAW_ARGUMENT
+@saving(
+    table="measured and fitted states, and residuals over noise; of several files a row for each object and state",
+    figure="a figure of the residuals",
 )
-@click.option(
-    "--plot", type=WrittenFigure(), metavar="FIGURE", help="Write a figure of the residuals (.png, .svg, .pdf)."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@AS_JSON
 @with_cluster
-def check(
-    law_path: str, source: Source, save: str | None, plot: str | None, as_json: bool, cluster: str | None
-) -> None:
-    """Say how well LAW.json fits FILE: what its trajectories leave of the measurements, and which patterns that has.
+def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, cluster: str | None) -> None:
+    """Say how well LAW.json fits TABLE: what its trajectories leave of the measurements, and which patterns that has.
 
     Each trial's start is fitted, the coefficients stay. Residuals are compared with the noise, and held against time,
     states, rates, inputs and each other; tests look for memory, growing scatter, and errors that are not normal. Of a
@@ -54,21 +47,20 @@ def check(
 
     \b
     Example:
-      commonlaw check law.json drops.csv --plot residuals.png
-      commonlaw check law.parquet 'runs/*.parquet' --save objects.csv --cluster local:4
+      commonlaw check drops.csv law.json --save residuals.png
+      commonlaw check 'runs/*.parquet' law.parquet --save objects.csv --cluster local:4
     """
     from commonlaw.law import Law
 
     law = Law.load(law_path)
     if cluster or source.is_stream:
-        _check_stream(law, source, save, plot, as_json, cluster)
+        _check_stream(law, source, save, as_json, cluster)
         return
     with working("Checking ..."):
         trials = source.chosen(law.schema)
         found = law.residuals(trials)
         later = LaterSteps()
-        later.write(save, lambda: found.to_frame().to_csv(index=False).encode())
-        later.draw(plot, lambda plots: plots.plot_residuals(found))
+        later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_residuals(found))
     if as_json:
         print_json({"patterns": _patterns_document(found.patterns)})
     else:
@@ -77,19 +69,17 @@ def check(
     later.end(found.trials.notes, silent=as_json)
 
 
-def _check_stream(
-    law: "Law", source: Source, save: str | None, plot: str | None, as_json: bool, cluster: str | None
-) -> None:
+def _check_stream(law: "Law", source: Source, save: Sequence[str], as_json: bool, cluster: str | None) -> None:
     """Check the trials of files, one file after the other or by workers."""
     from commonlaw.stream import check_stream
 
     source.check_streams()
-    if plot:
-        raise click.UsageError("--plot with a stream of files: leave it out, or check single files")
+    if figures := [each for each in save if is_of_kind(each, "figure")]:
+        raise click.UsageError(f"--save {figures[0]} with a stream of files: leave it out, or check single files")
     later = LaterSteps()
     with working("Checking ...") as show, on_cluster_at(cluster, show):
         found = check_stream(law, source.select(stream_of(source, law.schema)), progress=show)
-        later.write(save, lambda: found.objects.to_csv(index=False).encode())
+        later.save(save, table=lambda: found.objects)
     if as_json:
         objects = found.objects.to_dict(orient="records")
         print_json({"patterns": _patterns_document(found.patterns), "objects": objects})
@@ -130,8 +120,8 @@ def _show_stream(found: "StreamResiduals") -> None:
 
 
 @command
-@click.argument("law_path", metavar="LAW.json", type=ReadFile())
-@with_source
+@with_table(*WITH_LAW)
+@LAW_ARGUMENT
 @click.option(
     "--of",
     metavar="COORDINATE",
@@ -153,40 +143,28 @@ def _show_stream(found: "StreamResiduals") -> None:
     multiple=True,
     help="Known standard deviation of a state's measurement noise; repeat for each state.  [default: estimated]",
 )
-@click.option(
-    "--save",
-    type=WrittenFile(),
-    metavar="WITH.json",
-    help="Write the law with its discrepancy, for predict --discrepancy.",
-)
-@click.option(
-    "--plot",
-    type=WrittenFigure(),
-    metavar="FIGURE",
-    help="Write a figure of the function and its band (.png, .svg, .pdf).",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@saving(law="the law with its discrepancy, for predict --discrepancy", figure="a figure of the function and its band")
+@AS_JSON
 def discrepancy(
-    law_path: str,
     source: Source,
+    law_path: str,
     of: str | None,
     times: str,
     equation: str | None,
     zero_at: str,
     noise: tuple[str, ...],
-    save: str | None,
-    plot: str | None,
+    save: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Find what LAW.json leaves unexplained in FILE, as a smooth function that all objects share.
+    """Find what LAW.json leaves unexplained in TABLE, as a smooth function that all objects share.
 
     The function is fitted together with the law's coefficients. Evidence says whether there is any; a table says which
     terms would do the same.
 
     \b
     Examples:
-      commonlaw discrepancy law.json drops.csv --of v --plot discrepancy.png
-      commonlaw discrepancy law.json drops.csv --of "abs(v)*diameter/1.5e-5" --times "v*abs(v)*diameter^2/mass"
+      commonlaw discrepancy drops.csv law.json --of v --save discrepancy.png
+      commonlaw discrepancy drops.csv law.json --of "abs(v)*diameter/1.5e-5" --times "v*abs(v)*diameter^2/mass"
     """
     from commonlaw.law import Law
 
@@ -196,8 +174,7 @@ def discrepancy(
         levels = numbers("--noise", noise) if noise else None
         found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=_zero(zero_at), noise=levels)
         later = LaterSteps()
-        later.write_law(save, found.law)
-        later.draw(plot, lambda plots: plots.plot_discrepancy(found))
+        later.save(save, law=found.law, figure=lambda plots: plots.plot_discrepancy(found))
     if as_json:
         print_json(_document(found))
     else:
@@ -248,24 +225,24 @@ def _document(found: "Discrepancy[Law]") -> dict[str, object]:
 
 
 @command
-@click.argument("law_path", metavar="LAW.json", type=ReadFile())
-@with_source
+@with_table(*WITH_LAW)
+@LAW_ARGUMENT
 @click.option("--term", "terms", metavar="TERM", multiple=True, help="A term, v^2; repeat for more.  [default: all]")
 @click.option("--level", type=float, default=0.95, help="Probability of the bounds and intervals.")
-@click.option("--save", type=WrittenFile(), metavar="BOUNDS.csv", help="Write the table.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@saving(table="the table")
+@AS_JSON
 def bounds(
-    law_path: str, source: Source, terms: tuple[str, ...], level: float, save: str | None, as_json: bool
+    source: Source, law_path: str, terms: tuple[str, ...], level: float, save: tuple[str, ...], as_json: bool
 ) -> None:
-    """Limit the coefficients of terms that are not in LAW.json by FILE.
+    """Limit the coefficients of terms that are not in LAW.json by TABLE.
 
     Each term is fitted together with those of the law. The limit is what the size of its coefficient stays below at
     95 %; the contribution is what the term then adds to the equation at most.
 
     \b
     Examples:
-      commonlaw bounds law.json drops.csv
-      commonlaw bounds law.json drops.csv --term "v^2" --term "x"
+      commonlaw bounds drops.csv law.json
+      commonlaw bounds drops.csv law.json --term "v^2" --term "x"
     """
     from commonlaw.inference import bounds as found_by
     from commonlaw.law import Law
@@ -276,7 +253,7 @@ def bounds(
         found = found_by(law, trials, terms or None, level=level, progress=show)
         frame = found.to_frame()
         later = LaterSteps()
-        later.write(save, lambda: frame.to_csv(index=False).encode())
+        later.save(save, table=lambda: frame)
     if as_json:
         print_json({"bounds": frame.to_dict(orient="records"), "sentences": list(found.sentences)})
     else:

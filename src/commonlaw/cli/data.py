@@ -3,9 +3,9 @@
 import click
 
 from commonlaw.cli.command import Commands
-from commonlaw.cli.options import WrittenFile, WrittenTable, in_options
+from commonlaw.cli.options import AS_JSON, in_options, saving
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
-from commonlaw.cli.source import Source, with_source, written_schema
+from commonlaw.cli.source import EVERY_OPTION, WITHOUT_LAW, Source, with_table, written_schema
 from commonlaw.runtime.files import write_whole
 from commonlaw.text import counted, in_line
 
@@ -15,8 +15,8 @@ def data() -> None:
     """Look at measurements before learning from them."""
 
 
-@data.command(works=False)
-@with_source
+@data.command()
+@with_table(*EVERY_OPTION)
 @click.option(
     "--order",
     type=click.IntRange(0, 2),
@@ -24,15 +24,10 @@ def data() -> None:
     "state, 1 for several]",
 )
 @click.option("--library", metavar="SPEC", help="Their candidate terms, as in discover.  [default: poly:3]")
-@click.option(
-    "--save",
-    metavar="SCHEMA.toml",
-    type=WrittenFile(),
-    help="Write the roles of the columns and how the table is read, for --schema of all commands.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def check(source: Source, order: int | None, library: str | None, save: str | None, as_json: bool) -> None:
-    """Say what is in FILE, what data checks find, and what --clip would cut.
+@saving(schema="the roles of the columns and how the table is read, for --schema of all commands")
+@AS_JSON
+def check(source: Source, order: int | None, library: str | None, save: tuple[str, ...], as_json: bool) -> None:
+    """Say what is in TABLE, what data checks find, and what --clip would cut.
 
     Where trials visit little more than one curve, variables stand in for each other on it, and laws in the one and in
     the other fit alike: that is said too, with the starts that would tell.
@@ -44,8 +39,8 @@ def check(source: Source, order: int | None, library: str | None, save: str | No
     """
     trials = source.chosen()
     report = trials.check(order=order, library=library)
-    if save:
-        write_whole(save, written_schema(source, trials))
+    for path in save:
+        write_whole(path, written_schema(source, trials))
     if as_json:
         print_json(report.to_dict())
         return
@@ -60,14 +55,14 @@ def check(source: Source, order: int | None, library: str | None, save: str | No
     say("")
     frame = report.to_frame()
     print_frame(frame, {name: name.replace("_", " ") for name in map(str, frame)})
-    if save:
-        say(f"Wrote {save}")
+    for path in save:
+        say(f"Wrote {path}")
     print_notes(trials.notes)
 
 
-@data.command(name="list", works=False)
+@data.command(name="list")
 def list_() -> None:
-    """List the data sets that --dataset knows, with their options and their sources."""
+    """List data sets, which stand for a table as dataset:NAME, with their options and their sources."""
     from inspect import signature
 
     from commonlaw.datasets import DATASETS
@@ -77,18 +72,19 @@ def list_() -> None:
         say(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
 
 
-@data.command(works=False)
-@with_source
-@click.option("--save", required=True, metavar="FILE", type=WrittenTable(), help="The table: .csv or .parquet.")
-def export(source: Source, save: str) -> None:
+@data.command()
+@with_table(*WITHOUT_LAW)
+@saving(table="the table", required=True)
+def export(source: Source, save: tuple[str, ...]) -> None:
     """Write trials as a table that commonlaw and others read without loss.
 
     \b
     Example:
-      commonlaw data export --dataset linear-drag:noise=0.05 --save drops.csv
+      commonlaw data export dataset:linear-drag:noise=0.05 --save drops.csv
     """
     trials = source.chosen()
-    write = trials.to_csv if save.endswith(".csv") else trials.to_parquet
-    write(save)
-    say(f"Wrote {save}")
+    for path in save:
+        write = trials.to_csv if path.lower().endswith(".csv") else trials.to_parquet
+        write(path)
+        say(f"Wrote {path}")
     print_notes(trials.notes)

@@ -6,14 +6,14 @@ import click
 
 from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
-from commonlaw.cli.options import ReadFile, WrittenFigure, WrittenFile, by_name, numbers
+from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, ReadFile, by_name, numbers, saving
 from commonlaw.cli.output import print_json, say
-from commonlaw.cli.source import Source, with_source
+from commonlaw.cli.source import WITH_LAW, Source, with_table
 
 
 @command
-@click.argument("law_path", metavar="LAW.json", type=ReadFile())
-@with_source
+@with_table(*WITH_LAW)
+@LAW_ARGUMENT
 @click.option(
     "--vary",
     metavar="NAME=VALUES",
@@ -54,24 +54,19 @@ from commonlaw.cli.source import Source, with_source
     "  [default: law, if that is in doubt, else coefficients]",
 )
 @click.option(
-    "--against",
+    "--rival",
+    "rivals",
     metavar="LAW.json",
     multiple=True,
     type=ReadFile(),
     help="Another law that is as probable; repeat for more.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, help="Of random numbers.")
-@click.option("--save", type=WrittenFile(), metavar="DESIGN.csv", help="Write a table of the experiments.")
-@click.option(
-    "--plot",
-    type=WrittenFigure(),
-    metavar="FIGURE",
-    help="Write a figure of what the laws forecast of them (.png, .svg, .pdf).",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@saving(table="a table of the experiments", figure="a figure of what the laws forecast of them")
+@AS_JSON
 def design(
-    law_path: str,
     source: Source,
+    law_path: str,
     vary: tuple[str, ...],
     within: tuple[str, ...],
     start_std: tuple[str, ...],
@@ -79,26 +74,25 @@ def design(
     budget: float,
     at_most: int,
     about: str | None,
-    against: tuple[str, ...],
+    rivals: tuple[str, ...],
     seed: int,
-    save: str | None,
-    plot: str | None,
+    save: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Say which experiment would tell most: which law is right, what its coefficients are, or what one wants to know.
 
     Every law that remains plausible says what an experiment would measure, with all errors; what laws can imitate in
-    each other does not count. With FILE, what is not varied is as in its trials.
+    each other does not count. With TABLE, what is not varied is as in its trials.
 
     \b
     Examples:
-      commonlaw design law.json drops.csv --vary "x=5..60" --vary "duration=1..4" --within "x=0..60"
+      commonlaw design drops.csv law.json --vary "x=5..60" --vary "duration=1..4" --within "x=0..60"
       commonlaw design law.json --vary x=5..60 --vary v=-10..0 --vary duration=1..6 --vary rate=15..240 --at-most 3
-      commonlaw design law.json drops.csv --vary "x=5..60" --for "x at t=10 from 100"
+      commonlaw design drops.csv law.json --vary "x=5..60" --for "x at t=10 from 100"
     """
     import commonlaw as cl
 
-    laws = [cl.Law.load(path) for path in (law_path, *against)]
+    laws = [cl.Law.load(path) for path in (law_path, *rivals)]
     with working("Looking for experiments ...") as show:
         given = source.path or source.dataset
         trials = source.chosen(laws[0].schema) if given else None
@@ -116,8 +110,7 @@ def design(
             progress=show,
         )
         later = LaterSteps()
-        later.write(save, lambda: found.to_frame().to_csv(index=False).encode())
-        later.draw(plot, lambda plots: plots.plot_design(found))
+        later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_design(found))
     if as_json:
         laws_ = [{"equations": list(each.law.structure), "probability": each.probability} for each in found.laws]
         table = found.to_frame().to_dict(orient="records")

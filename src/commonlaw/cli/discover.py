@@ -4,7 +4,6 @@ import warnings
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -12,13 +11,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from commonlaw.cli.artifacts import LaterSteps, table_bytes
+from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
 from commonlaw.cli.method_options import Question, with_question
-from commonlaw.cli.options import ReadFile, WrittenTable, as_one, in_options, option
+from commonlaw.cli.options import ReadFile, as_one, in_options, is_of_kind, option
 from commonlaw.cli.output import print_table, say
 from commonlaw.cli.results import Learned, Outputs, learned_by_stream, with_outputs
-from commonlaw.cli.source import Source, guesses, on_cluster_at, with_cluster, with_training_source
+from commonlaw.cli.source import WITHOUT_LAW, Source, guesses, on_cluster_at, with_cluster, with_table
 from commonlaw.diagnostics import marked
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import counting, current_cluster
@@ -28,7 +27,7 @@ from commonlaw.runtime.shutdown import deaf_to_interrupts, end_with_parent
 from commonlaw.text import as_text, counted, shown
 
 if TYPE_CHECKING:
-    pass
+    import pandas as pd
 
 
 T = TypeVar("T")
@@ -148,23 +147,16 @@ COLUMNS = (
 )  # fmt: skip
 """Of the table of all files, which has a row for each coefficient, or for a file without a law."""
 
-_several = partial(option, "Several files")
-
 _BATCH_OPTIONS = (
-    click.argument("more", nargs=-1, metavar="[MORE FILES]...", type=ReadFile()),
-    _several("--each", is_flag=True, help="Find a law in each FILE by itself, instead of one in a single FILE."),
-    _several(
-        "--out",
-        type=WrittenTable(),
-        metavar="RESULTS.csv",
-        help="With --each: write one table (.csv or .parquet) with a row for each coefficient of each file: its value, "
-        "standard error, 95 % interval and unit, the verdict on the law, or what was wrong with the file. With "
-        "a stream of files: a row for each coefficient of each object.",
-    ),
-    _several(
-        "--workers",
-        type=click.IntRange(1),
-        help="With --each: how many files are worked on at the same time.  [default: one for each core]",
+    click.argument("more", nargs=-1, metavar="[MORE TABLES]...", type=ReadFile()),
+    option(
+        "Several files",
+        "--each",
+        is_flag=True,
+        help="Find a law in each TABLE by itself, instead of one in a single TABLE, several at a time "
+        "(--set n_jobs=4); --save then writes one table (.csv, .parquet) with a row for each coefficient of each "
+        "file: its value, standard error, 95 % interval and unit, the verdict on the law, or what was wrong with the "
+        "file.",
     ),
 )
 
@@ -185,25 +177,26 @@ class Batch:
 
     more: tuple[str, ...]
     each: bool
-    out: str | None
-    workers: int | None
+    processes: int | None
 
-    def check(self, source: Source, given: Sequence[str], cluster: str | None, streams: bool) -> None:
-        """Refuse what does not go together; `given` are options that are for a single file."""
+    def check(self, source: Source, outputs: Outputs, cluster: str | None) -> None:
+        """Refuse what does not go together."""
+        others = [each for each in outputs.save if not is_of_kind(each, "table")]
+        given = [*(f"--save {each}" for each in others), *(["--json"] if outputs.as_json else [])]
         if not self.each:
             if self.more:
                 raise click.UsageError(
                     "several files: say --each to find a law in each of them, or put them into one table with a column "
                     "that names the object (and one for the trial) to find the law that they share"
                 )
-            if self.workers or (self.out and not streams):
-                raise click.UsageError("--out and --workers go with --each: leave them out, or say --each")
-        elif cluster and self.workers:
-            raise click.UsageError("--workers is for this machine: leave it out, --cluster has the workers that it has")
-        elif not source.path or source.dataset:
-            raise click.UsageError("--each takes files: commonlaw discover a.csv b.csv --each --out results.csv")
+        elif cluster and self.processes:
+            raise click.UsageError("--set n_jobs is for this machine: leave it out, --cluster has its own workers")
+        elif not source.path:
+            raise click.UsageError("--each takes files: commonlaw discover a.csv b.csv --each --save results.csv")
         elif given:
-            raise click.UsageError(f"{' and '.join(given)} for a single file: with --each, results go to --out")
+            raise click.UsageError(
+                f"{' and '.join(given)} for a single file: with --each, results go to a table, --save results.csv"
+            )
 
     def run(self, source: Source, question: Question, show: ProgressCallback) -> "BatchResults":
         """Find the laws of all files, by the workers of a cluster if there is one."""
@@ -226,7 +219,7 @@ class Batch:
             return
         from joblib import cpu_count
 
-        at_once = min(self.workers or cpu_count(), len(pieces))
+        at_once = min(self.processes or cpu_count(), len(pieces))
         show(Stage(f"{at_once} processes for {len(pieces)} files", 0.0))
         with closing(in_processes(_found_in_file, pieces, at_once)) as ended:
             for done, each in enumerate(ended, start=1):
@@ -241,9 +234,9 @@ class BatchResults:
     paths: Sequence[str]
     found: Sequence[tuple[FileResult | None, str]]
 
-    def give(self, out: str | None, later: LaterSteps) -> None:
+    def give(self, paths: Sequence[str], later: LaterSteps) -> None:
         """Write the table, print a line for each file, and say in how many there is a law."""
-        later.write(out, lambda: self._table(str(out)))
+        later.save(paths, table=self._table)
         words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
         print_table(
             ["file", "law", "forecasts by it, or what is wrong"],
@@ -263,14 +256,14 @@ class BatchResults:
             reasons=() if laws else ("no file has a law",),
         )
 
-    def _table(self, path: str) -> bytes:
+    def _table(self) -> "pd.DataFrame":
         import pandas as pd
 
         rows: list[dict[str, object]] = []
         for name, (each, failure) in zip(self.paths, self.found, strict=True):
             file: dict[str, object] = {"file": as_text(name)}
             rows += [file | row for row in each.rows] if each else [file | {"error": failure}]
-        return table_bytes(pd.DataFrame(rows, columns=COLUMNS), path)
+        return pd.DataFrame(rows, columns=COLUMNS)
 
 
 with_batch = as_one("batch", Batch, _BATCH_OPTIONS)
@@ -300,30 +293,29 @@ def _found_in_file(piece: Piece) -> FileResult:
 
 
 @command
-@with_training_source
+@with_table(*WITHOUT_LAW, "states", "inputs", "properties", "exclude", training=True)
 @with_question
 @with_outputs
 @with_batch
 @with_cluster
 def discover(source: Source, question: Question, outputs: Outputs, batch: Batch, cluster: str | None) -> None:
-    """Find the law that the objects in FILE share.
+    """Find the law that the objects in TABLE share.
 
-    FILE is a table (CSV, TSV, Parquet, Excel) with one row for each sample. The law is checked by forecasting: the
+    TABLE has one row for each sample (CSV, TSV, Parquet, Excel). The law is checked by forecasting: the
     trials that --where leaves out or --hold-out names, or if there are none, those that it was learned from. A folder
     of Parquet files, or a pattern in quotes, is gone through file by file, with --cluster by workers.
 
     \b
     Examples:
       commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 \\
-          --save law.json --plot law.png
-      commonlaw discover drops.csv --order 2 --exclude trial=3 --learn-until 1.5
-      commonlaw discover drops.csv --order 2 --property diameter --property mass --explain
-      commonlaw discover monday.csv tuesday.csv --each --order 2 --out results.csv
+          --save law.json --save law.png --save report.html
+      commonlaw discover drops.csv --schema drops.toml --order 2 --exclude trial=3 --learn-until 1.5
+      commonlaw discover monday.csv tuesday.csv --each --order 2 --save results.csv
       commonlaw discover 'runs/*.parquet' --object car --trial run --time t --state x --cluster tcp://host:8786
-      commonlaw discover --dataset ball-drops --where trial=1 --order 2 --solver group-stlsq:1.5
+      commonlaw discover dataset:ball-drops --where trial=1 --order 2 --set solver=group-stlsq:1.5
     """
     streams = bool(cluster) or source.is_stream
-    batch.check(source, outputs.named, cluster, streams)
+    batch.check(source, outputs, cluster)
     if streams and not batch.each:
         source.check_streams()
     with working("Discovering ...") as show, on_cluster_at(cluster, show):
@@ -332,9 +324,8 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
         else:
             learned, later = (_by_stream if streams else _here)(source, question, outputs, show)
     if batch.each:
-        results.give(batch.out, LaterSteps())
+        results.give(outputs.save, LaterSteps())
     else:
-        later.write(batch.out, lambda: _coefficients(learned, str(batch.out)))
         outputs.give(learned, later)
 
 
@@ -344,10 +335,10 @@ def _here(source: Source, question: Question, outputs: Outputs, show: ProgressCa
     trials, later = source.load(), LaterSteps()
     training = source.select(trials)
     law = question.answer(training, part(show, 0.05, 0.9))
-    outputs.keep(law, later)
+    later.save(outputs.save, law=law)
     law = question.explained(law, show, later)
     show("checking the law by forecasts")
-    return Learned.check(law, source, trials, training, bool(outputs.plot), later), later
+    return Learned.check(law, source, trials, training, outputs.draws, later), later
 
 
 def _by_stream(
@@ -357,10 +348,3 @@ def _by_stream(
     return learned_by_stream(
         source, outputs, show, question.answer, lambda law, later: question.explained(law, show, later)
     )
-
-
-def _coefficients(learned: Learned, path: str) -> bytes:
-    """Return a table with a row for each coefficient of each object."""
-    from commonlaw.law.tables import coefficient_rows
-
-    return table_bytes(coefficient_rows(learned.law), path)

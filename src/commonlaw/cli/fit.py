@@ -8,11 +8,23 @@ import click
 
 from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
-from commonlaw.cli.method_options import with_comparison, with_likelihood
-from commonlaw.cli.options import ReadFile, ReadLaw, WrittenFile, by_name, is_law_file, number_or_text, numbers, option
+from commonlaw.cli.method_options import with_settings
+from commonlaw.cli.options import (
+    AS_JSON,
+    HISTORY,
+    LAW_ARGUMENT,
+    ReadFile,
+    ReadLaw,
+    by_name,
+    is_law_file,
+    number_or_text,
+    numbers,
+    option,
+    saving,
+)
 from commonlaw.cli.output import print_history, print_json, say
 from commonlaw.cli.results import Learned, Outputs, compared, learned_by_stream, load, print_compared, with_outputs
-from commonlaw.cli.source import Source, on_cluster_at, stream_of, with_cluster, with_source, with_training_source
+from commonlaw.cli.source import WITH_LAW, WITHOUT_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.trials.transformations import without_notes_on
@@ -25,27 +37,28 @@ if TYPE_CHECKING:
 
 
 @command
-@click.argument("equations")
-@with_training_source
+@with_table(*WITHOUT_LAW, "states", "inputs", "exclude", training=True)
+@click.argument("equations", required=False)
 @option(
-    "Table",
-    "--start",
+    "Law",
+    "--initial-value",
     "starts",
     everyday=True,
     metavar="STATE=VALUE",
     multiple=True,
     help="Initial value of a latent state, at the first sample of each trial: a number, a property of the "
-    "objects, depot=dose, or depot=free for what the measurements are to tell; repeat for more.",
+    "objects, depot=dose, or depot=free to estimate it; repeat for more.",
 )
 @option(
-    "Table",
-    "--starts-at",
+    "Law",
+    "--initial-time",
+    "starts_at",
     type=float,
     metavar="TIME",
-    help="The time of these starts, if it comes before the first sample of a trial, such as that of an injection.",
+    help="Time of these initial values, if before the first sample of a trial, such as that of an injection.",
 )
 @option(
-    "Table",
+    "Law",
     "--dose",
     "doses",
     metavar="COLUMN",
@@ -54,7 +67,7 @@ if TYPE_CHECKING:
     "repeat for more.",
 )
 @option(
-    "Table",
+    "Law",
     "--universal",
     everyday=True,
     metavar="LETTER",
@@ -62,27 +75,26 @@ if TYPE_CHECKING:
     help="A coefficient of the equations that all objects have in common; repeat for more.",
 )
 @option(
-    "Table",
+    "Law",
     "--guess",
     "guesses",
     metavar="LETTER=VALUE",
     multiple=True,
-    help="Where the fit begins with a constant inside of a term, a frequency w=0.3; repeat for more.  [default: all "
-    "values that samples tell apart are tried]",
+    help="Initial guess of a nonlinear parameter, a frequency w=0.3; repeat for more.  [default: a grid of values]",
 )
-@with_likelihood
+@with_settings("fit")
 @option(
     "Output",
     "--against",
     metavar="LAW.json",
     type=ReadFile(),
-    help="Compare the evidence of the fitted law with that of another.",
+    replaced_by="write commonlaw compare TABLE LAW LAW afterwards",
 )
 @with_outputs
 @with_cluster
 def fit(
-    equations: str,
     source: Source,
+    equations: str,
     starts: tuple[str, ...],
     starts_at: float | None,
     doses: tuple[str, ...],
@@ -93,7 +105,7 @@ def fit(
     outputs: Outputs,
     cluster: str | None,
 ) -> None:
-    """Fit a law that you have in mind to the trials in FILE.
+    """Fit a law that you have in mind to the trials in TABLE.
 
     EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
     dP/dt = c H P - d P", "s' = -V s/(K + s)". Letters are coefficients and constants to be found, numbers are known;
@@ -102,17 +114,16 @@ def fit(
 
     \b
     Examples:
-      commonlaw fit "T' = -k (T - 20)" cups.csv --save law.json
-      commonlaw fit "T' = a + b T" cups.csv --against discovered.json
-      commonlaw fit "s' = -V s/(K + s)" enzymes.csv
-      commonlaw fit "d' = -a d; c' = b d - k c" doses.csv --start d=dose
-      commonlaw fit "x'' = -g - c v" --dataset linear-drag:noise=0.05
+      commonlaw fit cups.csv "T' = -k (T - 20)" --save law.json
+      commonlaw fit enzymes.csv "s' = -V s/(K + s)"
+      commonlaw fit doses.csv "d' = -a d; c' = b d - k c" --initial-value d=dose
+      commonlaw fit dataset:linear-drag:noise=0.05 "x'' = -g - c v"
     """
     import commonlaw as cl
 
     if cluster:
         source.check_streams()
-        alone = {"--start": starts, "--starts-at": starts_at, "--dose": doses, "--against": against}
+        alone = {"--initial-value": starts, "--initial-time": starts_at, "--dose": doses, "--against": against}
         alone |= {"--universal": universal, "--guess": guesses}
         if given := [name for name, value in alone.items() if value]:
             raise click.UsageError(f"{', '.join(given)} with --cluster: leave it out, or fit single files")
@@ -126,14 +137,14 @@ def fit(
         other = cl.Law.load(against) if against else None
         source = replace(source, inputs=tuple(dict.fromkeys((*source.inputs, *doses))))
         later = LaterSteps()
-        known = {name: number_or_text(value) for name, value in by_name("--start", starts).items()}
+        known = {name: number_or_text(value) for name, value in by_name("--initial-value", starts).items()}
         trials = without_notes_on(doses, load(source, [equations], [other] if other else (), known))
         training = source.select(trials)
         settings |= {"starts_at": starts_at, "doses": doses, "universal": universal}
         settings |= {"guesses": numbers("--guess", guesses) or None}
         law = cl.fit(equations, training, starts=known, **settings, progress=show)
-        outputs.keep(law, later)
-        learned = Learned.check(law, source, trials, training, bool(outputs.plot), later)
+        later.save(outputs.save, law=law)
+        learned = Learned.check(law, source, trials, training, outputs.draws, later)
         if against and other:
             laws = {"fitted": law, against: other}
             comparison = later.take("the laws were not compared", lambda: compared(laws, training, settings), None)
@@ -145,34 +156,33 @@ T = TypeVar("T")
 
 
 @command
-@with_source
+@with_table(*WITHOUT_LAW)
 @click.argument("laws", nargs=-1, metavar="LAW LAW...", type=ReadLaw())
-@with_comparison
-@click.option("--save", type=WrittenFile(), metavar="TABLE.csv", help="Write the table.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def compare(source: Source, laws: tuple[str, ...], settings: dict[str, Any], save: str | None, as_json: bool) -> None:
-    """Compare the evidence for several laws in FILE.
+@with_settings("fit")
+@saving(table="the table")
+@AS_JSON
+def compare(
+    source: Source, laws: tuple[str, ...], settings: dict[str, Any], save: tuple[str, ...], as_json: bool
+) -> None:
+    """Compare the evidence for several laws in TABLE.
 
     A LAW is equations as for `commonlaw fit`, or a saved law, LAW.json. The coefficients of all are fitted to the same
-    trials under the same noise, so that what is compared is their form. The table has the most probable law first.
+    trials under the same noise, so that what is compared is their form. The result has the most probable law first.
 
     \b
     Examples:
       commonlaw compare drops.csv "x'' = -g" "x'' = -g - c v" "x'' = -g - c v*abs(v)"
       commonlaw compare drops.csv discovered.json "x'' = -9.81 - c v"
-      commonlaw compare --dataset linear-drag:noise=0.05 "x'' = -g" "x'' = -g - c v"
+      commonlaw compare dataset:linear-drag:noise=0.05 "x'' = -g" "x'' = -g - c v"
     """
-    if source.dataset and source.path:
-        laws = source.path, *laws
-        source = replace(source, path=None)
     if len({*laws}) < max(2, len(laws)):
-        raise click.UsageError("give FILE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
+        raise click.UsageError("give TABLE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
     later = LaterSteps()
     with working("Comparing ...") as show:
         training, found = _fitted(source, laws, settings, show)
         show(Stage("comparing evidence", len(laws) / (len(laws) + 1)))
         frame = compared(found, training, settings)
-        later.write(save, lambda: frame.to_csv(index=False).encode())
+        later.save(save, table=lambda: frame)
     if as_json:
         print_json({"laws": frame.to_dict(orient="records")})
     else:
@@ -226,25 +236,25 @@ def _sentences(frame: "pd.DataFrame") -> list[str]:
 
 
 @command
-@click.argument("law_path", metavar="LAW.json", type=ReadFile())
-@with_source
-@with_likelihood
-@click.option("--save", type=WrittenFile(), metavar="REFINED.json", help="Write the law.")
-@click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
+@with_table(*WITH_LAW)
+@LAW_ARGUMENT
+@with_settings("refine")
+@saving(law="the law")
+@HISTORY
 @with_cluster
 def refine(
-    law_path: str, source: Source, settings: dict[str, Any], save: str | None, history: bool, cluster: str | None
+    source: Source, law_path: str, settings: dict[str, Any], save: tuple[str, ...], history: bool, cluster: str | None
 ) -> None:
-    """Fit the coefficients of LAW.json to FILE.
+    """Fit the coefficients of LAW.json to TABLE.
 
     They become those of maximum likelihood of the trajectories. The terms stay as they are, whatever found them; the
     law gets standard errors. With --cluster Parquet files are fitted one by one; their objects need not be in the law.
 
     \b
     Example:
-      commonlaw discover drops.csv --order 2 --solver group-stlsq:1.5 --save law.json
-      commonlaw refine law.json drops.csv --save refined.json
-      commonlaw refine law.json 'runs/*.parquet' --save refined.parquet --cluster local:4
+      commonlaw discover drops.csv --order 2 --set solver=group-stlsq:1.5 --save law.json
+      commonlaw refine drops.csv law.json --save refined.json
+      commonlaw refine 'runs/*.parquet' law.json --save refined.parquet --cluster local:4
     """
     import commonlaw as cl
 
@@ -255,7 +265,7 @@ def refine(
         trials = source.select(stream_of(source, law.schema)) if cluster else source.chosen(law.schema)
         law = cl.refine(law, trials, **settings, progress=show)
         later = LaterSteps()
-        later.write_law(save, law)
+        later.save(save, law=law)
     say(str(law))
     if history:
         print_history(law)

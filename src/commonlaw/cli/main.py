@@ -10,8 +10,8 @@ from textwrap import fill
 import click
 
 from commonlaw import __version__
-from commonlaw.cli.command import Commands, Refusal, quick_command
-from commonlaw.cli.options import ReadFile, in_options
+from commonlaw.cli.command import Commands, Refusal, command, say_every_step
+from commonlaw.cli.options import ReadFile, in_options, is_law_file
 from commonlaw.cli.output import say, standard_streams
 from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
@@ -50,10 +50,23 @@ class _Commands(Commands):
         assert isinstance(command, click.Command)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that is named, and its words; a report without a law is one of `discover`."""
+        name, *rest = args
+        if name == "report" and not any(each.startswith(("-h", "--help")) or is_law_file(each) for each in rest):
+            say("commonlaw: report without a law is deprecated: write discover ... --save report.html", err=True)
+            page = [] if any(each.endswith(".html") for each in rest) else ["--save", "report.html"]
+            args = ["discover", *rest, *page]
+        return super().resolve_command(ctx, args)
+
 
 @click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(__version__, prog_name="commonlaw")
-def commonlaw() -> None:
+@click.option("-v", "--verbose", is_flag=True, help="Say on standard error what is done, step by step, with seconds.")
+@click.pass_context
+def commonlaw(context: click.Context, verbose: bool) -> None:
     """Find the law that repeated, noisy experiments on several objects have in common.
 
     A table holds measurements of several objects, each measured in one or more trials. `discover` finds the equation
@@ -61,28 +74,30 @@ def commonlaw() -> None:
 
     \b
     Start with:
-      commonlaw data check drops.csv --object ball --trial drop --time t --state height
-      commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 --save law.json
-      commonlaw fit "height'' = -9.81 - c v" drops.csv --object ball --trial drop --time t
-      commonlaw compare drops.csv "height'' = -g" "height'' = -g - c v" --object ball --trial drop --time t
-      commonlaw predict law.json drops.csv
+      commonlaw data check drops.csv --object ball --trial drop --time t --state height --save drops.toml
+      commonlaw discover drops.csv --schema drops.toml --order 2 --save law.json --save report.html
+      commonlaw fit drops.csv "height'' = -9.81 - c v" --schema drops.toml
+      commonlaw compare drops.csv "height'' = -g" "height'' = -g - c v" --schema drops.toml
+      commonlaw predict drops.csv law.json
       commonlaw explain law.json --property diameter,mass
-      commonlaw check law.json drops.csv --plot residuals.png
-      commonlaw discrepancy law.json drops.csv --of v
-      commonlaw bounds law.json drops.csv --term v^2
-      commonlaw design law.json drops.csv --vary height=5..60 --within height=0..60
-      commonlaw report drops.csv --object ball --trial drop --time t --state height --order 2
+      commonlaw check drops.csv law.json --save residuals.png
+      commonlaw discrepancy drops.csv law.json --of v
+      commonlaw bounds drops.csv law.json --term v^2
+      commonlaw design drops.csv law.json --vary height=5..60 --within height=0..60
+      commonlaw report drops.csv law.json
       commonlaw app drops.csv
       commonlaw show law.json --latex
 
     \b
-    Without a table of your own:
-      commonlaw discover --dataset linear-drag:noise=0.05 --order 2
+    The table comes first, then laws. Without a table of your own:
+      commonlaw discover dataset:linear-drag:noise=0.05 --order 2
 
     \b
     Have the shell complete commands, options and files (bash; write zsh or fish for these):
       eval "$(_COMMONLAW_COMPLETE=bash_source commonlaw)"
     """
+    if verbose:
+        say_every_step(context)
 
 
 def main() -> None:
@@ -106,8 +121,8 @@ def main() -> None:
     sys.exit(code or 0)
 
 
-@quick_command
-@click.argument("path", required=False, metavar="[FILE]", type=ReadFile())
+@command
+@click.argument("path", required=False, metavar="[TABLE]", type=ReadFile())
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen at; 0 for any that is free.")
 @click.option("--browser/--no-browser", "open_browser", default=True, help="Whether to open a browser.")
 def app(path: str | None, port: int, open_browser: bool) -> None:
@@ -126,7 +141,7 @@ def app(path: str | None, port: int, open_browser: bool) -> None:
     serve(path, port, lambda to: say(f"{opens} in your browser; Ctrl-C ends it. For you alone: {to}"), open_browser)
 
 
-@quick_command
+@command
 @click.argument("names", nargs=-1, metavar="[CODE | COMMAND...]")
 @click.pass_context
 def help(context: click.Context, names: tuple[str, ...]) -> None:

@@ -1,15 +1,27 @@
 """Options of a law and of the method that finds it, in the words of the library."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from commonlaw.cli.artifacts import LaterSteps
-from commonlaw.cli.options import Decorator, ReadLaw, as_one, by_name, is_law_file, numbers, option, with_options
+from commonlaw.cli.options import (
+    Decorator,
+    ReadLaw,
+    SettingsOption,
+    as_one,
+    by_name,
+    is_law_file,
+    numbers,
+    option,
+    pairs,
+    with_options,
+)
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.runtime.fit_options import FitOptions, read_settings, setting_rows, settings_of, shown_value
 
 if TYPE_CHECKING:
     from commonlaw.discovery import AbstractMethod
@@ -26,138 +38,98 @@ METHODS = {
     "discrete-time-regression": "DiscreteTimeRegression",
 }
 
-_LIKELIHOOD = "Options of trajectory-likelihood"
-_REGRESSIONS = (
-    "Options of derivative-regression, weak-regression and discrete-time-regression",
-    "Options of derivative-regression",
-    "Options of weak-regression",
-)
-_likelihood = partial(option, _LIKELIHOOD)
-_regression, _derivative, _weak = (partial(option, heading) for heading in _REGRESSIONS)
+_SEARCH = "Settings of a fit, --set NAME=VALUE"
 
-_ERROR_OPTIONS = (
-    _likelihood(
-        "--positive",
-        metavar="STATE",
-        multiple=True,
-        help="A state above zero that is modelled on a logarithmic scale: it and its bands stay positive, and noise is "
-        "a share of it (--noise weight=0.05 is 5 %); repeat for more.  [default: none; for refine those of the law]",
-    ),
-    _likelihood(
-        "--input-between",
-        type=click.Choice(["auto", "held", "linear", "cubic"]),
-        help="Inputs between samples: held at the earlier value, as a controller does, on lines, or on a cubic spline; "
-        "auto for lines unless the evidence for another is strong.  [default: auto; for refine as the law was learned]",
-    ),
-    _likelihood(
-        "--noise",
-        metavar="STATE=VALUE",
-        multiple=True,
-        help="Known standard deviation of a state's measurement noise; repeat for each state. Goes with "
-        "weak-regression too.  [default: estimated]",
-    ),
-    _likelihood(
-        "--errors",
-        type=click.Choice(["auto", "white", "proportional", "correlated", "walk", "force"]),
-        default="auto",
-        help="Errors that are estimated with the law: white noise; noise that grows with the states; errors of the "
-        "measurements that have a memory; a random walk of the law, or a smooth force on it; auto for those that the "
-        "measurements ask for.",
-    ),
-    _likelihood(
-        "--huber-threshold",
-        type=float,
-        default=4.0,
-        help="Standard deviations of noise beyond which a measurement counts as an outlier; inf for none.",
-    ),
-    _likelihood(
-        "--jobs",
-        "n_jobs",
-        type=int,
-        help="Threads that share the work, or for the regressions processes; -1 for one a core. The result is the "
-        "same. Goes with every method.  [default: -1; for the regressions 1]",
-    ),
-)
 
-_LIKELIHOOD_OPTIONS = (
-    *_ERROR_OPTIONS,
-    _likelihood(
-        "--covariance",
-        type=click.Choice(["likelihood", "bootstrap"]),
-        default="likelihood",
-        help="How standard errors are found: from the curvature of the likelihood, "
-        "or by drawing blocks of the trials anew.",
-    ),
-    _likelihood(
-        "--partial-pooling/--no-partial-pooling",
-        default=True,
-        help="Whether forecasts shrink coefficients to their mean over objects (partial pooling).",
-    ),
-    _likelihood(
-        "--seed",
-        type=click.IntRange(0),
-        default=0,
-        help="Of whatever is drawn at random. Goes with every method.",
-    ),
-)
+def _settings_help(function: str, options: type = FitOptions) -> dict[str, list[tuple[str, str]]]:
+    """Return the settings of a function by headings, each with its documentation and default."""
+    if function != "discover":
+        return {_SEARCH: _rows(options, function)}
+    found = {f"{_SEARCH}, --method trajectory-likelihood": _rows(options, function)}
+    for name, each in _methods().items():
+        own = dict(_rows(each, function))
+        taken = [row for row in own if any(row in names for names in map(dict, found.values()))]
+        if name != "trajectory-likelihood":
+            found[f"Settings of --method {name}"] = [pair for pair in own.items() if pair[0] not in taken]
+    return {title: rows for title, rows in found.items() if rows}
 
-_REGRESSION_OPTIONS = (
-    _regression(
-        "--solver",
-        metavar="SPEC",
-        help="How terms are chosen: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], best-subset[:TERMS], "
-        "forward[:TERMS], backward[:TERMS], lasso[:PENALTY], sr3[:THRESHOLD] (one set of terms for all objects), "
-        "stlsq[:THRESHOLD] (terms specific to each object). Without its value a solver offers all its candidates, and "
-        "--rule chooses; so it goes with trajectory-likelihood too.  [default: group-stlsq and best-subset; "
-        "best-subset for trajectory-likelihood]",
-    ),
-    _regression(
-        "--rule",
-        metavar="RULE",
-        default="one-standard-error",
-        help="How a candidate is chosen: one-standard-error or held-out (by the error on trials held out), aic, aicc, "
-        "bic, ebic.",
-    ),
-    _regression(
-        "--scoring",
-        type=click.Choice(["residuals", "forecasts"]),
-        default="residuals",
-        help="What candidates are compared by on trials held out.",
-    ),
-    _regression(
-        "--resamples",
-        "n_resamples",
-        type=click.IntRange(0),
-        default=20,
-        help="Bootstrap resamples to assess the stability of candidates.",
-    ),
-    _derivative(
-        "--differentiation",
-        metavar="SPEC",
-        help="How derivatives are estimated: savgol:WINDOW:POLYNOMIAL, centered, forward, finite:ACCURACY, spline, "
-        "median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust. Goes with weak-regression too, where it smooths."
-        "  [default: finite:2 for order 1, savgol:35:3 for order 2]",
-    ),
-    _derivative(
-        "--library-states",
-        type=click.Choice(["smoothed", "measured"]),
-        default="smoothed",
-        help="States that terms are evaluated on.",
-    ),
-    _derivative(
-        "--trim",
-        type=click.IntRange(0),
-        default=0,
-        help="Rows left out at each end of a trial, where smoothing is least accurate.",
-    ),
-    _weak(
-        "--radius",
-        "radii",
-        type=float,
+
+def _rows(options: type, function: str) -> list[tuple[str, str]]:
+    rows = setting_rows(options, function)
+    return [(name, f"{text}{f'  [default: {default}]' if default else ''}") for name, default, text in rows]
+
+
+def _methods() -> dict[str, Any]:
+    from commonlaw import discovery
+
+    return {name: getattr(discovery, each) for name, each in METHODS.items()}
+
+
+def setting_options(function: str, options: type = FitOptions) -> list[Decorator]:
+    """Return the options of a command for the settings that a function takes: everyday ones, and one for any."""
+    found = list[Decorator]()
+    for name, (each, about) in settings_of(options, function).items():
+        if about.everyday:
+            default = shown_value(about.default_of(function, each.default))
+            found.append(
+                option(
+                    "Method",
+                    f"--{name.replace('_', '-')}",
+                    name,
+                    metavar=about.metavar,
+                    everyday=True,
+                    multiple=True,
+                    help=f"{about.text}{f'  [default: {default}]' if default else ''}",
+                )
+            )
+    text = "A setting of the fit by its name, such as errors=white; repeat for more. --help-all lists them."
+    take = option(
+        "Method",
+        "--set",
+        "settings",
+        metavar="NAME=VALUE",
         multiple=True,
-        help="Radius of the test functions in samples; repeat for more.  [default: by the spectrum of each trial]",
-    ),
-)
+        everyday=True,
+        kind=SettingsOption,
+        groups=partial(_settings_help, function, options),
+        help=text,
+    )
+    return [*found, take]
+
+
+def given_settings(values: dict[str, Any], function: str, options: type = FitOptions) -> dict[str, list[str]]:
+    """Take the texts of settings out of a command's values, by name."""
+    found = dict[str, list[str]]()
+    for name, (_, about) in settings_of(options, function).items():
+        if about.everyday and (texts := values.pop(name)):
+            found[name] = list(texts)
+    for name, text in pairs("--set", values.pop("settings")):
+        found.setdefault(name, []).append(text)
+    return found
+
+
+def with_settings(function: str) -> Decorator:
+    """Return the decorator that adds the settings of a fit; a command receives those that are given as `settings`."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def wrapped(**values: Any) -> None:
+            texts = given_settings(values, function)
+            for name in texts:
+                check_choice("setting", name, settings_of(FitOptions, function))
+            command(settings=_read(FitOptions, texts), **values)
+
+        return with_options(wrapped, setting_options(function))
+
+    return decorate
+
+
+def _read(options: type, texts: dict[str, list[str]]) -> dict[str, Any]:
+    try:
+        return read_settings(options, texts)
+    except CommonlawError as error:
+        raise click.UsageError(error.sentence()) from None
+
 
 _METHOD = option(
     "Method",
@@ -166,72 +138,50 @@ _METHOD = option(
     help="How the law is found: by the likelihood of whole trajectories, with standard errors; by regression on "
     "estimated derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for hundreds "
     "of objects with long trials derivative-regression, for --order 0 discrete-time-regression; or the one whose "
-    "options are given]",
+    "settings are given]",
 )
 
 
 def with_method(command: Callable[..., None]) -> Callable[..., None]:
-    """Add --method and the options of all methods to a command; it receives them as `method`, None if none is given."""
+    """Add --method and the settings of all methods to a command; it receives them as `method`, None if none is given.
+
+    Where each of several files is worked on by itself, so many at a time as ``n_jobs`` says, it receives `processes`.
+    """
 
     @wraps(command)
     def wrapped(*, method: str | None, order: "AskedOrder", **values: Any) -> None:
-        likelihood, regression = _given(values, _LIKELIHOOD), _given(values, *_REGRESSIONS)
-        if method is None and (likelihood or regression):
-            method = _method_of(regression, order)
-        made = None if method is None else _method(method, likelihood | regression, order)
-        command(method=made, order=order, **values)
+        texts = given_settings(values, "discover")
+        jobs = _read(FitOptions, {"n_jobs": texts.pop("n_jobs")} if values["each"] and "n_jobs" in texts else {})
+        values["processes"] = FitOptions(**jobs).n_jobs if jobs.get("n_jobs", -1) != -1 else None
+        if method is None and texts:
+            method = _method_of(texts, order)
+        command(method=None if method is None else _method(method, texts, order), order=order, **values)
 
-    return with_options(wrapped, (_METHOD, *_LIKELIHOOD_OPTIONS, *_REGRESSION_OPTIONS))
-
-
-def with_likelihood(
-    command: Callable[..., None], options: Sequence[Decorator] = _LIKELIHOOD_OPTIONS
-) -> Callable[..., None]:
-    """Add the likelihood's options to a command; it receives those that are given as `settings`."""
-
-    @wraps(command)
-    def wrapped(**values: Any) -> None:
-        command(settings=_given(values, _LIKELIHOOD), **values)
-
-    return with_options(wrapped, options)
+    return with_options(wrapped, (_METHOD, *setting_options("discover")))
 
 
-with_comparison = partial(with_likelihood, options=_ERROR_OPTIONS)
-"""Adds those of them that say what errors are: all that concerns evidence."""
-
-
-def _given(values: dict[str, Any], *headings: str) -> dict[str, Any]:
-    """Take the options under these headings out of a command's values, and return those that were given."""
-    context = click.get_current_context()
-    names = [str(each.name) for each in context.command.params if getattr(each, "group", None) in headings]
-    taken = {name: values.pop(name) for name in names}
-    given = {name: taken[name] for name in names if context.get_parameter_source(name) is ParameterSource.COMMANDLINE}
-    return given | ({"noise": numbers("--noise", given["noise"])} if "noise" in given else {})
-
-
-def _method(name: str, given: dict[str, Any], order: "AskedOrder") -> "AbstractMethod":
-    """Return the method of this name; options that it does not have are wrong usage."""
-    from commonlaw import discovery
-
-    classes: dict[str, Any] = {name: getattr(discovery, each) for name, each in METHODS.items()}
-    takes = {name: {field.name for field in fields(each)} for name, each in classes.items()}
-    able = [other for other, each in classes.items() if (order == 0) == (0 in each.orders)]
-    for each in click.get_current_context().command.params:
-        if each.name in given and each.name not in takes[name]:
-            others = " or ".join(other for other in able if each.name in takes[other])
-            instead = f", or use --method {others}" if others else ""
-            raise click.UsageError(f"{each.opts[0]} does not go with --method {name}: leave it out{instead}")
-    made: AbstractMethod = classes[name](**given)
+def _method(name: str, texts: dict[str, list[str]], order: "AskedOrder") -> "AbstractMethod":
+    """Return the method of this name; settings that it does not have are wrong usage."""
+    methods = _methods()
+    takes = {each: settings_of(options) for each, options in methods.items()}
+    for each in texts:
+        others = [other for other in methods if each in takes[other]]
+        if others and name not in others:
+            able = " or ".join(other for other in others if (order == 0) == (0 in methods[other].orders))
+            instead = f", or use --method {able}" if able else ""
+            raise click.UsageError(f"the setting {each} does not go with --method {name}: leave it out{instead}")
+    made: AbstractMethod = methods[name](**_read(methods[name], texts))
     return made
 
 
-def _method_of(regression: dict[str, Any], order: "AskedOrder") -> str:
-    """Return the name of the method whose options are given."""
+def _method_of(texts: Collection[str], order: "AskedOrder") -> str:
+    """Return the name of the method whose settings are given."""
     if order == 0:
         return "discrete-time-regression"
-    if "radii" in regression:
+    if "radii" in texts:
         return "weak-regression"
-    return "derivative-regression" if regression else "trajectory-likelihood"
+    own = [name for name in texts if name == "solver" or name not in settings_of(FitOptions)]
+    return "derivative-regression" if own else "trajectory-likelihood"
 
 
 _law = partial(option, "Law")
@@ -282,22 +232,11 @@ _LAW_OPTIONS = (
         help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
     ),
     _law(
-        "--unmeasured",
-        type=click.IntRange(0, 1),
-        default=0,
-        help="1 to also search for a latent state, such as a depot, a compartment, or a drive. Goes with "
-        "trajectory-likelihood.",
-    ),
-    _law(
         "--explain",
         is_flag=True,
         help="Say what in the law is universal, what follows the objects' properties, and what is each object's own.",
     ),
-    _law(
-        "--no-cache",
-        is_flag=True,
-        help="Find the law anew, even if the same was asked of the same trials before, and keep it nowhere.",
-    ),
+    _law("--no-cache", is_flag=True, replaced_by="set the environment variable COMMONLAW_CACHE=off"),
 )
 
 
@@ -309,7 +248,6 @@ class Question:
     library: str
     known: tuple[str, ...]
     universal: tuple[str, ...]
-    unmeasured: int
     explain: bool
     no_cache: bool
     method: "AbstractMethod | None"
@@ -325,7 +263,6 @@ class Question:
             method=self.method,
             known=_known_physics(self.known),
             universal=[_key(name) for name in self.universal],
-            unmeasured=self.unmeasured,
             progress=show,
             cache=not self.no_cache,
         )

@@ -21,16 +21,27 @@ Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
 
 class GroupedOption(click.Option):
-    """An option that stands under a heading; the short help lists only everyday ones."""
+    """An option that stands under a heading; the short help lists only everyday ones.
 
-    def __init__(self, *args: Any, group: str, everyday: bool = False, **settings: Any) -> None:
+    One of the last release is hidden, and `replaced_by` says what to do now.
+    """
+
+    def __init__(self, *args: Any, group: str, everyday: bool = False, replaced_by: str = "", **settings: Any) -> None:
         super().__init__(*args, **settings)
-        self.group, self.everyday = group, everyday
+        self.hidden = bool(replaced_by)
+        self.group, self.everyday, self.replaced_by = group, everyday, replaced_by
 
 
-def option(group: str, *names: str, **settings: Any) -> Decorator:
+def option(group: str, *names: str, kind: type[GroupedOption] = GroupedOption, **settings: Any) -> Decorator:
     """Return the decorator that adds an option under a heading."""
-    return click.option(*names, cls=GroupedOption, group=group, **settings)
+    return click.option(*names, cls=kind, group=group, **settings)
+
+
+HISTORY = option("Output", "--history", is_flag=True, replaced_by="write commonlaw show LAW.json --history afterwards")
+"""Adds the option to a command, which receives it as `history`."""
+
+AS_JSON = option("Output", "--json", "as_json", is_flag=True, everyday=True, help="Print the result as JSON.")
+"""Adds the option to a command, which receives it as `as_json`."""
 
 
 def with_options(command: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
@@ -57,18 +68,40 @@ def as_one(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     return decorate
 
 
+class SettingsOption(GroupedOption):
+    """The option that takes settings by name; `groups` gives their headings, and rows of name and text."""
+
+    def __init__(
+        self, *args: Any, groups: Callable[[], Mapping[str, Sequence[tuple[str, str]]]], **settings: Any
+    ) -> None:
+        super().__init__(*args, **settings)
+        self.groups = groups
+
+
 def dialect(command: click.Command) -> Dialect:
     """Return what writes settings as the options of a command: ``time='t'`` is ``--time t``.
 
-    A list is an option that is repeated, a mapping one of ``NAME=VALUE``; what is no option stays Python.
+    A list is an option that is repeated, a mapping one of ``NAME=VALUE``. What only a schema says stands as there, a
+    setting without an option of its own goes with ``--set``, and anything else stays Python.
     """
-    options = {each.name: max(each.opts, key=len) for each in command.params}
+    by_name = {str(each.name): each for each in command.params}
+    options = {name: max(each.opts, key=len) for name, each in by_name.items() if not getattr(each, "replaced_by", "")}
+    lists = [each.groups().values() for each in command.params if isinstance(each, SettingsOption)]
+    settings = {row[0] for rows in lists for group in rows for row in group}
 
     def write(code: str) -> str:
         name, _, value = code.partition("=")
-        if code == "clip_irregular()":
-            return "--clip"
-        return " ".join(f"{options[name]} {text}" for text in _texts(value, write)) if name in options else code
+        name, value = ("clip", "true") if code == "clip_irregular()" else (name, value)
+        if name in options:
+            return (
+                options[name]
+                if name == "clip"
+                else " ".join(f"{options[name]} {text}" for text in _texts(value, write))
+            )
+        if getattr(by_name.get(name), "group", "") == "Table":
+            toml = re.sub(r"('[^']*'): ", r"\1 = ", value)
+            return f"{name} = {toml} (--schema)"
+        return " ".join(f"--set {name}={text}" for text in _texts(value, write)) if name in settings else code
 
     return write
 
@@ -163,41 +196,80 @@ class ReadLaw(ReadFile):
         return [value] if is_law_file(value) else []
 
 
-class ReadDataset(ReadFile):
-    """A data set with its options, some of which may name a file or a folder of files."""
+DATASET = "dataset:"
+"""Begins a table that is a data set of the package: ``dataset:linear-drag:noise=0.1``."""
+
+
+class ReadTable(ReadFile):
+    """A table: a file, or a data set with its options, some of which may name a file or a folder of files."""
 
     def files(self, value: str) -> list[str]:
-        """Return what is in the folders that the options name."""
+        """Return the file, or what is in the folders that options of a data set name."""
+        if not value.startswith(DATASET):
+            return [value]
         named = [Path(option) for option in re.findall(r"=([^:]+)", value)]
         return [str(file) for each in named for file in ([each] if each.is_file() else _joined(each))]
 
 
+ENDINGS = {
+    "law": (".json", ".parquet"),
+    "figure": (".png", ".svg", ".pdf"),
+    "report": (".html",),
+    "table": (".csv", ".parquet"),
+    "schema": (".toml",),
+}
+"""By what a file is told that a result is written to."""
+
+
+def is_of_kind(path: str, kind: str) -> bool:
+    """Whether a file is told by its ending to be of a kind."""
+    return path.lower().endswith(ENDINGS[kind])
+
+
+LAW_ARGUMENT = click.argument("law_path", required=False, metavar="LAW.json", type=ReadFile())
+"""Adds the law to a command, after its table; it receives it as `law_path`."""
+
+
 class WrittenFile(_File):
-    """A file that is written."""
+    """A file that is written, of one of some kinds, see `ENDINGS`."""
+
+    def __init__(self, *kinds: str) -> None:
+        self.kinds = kinds
 
     def check(self, path: str) -> None:
-        """Refuse a name that says no format."""
-
-
-class WrittenFigure(WrittenFile):
-    """A figure that is written, in a format that is told by its name."""
-
-    def check(self, path: str) -> None:
-        """Refuse a name that says no format of figures."""
-        from commonlaw.plots import figure_format
-
-        figure_format(path)
-
-
-class WrittenTable(WrittenFile):
-    """A table that is written, as text or as Parquet."""
-
-    def check(self, path: str) -> None:
-        """Refuse a name that says no format of tables."""
-        if not path.endswith((".csv", ".parquet")):
-            raise CommonlawError("table-format", path=path)
+        """Refuse a name that says none of the kinds."""
+        if not any(is_of_kind(path, kind) for kind in self.kinds):
+            endings = dict.fromkeys(each for kind in self.kinds for each in ENDINGS[kind])
+            raise CommonlawError("result-format", path=path, endings=[*endings])
         if path.endswith(".parquet"):
             optional_import("pyarrow.parquet", "writing Parquet files", "parquet")
+        if is_of_kind(path, "figure"):
+            from commonlaw.plots import figure_format
+
+            figure_format(path)  # Refuses an environment that cannot draw, too
+        if is_of_kind(path, "report"):
+            from commonlaw.report import check_packages
+
+            check_packages()
+
+
+def saving(required: bool = False, default: tuple[str, ...] | None = None, **content: str) -> Decorator:
+    """Return the decorator that adds ``--save`` for files of some kinds, each with what is in it, as `save`."""
+    texts, taken = list[str](), set[str]()
+    for kind, what in content.items():
+        texts.append(f"{what} ({' '.join(each for each in ENDINGS[kind] if each not in taken)})")
+        taken |= {*ENDINGS[kind]}
+    return option(
+        "Output",
+        "--save",
+        metavar="FILE",
+        everyday=True,
+        multiple=True,
+        required=required,
+        default=default,
+        type=WrittenFile(*content),
+        help=f"Write {', or '.join(texts)}; repeat for more.",
+    )
 
 
 def is_law_file(value: str) -> bool:
@@ -213,27 +285,53 @@ def _is_file(name: str) -> bool:
         return False
 
 
+def in_order(values: dict[str, Any]) -> bool:
+    """Put the table before the law or the equations, and return whether they came in the other order.
+
+    An argument alone is the law where one is needed.
+    """
+    second = next((name for name in ("law_path", "equations") if name in values), None)
+    if second is None or "path" not in values:
+        return False
+    path, law = (str(values[name] or "") for name in ("path", second))
+    first_is_law = is_law_file(path) if second == "law_path" else bool(_EQUATION.search(path)) and not _is_file(path)
+    if path and not law and first_is_law:
+        values["path"], values[second] = None, path
+        return False
+    is_swapped = first_is_law and bool(law) and (second == "equations" or not is_law_file(law) or _is_many(law))
+    if is_swapped:
+        values["path"], values[second] = law, path
+    return is_swapped
+
+
+def _is_many(name: str) -> bool:
+    return any(each in name for each in "*?[") or Path(name).is_dir()
+
+
 def check_order(values: Mapping[str, Any]) -> None:
     """Refuse a table in the place of a law, and a law in that of a table.
 
     Raises
     ------
     click.UsageError
-        If the value of an argument is plainly what another one takes.
+        If the value of an argument is plainly what another one takes, or one is missing.
     """
     law, equations, path = (str(values.get(name) or "") for name in ("law_path", "equations", "path"))
-    is_text = bool(_EQUATION.search(path)) and not values.get("dataset") and not _is_file(path)
+    is_text = bool(_EQUATION.search(path)) and not _is_file(path)
     if law and _is_file(law) and not is_law_file(law):
         problem = f"{law} is a table, not a saved law"
-    elif equations and not _EQUATION.search(equations) and (is_text or _is_file(equations)):
+    elif equations and not _EQUATION.search(equations) and _is_file(equations):
         problem = f"{equations} is a table, not an equation"
-    elif is_text and not equations:
+    elif is_text:
         problem = f"{path} is an equation, not a table"
     elif path.endswith(".json"):
         problem = f"{path} is a saved law, not a table"
     else:
+        missing = [name for name in ("law_path", "equations") if name in values and not values[name]]
+        if missing:
+            raise click.UsageError(f"Missing argument '{'LAW.json' if missing == ['law_path'] else 'EQUATIONS'}'.")
         return
-    raise click.UsageError(in_line(problem) + ". Are the arguments swapped?" * ("path" in values))
+    raise click.UsageError(in_line(problem))
 
 
 def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
@@ -263,8 +361,9 @@ def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> No
             outputs += texts
     check_targets(outputs, inputs)
     for each in params:
-        if isinstance(each.type, WrittenFile) and values.get(str(each.name)) is not None:
-            each.type.check(values[str(each.name)])
+        if isinstance(each.type, WrittenFile):
+            for path in _values(values.get(str(each.name))):
+                each.type.check(path)
 
 
 def _values(given: Any) -> list[Any]:

@@ -145,7 +145,12 @@ def shown(value: object) -> str:
 
 
 def print_history(law: "Law") -> None:
-    """Print every choice on the way to a law."""
+    """Print all candidates for a law, and every choice on the way to it."""
+    from commonlaw.law.tables import readable_candidates
+
+    if law.provenance.alternatives:
+        say("\nAll candidate laws (* chosen):\n")
+        print_frame(readable_candidates(law.provenance.alternatives))
     say("\nFound in these steps:\n" if law.history else "\nThere is no record of how the law was found.")
     if law.history:
         rows = ([each.stage, each.choice, in_options(each.reason)] for each in law.history)

@@ -1,6 +1,6 @@
 """`commonlaw predict`: forecast trials with a saved law."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import ceil, isfinite
@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import numpy as np
 
-from commonlaw.cli.artifacts import LaterSteps, table_bytes
+from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
-from commonlaw.cli.options import ReadFile, WrittenFigure, WrittenFile, WrittenTable
+from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, is_of_kind, saving
 from commonlaw.cli.output import print_frame, print_json, say
-from commonlaw.cli.source import Source, on_cluster_at, stream_of, with_cluster, with_source
+from commonlaw.cli.source import WITH_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import check_memory
 from commonlaw.text import counted, r_squared
@@ -38,10 +38,11 @@ class _FirstSamples(click.types.IntParamType):
 
 
 @command
-@click.argument("law_path", metavar="LAW.json", type=ReadFile())
-@with_source
+@with_table(*WITH_LAW)
+@LAW_ARGUMENT
 @click.option(
-    "--start",
+    "--initial-samples",
+    "start",
     type=_FirstSamples(),
     metavar="N|all",
     help="How many first samples of a trial its initial conditions are fitted to: 1 for the first as measured; "
@@ -53,7 +54,8 @@ class _FirstSamples(click.types.IntParamType):
     "from_time",
     type=float,
     metavar="TIME",
-    help="Forecast from this time on; what was measured before, or the last N samples of --start, tells the start.",
+    help="Forecast from this time on, with initial conditions fitted to what was measured before, or to the last N of "
+    "--initial-samples.",
 )
 @click.option("--until", type=float, metavar="TIME", help="Forecast until this time, beyond the measurements.")
 @click.option("--step", type=click.FloatRange(0, min_open=True), help="Step of these times.  [default: a hundredth]")
@@ -64,42 +66,33 @@ class _FirstSamples(click.types.IntParamType):
     "[default: as the law was learned]",
 )
 @click.option("--discrepancy", is_flag=True, help="Forecast with the discrepancy that `discrepancy --save` found.")
-@click.option("--save", type=WrittenFile(), metavar="FORECAST.csv", help="Write measured and forecast states.")
-@click.option(
-    "--plot", type=WrittenFigure(), metavar="FIGURE", help="Write a figure of the forecasts (.png, .svg, .pdf)."
+@saving(
+    table="measured and forecast states; of several files the errors of each trial", figure="a figure of the forecasts"
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON.")
 @click.option(
     "--folder",
     type=click.Path(file_okay=False),
     metavar="FOLDER",
     help="Of a folder or a pattern of files: write measured and forecast states, a Parquet file for each file.",
 )
-@click.option(
-    "--out",
-    type=WrittenTable(),
-    metavar="ERRORS.csv",
-    help="Of a folder or a pattern of files: write the errors of each trial (.csv or .parquet).",
-)
+@AS_JSON
 @with_cluster
 def predict(
-    law_path: str,
     source: Source,
+    law_path: str,
     start: int | Literal["all"] | None,
     from_time: float | None,
     input_between: str | None,
     discrepancy: bool,
-    save: str | None,
-    plot: str | None,
-    as_json: bool,
+    save: tuple[str, ...],
     folder: str | None,
-    out: str | None,
+    as_json: bool,
     cluster: str | None,
     **grid: float,
 ) -> None:
-    """Forecast every trial in FILE with LAW.json, each from its own initial state.
+    """Forecast every trial in TABLE with LAW.json, each from its own initial state.
 
-    Columns are found by the names that the law was learned with; options name others. Rows without states
+    Columns are found by the names that the law was learned with; a schema names others. Rows without states
     after the measured ones are forecast. Where the law knows how accurate it is, the table that is written has the ends
     of 95 % bands, for the state itself (low, high) and for a measurement of it, with its noise (measured low, measured
     high); the figure shows the bands of measurements. Objects that the law does not know have the coefficients that
@@ -107,28 +100,27 @@ def predict(
 
     \b
     Example:
-      commonlaw predict law.json drops.csv --save forecast.csv
-      commonlaw predict law.json drops.csv --until 30 --step 0.1 --save forecast.csv
-      commonlaw predict law.json lynx.csv --from 1920 --plot forecast.png
-      commonlaw predict law.json 'runs/*.parquet' --folder forecasts --out errors.parquet --cluster local:4
+      commonlaw predict drops.csv law.json --save forecast.csv --save forecast.png
+      commonlaw predict drops.csv law.json --until 30 --step 0.1 --save forecast.csv
+      commonlaw predict lynx.csv law.json --from 1920 --save forecast.png
+      commonlaw predict 'runs/*.parquet' law.json --folder forecasts --save errors.parquet --cluster local:4
     """
     from commonlaw.law import Law
 
     law = Law.load(law_path)
     if cluster or source.is_stream:
-        given = {
-            "--save": save, "--plot": plot, "--discrepancy": discrepancy, "--input-between": input_between,
-            "--until": grid["until"], "--step": grid["step"],
-        }  # fmt: skip
+        given: dict[str, object] = {f"--save {each}": each for each in save if not is_of_kind(each, "table")}
+        given |= {"--discrepancy": discrepancy, "--input-between": input_between}
+        given |= {"--until": grid["until"], "--step": grid["step"]}
         _check_stream(source, given)
         how = {"start": start, "from_time": from_time}
-        _forecast_stream(law, source, folder, out, as_json, cluster, how)
+        _forecast_stream(law, source, folder, save, as_json, cluster, how)
         return
-    if folder or out:
-        raise click.UsageError("--folder and --out are for a folder or a pattern of Parquet files: use --save")
+    if folder:
+        raise click.UsageError("--folder is for a folder or a pattern of Parquet files: use --save")
     with working("Forecasting ..."):
         trials = source.select(_with_properties(source, law))
-        return_std = bool(save or plot) and law.uncertainty.has_std
+        return_std = bool(save) and law.uncertainty.has_std
         times = _times(trials, from_time, **grid)
         forecast = law.predict(
             trials,
@@ -141,8 +133,7 @@ def predict(
         )
         errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")
         later = LaterSteps()
-        later.write(save, lambda: forecast.to_frame().to_csv(index=False).encode())
-        later.draw(plot, lambda plots: plots.plot_forecast(forecast))
+        later.save(save, table=forecast.to_frame, figure=lambda plots: plots.plot_forecast(forecast))
     if as_json:
         print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
     else:
@@ -162,7 +153,7 @@ def _forecast_stream(
     law: "Law",
     source: Source,
     folder: str | None,
-    out: str | None,
+    save: Sequence[str],
     as_json: bool,
     cluster: str | None,
     how: dict[str, Any],
@@ -174,7 +165,7 @@ def _forecast_stream(
     later = LaterSteps()
     with working("Forecasting ...") as show, on_cluster_at(cluster, show):
         errors = forecast_stream(law, source.select(stream_of(source, law.schema)), folder=folder, progress=show, **how)
-        later.write(out, lambda: table_bytes(errors, str(out)))
+        later.save(save, table=lambda: errors)
     finite = errors.replace([np.inf, -np.inf], np.nan)
     if as_json:
         print_json({"errors": finite.to_dict(orient="records")})

@@ -2,16 +2,17 @@
 
 import json
 import re
+import shlex
+import sys
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.cli.artifacts import LaterSteps
-from commonlaw.cli.options import WrittenFigure, WrittenFile, as_one, option
+from commonlaw.cli.options import AS_JSON, HISTORY, as_one, in_options, is_of_kind, saving
 from commonlaw.cli.output import (
     parameter_columns,
     print_columns,
@@ -24,7 +25,7 @@ from commonlaw.cli.output import (
 from commonlaw.cli.source import Source, few_trials, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import ProgressCallback, part
-from commonlaw.text import counted, in_line, r_squared
+from commonlaw.text import as_text, counted, in_line, r_squared
 from commonlaw.trials import TrialStream
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
     from commonlaw.law import Law
     from commonlaw.law.parse import Coefficient
+    from commonlaw.law.script import Source as Program
     from commonlaw.plots import Figure
     from commonlaw.stream import ManyFindings
     from commonlaw.trials import Trials, TrialStream
@@ -118,19 +120,15 @@ def _occurs(name: str, equations: str) -> bool:
     return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", equations) is not None
 
 
-_output = partial(option, "Output")
-
 _OPTIONS = (
-    _output("--save", metavar="LAW.json", everyday=True, type=WrittenFile(), help="Write the law."),
-    _output(
-        "--plot",
-        metavar="FIGURE",
-        everyday=True,
-        type=WrittenFigure(),
-        help="Write a figure of the law and its fit, with the residuals (.png, .svg, .pdf).",
+    saving(
+        law="the law",
+        figure="a figure of the law and its fit, with the residuals",
+        report="a page that says all about the law",
+        table="a table of its coefficients",
     ),
-    _output("--history", is_flag=True, help="Print every choice on the way to the law, and why."),
-    _output("--json", "as_json", is_flag=True, help="Print the result as JSON."),
+    AS_JSON,
+    HISTORY,
 )
 
 
@@ -138,29 +136,22 @@ _OPTIONS = (
 class Outputs:
     """What is wanted of a law that was learned."""
 
-    save: str | None
-    plot: str | None
+    save: tuple[str, ...]
     history: bool
     as_json: bool
 
     @property
-    def named(self) -> list[str]:
-        """The options that are given."""
-        values = {"--save": self.save, "--plot": self.plot, "--history": self.history, "--json": self.as_json}
-        return [name for name, value in values.items() if value]
-
-    def keep(self, law: "Law", later: LaterSteps) -> None:
-        """Write the law as it is so far."""
-        later.write_law(self.save, law)
+    def draws(self) -> bool:
+        """Whether a figure is wanted."""
+        return any(is_of_kind(each, "figure") for each in self.save)
 
     def give(self, learned: "Learned", later: LaterSteps) -> None:
         """Write the files and print the rest."""
-        self.keep(learned.law, later)
-        later.draw(self.plot, learned.figure)
+        later.save(self.save, law=learned.law, figure=learned.figure, table=learned.coefficients, report=learned.report)
         if self.as_json:
             print_json(learned.document())
         else:
-            learned.show(every_candidate=self.history)
+            learned.show()
             if self.history:
                 print_history(learned.law)
         later.end(learned.notes(), silent=self.as_json)
@@ -183,11 +174,14 @@ class Learned:
     compared: "pd.DataFrame | None" = None
     stream: "TrialStream | None" = None
     everything: "ManyFindings | None" = None
+    program: "Program | str" = ""
+    """Where a program finds the trials."""
 
     @classmethod
     def check_by_stream(
         cls,
         law: "Law",
+        source: Source,
         held_out: "TrialStream",
         training: "TrialStream",
         few: "Trials",
@@ -200,7 +194,7 @@ class Learned:
 
         found = later.take("the law was not checked", lambda: find_by_stream(law, held_out, show, training), None)
         findings = Findings(law, few, few) if found is None else replace(found.few, law=found.law)
-        return cls(findings, None, stream=training, everything=found)
+        return cls(findings, None, stream=training, everything=found, program=source.stream_program())
 
     @classmethod
     def check(
@@ -221,7 +215,8 @@ class Learned:
         truth = later.take("the true law was not found", lambda: truth_of(name) if name else None, None)
         unchecked = Findings(law, trials, training)
         findings = later.take("the law was not checked", lambda: find(law, trials, training, bands), unchecked)
-        return cls(findings, truth, stream=stream)
+        program = source.stream_program() if stream else source.program(trials) if source.path else ""
+        return cls(findings, truth, stream=stream, program=program)
 
     @property
     def law(self) -> "Law":
@@ -233,8 +228,18 @@ class Learned:
         shown = self.findings.shown
         return plots.plot_law(self.law, shown, truth=self.truth) if shown else None
 
-    def show(self, every_candidate: bool = False) -> None:
-        """Print the law, how well it forecasts, and the most probable candidates, or every one."""
+    def coefficients(self) -> "pd.DataFrame":
+        """Return a table with a row for each coefficient of each object."""
+        from commonlaw.law.tables import coefficient_rows
+
+        return coefficient_rows(self.law)
+
+    def report(self) -> bytes:
+        """Return a page that says all about the law."""
+        return page(self.findings, self.program, lambda _: None, self.everything)
+
+    def show(self) -> None:
+        """Print the law, how well it forecasts, and the most probable candidates."""
         from commonlaw.law.law import shares_terms
         from commonlaw.law.parameters import named_parameters
         from commonlaw.law.simplify import within_errors
@@ -273,9 +278,9 @@ class Learned:
             candidates = readable_candidates(law.provenance.alternatives)
             rank = candidates.groupby("equation").cumcount()
             few = candidates[(rank < _MAX_CANDIDATES) | (candidates[""] == "*")]
-            print_frame(candidates if every_candidate else few)
-            if len(few) < len(candidates) and not every_candidate:
-                say(f"\n{len(candidates) - len(few)} more with less support: --history")
+            print_frame(few)
+            if len(few) < len(candidates):
+                say(f"\n{len(candidates) - len(few)} more with less support: commonlaw show LAW.json --history")
             for meaning in (text for name, text in MEANINGS.items() if name in candidates):
                 say(f"\n{meaning}.")
         if self.compared is not None:
@@ -434,6 +439,17 @@ def _true_value(truth: "Law", name: str, equation: int, term: str) -> float:
     return float(truth.coefficients[object_index(truth, name)][equation, truth.terms.index(term)])
 
 
+def page(
+    findings: "Findings", program: "Program | str", show: ProgressCallback, everything: "ManyFindings | None" = None
+) -> bytes:
+    """Return a page about a law, its findings, and how it is made again."""
+    from commonlaw.report import law_report, to_page
+
+    command = as_text(shlex.join(["commonlaw", *sys.argv[1:]]))
+    made = law_report(findings, command, program, in_options, show, everything=everything)
+    return to_page(made, lambda name: show(f"drawing {name}"))
+
+
 def learned_by_stream(
     source: Source,
     outputs: Outputs,
@@ -446,10 +462,10 @@ def learned_by_stream(
     stream, later = stream_of(source), LaterSteps()
     training = source.select(stream)
     law = find(training, part(show, 0.05, 0.9))
-    outputs.keep(law, later)
+    later.save(outputs.save, law=law)
     law = explain(law, later)
     few = few_trials(training)
     if source.holds_out:
-        return Learned.check_by_stream(law, source.held_out(stream), training, few, show, later), later
+        return Learned.check_by_stream(law, source, source.held_out(stream), training, few, show, later), later
     show("checking the law by forecasts of a few trials")
-    return Learned.check(law, source, few, few, bool(outputs.plot), later, stream), later
+    return Learned.check(law, source, few, few, outputs.draws, later, stream), later

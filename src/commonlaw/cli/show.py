@@ -7,8 +7,8 @@ from dataclasses import replace
 import click
 
 from commonlaw.cli.artifacts import LaterSteps
-from commonlaw.cli.command import command, quick_command, working
-from commonlaw.cli.options import ReadFile, WrittenFigure, WrittenFile
+from commonlaw.cli.command import command, working
+from commonlaw.cli.options import AS_JSON, HISTORY, LAW_ARGUMENT, ReadFile, saving
 from commonlaw.cli.output import parameter_columns, print_frame, print_history, print_json, print_table, say
 from commonlaw.text import in_line
 
@@ -16,10 +16,10 @@ _KINDS = {"universal": "shared", "own": "object-specific"}
 """How kinds of relations are printed."""
 
 
-@quick_command
-@click.argument("law_path", metavar="LAW.json", type=ReadFile())
+@command
+@LAW_ARGUMENT
 @click.option("--latex", is_flag=True, help="Print LaTeX.")
-@click.option("--object", "name", metavar="NAME", help="Only this object.")
+@click.option("--select", "name", metavar="NAME", help="Only this object.")
 @click.option("--average", is_flag=True, help="The mean of all objects' coefficients.")
 @click.option("--history", is_flag=True, help="Every choice on the way to the law, and why.")
 def show(law_path: str, latex: bool, name: str | None, average: bool, history: bool) -> None:
@@ -30,7 +30,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     from commonlaw.law.parameters import state_rates
 
     if name and average:
-        raise click.UsageError("give --object or --average, not both")
+        raise click.UsageError("give --select or --average, not both")
     law = Law.load(law_path)
     law = law.select([name]) if name else law.average() if average else law
     if not latex:
@@ -61,7 +61,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
 
 
 @command
-@click.argument("law_path", metavar="LAW.json", type=ReadFile())
+@LAW_ARGUMENT
 @click.option(
     "--property",
     "names",
@@ -77,24 +77,15 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     type=ReadFile(),
     help="A table with the objects' properties, a row for each, if the law does not hold them.",
 )
-@click.option(
-    "--save", type=WrittenFile(), metavar="EXPLAINED.json", help="Write the law with what decides its coefficients."
-)
-@click.option(
-    "--plot",
-    type=WrittenFigure(),
-    metavar="FIGURE",
-    help="Write a figure of coefficients against properties (.png, .svg, .pdf).",
-)
+@saving(law="the law with what decides its coefficients", figure="a figure of coefficients against properties")
 @click.option("--latex", is_flag=True, help="Print LaTeX.")
-@click.option("--history", is_flag=True, help="Print every choice on the way to the law, and why.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@AS_JSON
+@HISTORY
 def explain(
     law_path: str,
     names: tuple[str, ...],
     table: str | None,
-    save: str | None,
-    plot: str | None,
+    save: tuple[str, ...],
     latex: bool,
     history: bool,
     as_json: bool,
@@ -122,8 +113,7 @@ def explain(
         has_properties = any(law.properties.values())
         law = law.explain(_listed(names) if names or has_properties else [])
         later = LaterSteps()
-        later.write_law(save, law)
-        later.draw(plot, lambda plots: plots.plot_relations(law))
+        later.save(save, law=law, figure=lambda plots: plots.plot_relations(law))
     if as_json:
         relations = law.relations().to_dict(orient="records")
         print_json({"law": json.loads(law.to_json()), "equations": list(law.equations()), "relations": relations})

@@ -14,7 +14,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 import msgspec
 
-from commonlaw.cli.options import ReadDataset, ReadFile, as_one, by_name, number_or_text, option, pairs
+from commonlaw.cli.options import (
+    DATASET,
+    Decorator,
+    ReadFile,
+    ReadTable,
+    as_one,
+    by_name,
+    number_or_text,
+    option,
+    pairs,
+)
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
 from commonlaw.runtime.progress import ProgressCallback
@@ -37,96 +47,87 @@ S = TypeVar("S", Trials, TrialStream)
 
 MAX_SCHEMA_BYTES = 2**20
 
-_table = partial(option, "Table")
-_columns = partial(_table, metavar="COLUMN", multiple=True)
+_table = partial(partial, option, "Table")
+_column = partial(_table, metavar="COLUMN")
 
-_OPTIONS = (
-    click.argument("path", required=False, metavar="[FILE]", type=ReadFile()),
-    _table(
-        "--dataset",
-        metavar="NAME",
-        type=ReadDataset(),
-        help="A data set instead of a file, with its options: linear-drag:noise=0.1:seed=3 (see: commonlaw data list).",
-    ),
-    _table(
+_OPTIONS = {
+    "schema": _table(
         "--schema",
         metavar="SCHEMA.toml",
         type=ReadFile(),
-        everyday=True,
-        help="Roles of columns and how the table is read, as written by commonlaw data check --save; other "
-        "options take precedence.",
+        help="Roles of columns and how the table is read, as written by commonlaw data check --save; other options "
+        "take precedence.",
     ),
-    _table("--object", metavar="COLUMN", everyday=True, help="Column that names the object; '' if there is none."),
-    _table("--object-name", metavar="NAME", help="Name of the object, if no column names it.  [default: the file's]"),
-    _table(
-        "--trial",
-        metavar="COLUMN",
-        everyday=True,
-        help="Column that labels the trial of an object; '' if there is none.",
+    "object": _column("--object", help="Column that names the object; '' if there is none."),
+    "trial": _column("--trial", help="Column that labels the trial of an object; '' if there is none."),
+    "time": _column("--time", help="Column of times."),
+    "states": _column("--state", "states", multiple=True, help="Column of a measured state; repeat for more."),
+    "inputs": _column("--input", "inputs", multiple=True, help="Column of a measured input; repeat for more."),
+    "properties": _column(
+        "--property", "properties", multiple=True, help="Column of an object's property; repeat for more."
     ),
-    _table("--time", metavar="COLUMN", everyday=True, help="Column of times."),
-    _columns("--state", "states", everyday=True, help="Column of a measured state; repeat for more."),
-    _columns("--input", "inputs", help="Column of a measured input; repeat for more."),
-    _table(
+    "noise_columns": _table(
         "--noise-column",
         "noise_columns",
         metavar="STATE=COLUMN",
         multiple=True,
         help="Column of the standard deviations of a state's measurements; repeat for more; '' if there is none.",
     ),
-    _columns("--property", "properties", help="Column of an object's property; repeat for more."),
-    _table(
+    "units": _table(
         "--unit",
         "units",
         metavar="COLUMN=UNIT",
         multiple=True,
         help="Unit of a column, height=m; a header such as 'height [m]' says it too; repeat for more.",
     ),
-    _table(
+    "object_name": _table(
+        "--object-name", metavar="NAME", help="Name of the object, if no column names it.  [default: the file's]"
+    ),
+    "wide": _table(
         "--wide",
         metavar="NAME",
         help="Read a column for each object, as for the wells of a plate; NAME is what was measured: 'OD [OD]'.",
     ),
-    _table(
+    "restarts": _table(
         "--restarts",
         type=click.Choice(["trials", "sort"]),
         help="Where times go back, a trial begins, or rows are out of order.  [default: refused if not shuffled]",
     ),
-    _table(
+    "missing": _table(
         "--missing",
         multiple=True,
         metavar="MARK",
         help="Cells that are missing values, such as -999 or '<0.5', besides empty ones, NA, -, n.d.; repeat for more.",
     ),
-    _table("--decimal", type=click.Choice([".", ","]), help="Decimal mark.  [default: as the cells show]"),
-    _table(
+    "decimal": _table("--decimal", type=click.Choice([".", ","]), help="Decimal mark.  [default: as the cells show]"),
+    "dates": _table(
         "--dates",
         type=click.Choice(["dmy", "mdy", "ymd", "h:mm", "m:ss"]),
         help="Order of day, month and year, or what 1:30 is.  [default: as the cells show]",
     ),
-    _table("--sheet", metavar="NAME", help="Sheet of a workbook."),
-    _table(
+    "sheet": _table("--sheet", metavar="NAME", help="Sheet of a workbook."),
+    "clip": _table(
+        "--clip", is_flag=True, help="Cut each trial at its last irregular time step (7.5 % off the median step)."
+    ),
+    "exclude": _table(
+        "--exclude",
+        metavar="NAME=VALUE",
+        multiple=True,
+        help="Leave trials out that fit, written as for --where; of several, those that fit all.",
+    ),
+    "where": _table(
         "--where",
         metavar="NAME=VALUE",
         multiple=True,
         help="Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several, and a name with a "
         "comma in double quotes; repeat for more.",
     ),
-    _table(
-        "--exclude",
-        metavar="NAME=VALUE",
-        multiple=True,
-        help="Leave trials out that fit, written as for --where; of several, those that fit all.",
-    ),
-    _table("--clip", is_flag=True, help="Cut each trial at its last irregular time step (7.5 % off the median step)."),
-)
-
-
-_COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
-"""A comma that is not in quotes."""
+}
+"""All that can be said of a table, by field of `Source`."""
 
 _HELD_OUT = (
-    _table(
+    option(
+        "Table",
         "--hold-out",
         metavar="NAME=VALUE",
         multiple=True,
@@ -134,10 +135,45 @@ _HELD_OUT = (
         help="Learn nothing from trials that fit, written as for --where, and check the law on them; ball=Golf Ball "
         "holds an object out.",
     ),
-    _table(
-        "--learn-until", type=float, metavar="TIME", help="Learn from samples up to this time, check on the others."
+    option(
+        "Table",
+        "--learn-until",
+        type=float,
+        metavar="TIME",
+        help="Learn from samples up to this time, check on the others.",
     ),
 )
+
+_EVERYDAY = ("schema", "object", "trial", "time", "states", "where")
+
+_INSTEAD = (
+    "describe the table by `commonlaw data check TABLE {option} ... --save schema.toml`, and give --schema schema.toml"
+)
+"""What to do in place of an option that a command has no more."""
+
+
+def with_table(*names: str, training: bool = False) -> Decorator:
+    """Return the decorator that adds the table and these options; a command receives all as `source`.
+
+    In `training` are those, too, by which trials to learn from differ from those to check the law on. Other options of
+    a table are in its schema; as options of each command they are deprecated.
+    """
+    argument = click.argument("path", required=False, metavar="TABLE", type=ReadTable())
+    everyday = {name: made(everyday=name in _EVERYDAY) for name, made in _OPTIONS.items() if name in names}
+    others = [made(replaced_by=_INSTEAD) for name, made in _OPTIONS.items() if name not in names]
+    return as_one("source", Source, (argument, *everyday.values(), *others, *(_HELD_OUT if training else ())))
+
+
+WITHOUT_LAW = ("schema", "object", "trial", "time", "where")
+"""Options of commands that learn from a table."""
+
+WITH_LAW = ("schema", "where")
+"""Options of commands that take a law, which has the names of columns."""
+
+EVERY_OPTION = tuple(_OPTIONS)
+
+_COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
+"""A comma that is not in quotes."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +181,6 @@ class Source:
     """What the shared options say."""
 
     path: str | None
-    dataset: str | None
     schema: str | None
     object: str | None
     object_name: str | None
@@ -167,14 +202,18 @@ class Source:
     clip: bool
     hold_out: tuple[str, ...] = ()
     learn_until: float | None = None
+    dataset: str = ""
 
     def __post_init__(self) -> None:
         """Take what no option gives from the file of ``--schema``."""
         if self.schema:
             for name, value in read_schema(self.schema).items():
-                if getattr(self, name) in (None, ()):
+                if getattr(self, name) in (None, (), False):
                     object.__setattr__(self, name, value)
             object.__setattr__(self, "schema", None)
+        if self.path and self.path.startswith(DATASET):
+            object.__setattr__(self, "dataset", self.path.removeprefix(DATASET))
+            object.__setattr__(self, "path", None)
 
     @property
     def name(self) -> str:
@@ -205,12 +244,8 @@ class Source:
 
     def check_streams(self) -> None:
         """Refuse what does not go with files that are streamed."""
-        given = {
-            "--dataset": self.dataset, "--object-name": self.object_name, "--wide": self.wide,
-            "--restarts": self.restarts, "--sheet": self.sheet, "--clip": self.clip,
-            "--missing": self.missing, "--decimal": self.decimal, "--dates": self.dates,
-        }  # fmt: skip
-        if refused := [name for name, value in given.items() if value]:
+        of_tables = ("object_name", "wide", "restarts", "sheet", "clip", "missing", "decimal", "dates")
+        if refused := [name for name in of_tables if getattr(self, name)]:
             raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out")
         if not self.path:
             raise click.UsageError("give Parquet files, such as 'runs/*.parquet'")
@@ -287,6 +322,12 @@ class Source:
         training = f"measured{learned}" if learned else ""
         return Program(str(self.path), properties=self.properties, training=training, reading=reading, kept=kept)
 
+    def stream_program(self) -> "Program":
+        """Return where a program finds the trials of files."""
+        from commonlaw.law.script import Source as Program
+
+        return Program(self.path or "", properties=self.properties, stream=True)
+
     def _without_excluded(self, trials: S) -> S:
         return trials.split(**_conditions("--exclude", self.exclude, trials))[1] if self.exclude else trials
 
@@ -294,9 +335,7 @@ class Source:
         from commonlaw.datasets import DATASETS
         from commonlaw.runtime.arguments import parse_spec
 
-        if self.path:
-            raise click.UsageError("give a file or --dataset, not both")
-        return parse_spec("data set", str(self.dataset), DATASETS)
+        return parse_spec("data set", self.dataset, DATASETS)
 
     def _noise_columns(self, schema: Schema | None = None) -> Mapping[str, str] | None:
         """Return the columns of standard deviations: as given, or of a schema if the file has them; None to guess."""
@@ -312,7 +351,7 @@ class Source:
     def _from_file(self, schema: Schema | None) -> Trials:
         if not self.path:
             raise click.UsageError(
-                "give a file of measurements, or a data set with --dataset (see: commonlaw data list)"
+                "Missing argument 'TABLE': a file, or a data set, dataset:NAME (see: commonlaw data list)."
             )
         wide = self.wide or self._wide_like(schema)
         trials = Trials.read(
@@ -354,6 +393,8 @@ class _TableSchema(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=Tru
     decimal: DecimalMark | None = None
     dates: DateOrder | None = None
     sheet: str | None = None
+    exclude: tuple[str, ...] = ()
+    clip: bool = False
 
 
 def read_schema(path: str) -> dict[str, Any]:
@@ -388,7 +429,8 @@ def written_schema(source: Source, trials: Trials) -> bytes:
         found |= {"object": schema.object, "trial": schema.trial, "states": schema.measured, "inputs": schema.inputs}
         found |= {"properties": property_names(trials.properties), "noise_columns": schema.noise_columns}
     found |= {
-        name: getattr(source, name) for name in ("object_name", "restarts", "missing", "decimal", "dates", "sheet")
+        name: getattr(source, name)
+        for name in ("object_name", "restarts", "missing", "decimal", "dates", "sheet", "exclude", "clip")
     }
     found |= {name: "" for name in ("object", "trial") if getattr(source, name) == ""}
     found["units"] = by_name("--unit", source.units)
@@ -400,6 +442,8 @@ def written_schema(source: Source, trials: Trials) -> bytes:
 def _toml(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{_toml(name)} = {_toml(each)}" for name, each in value.items()) + "}"
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return f"[{', '.join(map(_toml, value))}]"
@@ -408,13 +452,6 @@ def _toml(value: Any) -> str:
 def guesses(trials: Trials) -> list[str]:
     """Return the line that says what columns were taken for, if something was guessed."""
     return [note for note in trials.notes if note.startswith(GUESSED)]
-
-
-with_source = as_one("source", Source, _OPTIONS)
-"""Adds the file argument and the shared options to a command, which receives them as `source`."""
-
-with_training_source = as_one("source", Source, (*_OPTIONS, *_HELD_OUT))
-"""Adds what tells trials to learn from from those to check the law on, too."""
 
 
 def _conditions(name: str, texts: Sequence[str], trials: Trials | TrialStream) -> dict[str, list[float | str]]:

@@ -1,6 +1,6 @@
 """Terms fitted to estimated derivatives."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -11,9 +11,11 @@ from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.regression import AbstractRegression
 from commonlaw.formulation import StrongForm
 from commonlaw.library import Order, highest_order
+from commonlaw.runtime.fit_options import documented, shown
 from commonlaw.trials import Trials, TrialStream
 
 
+@documented
 @dataclass(frozen=True, kw_only=True)
 class DerivativeRegression(AbstractRegression):
     """Derivatives are estimated from the samples, and terms fitted to them (Brunton, Proctor, Kutz 2016).
@@ -22,14 +24,7 @@ class DerivativeRegression(AbstractRegression):
 
     Parameters
     ----------
-    differentiation
-        How derivatives are estimated, or its text such as ``"savgol:35:3"``. Default: `default_differentiation`.
-    library_states
-        Whether terms are evaluated on the ``"smoothed"`` or on the ``"measured"`` states, see `StrongForm`.
-    trim
-        Rows left out at each end of a trial, see `StrongForm`.
-    solver, rule, scoring, n_resamples, n_jobs, seed
-        How terms are chosen, see `AbstractRegression`.
+    {parameters}
 
     Raises
     ------
@@ -49,9 +44,30 @@ class DerivativeRegression(AbstractRegression):
     takes_streams: ClassVar[bool] = True
     takes_mixed_orders: ClassVar[bool] = True
 
-    differentiation: AbstractDifferentiator | str | None = None
-    library_states: Literal["smoothed", "measured"] = "smoothed"
-    trim: int = 0
+    differentiation: AbstractDifferentiator | str | None = field(
+        default=None,
+        metadata=shown(
+            label="Differentiation",
+            metavar="SPEC",
+            text="How derivatives are estimated, or its text: savgol:WINDOW:POLYNOMIAL, centered, forward, "
+            "finite:ACCURACY, spline, median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust. By default finite:2 "
+            "for order 1, savgol:35:3 for order 2, shorter where trials are short, and robust where neither suits.",
+        ),
+    )
+    library_states: Literal["smoothed", "measured"] = field(
+        default="smoothed",
+        metadata=shown(
+            label="Evaluated states",
+            text="Whether terms are evaluated on the smoothed or on the measured states, see `StrongForm`.",
+        ),
+    )
+    trim: int = field(
+        default=0,
+        metadata=shown(
+            label="Trimmed rows",
+            text="Number of rows left out at each end of a trial, where smoothing is least accurate.",
+        ),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

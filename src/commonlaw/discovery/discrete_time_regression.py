@@ -7,17 +7,18 @@ from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.regression import AbstractRegression
 from commonlaw.formulation import DiscreteForm
 from commonlaw.library import Order
+from commonlaw.runtime.fit_options import documented
 from commonlaw.trials import Trials, TrialStream
 
 
+@documented
 @dataclass(frozen=True, kw_only=True)
 class DiscreteTimeRegression(AbstractRegression):
     """Terms at one sample are fitted to the states at the next: ``x[k+1] = f(x[k])``. It takes streams.
 
     Parameters
     ----------
-    solver, rule, scoring, n_resamples, n_jobs, seed
-        How terms are chosen, see `AbstractRegression`.
+    {parameters}
 
     Raises
     ------

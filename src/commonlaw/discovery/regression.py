@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
 
@@ -27,6 +27,7 @@ from commonlaw.library import Order
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.runtime.cluster import counting, current_cluster
+from commonlaw.runtime.fit_options import documented, shown
 from commonlaw.runtime.parallel import check_n_jobs
 from commonlaw.runtime.progress import ProgressCallback, announce, check_memory
 from commonlaw.selection import (
@@ -64,36 +65,55 @@ _SECONDS_AN_OBJECT, _SECONDS_OF_CUBE = 4e-3, 1e-6
 """Of choosing terms: for each object and equation, and for the cube of the number of terms."""
 
 
+@documented
 @dataclass(frozen=True, kw_only=True)
 class AbstractRegression(AbstractMethod):
     """Terms are chosen, and coefficients found, by least squares on rows.
 
     Parameters
     ----------
-    solver
-        How terms are chosen, or its text such as ``"group-stlsq:1.5"``. A solver without a value of its hyperparameter,
-        ``STLSQ()``, offers its whole path, from which `rule` chooses; that of thresholds in the coefficients' own
-        units depends on units, which the law says. Default: the paths of ``STLSQ(normalize=True)`` and
-        ``BestSubset()``, or of stepwise selection where there are more than 60 terms.
-    rule
-        How an equation is chosen from the candidates when the solver has no value, see `commonlaw.selection.choose`.
-    scoring
-        What candidates are compared by on held-out trials: the ``"residuals"`` of their rows, or their ``"forecasts"``,
-        which takes longer.
-    n_resamples
-        Bootstrap resamples to assess the stability of candidates.
-    n_jobs
-        Processes that share the trials; each computes with one thread.
-    seed
-        Of the resamples.
+    {parameters}
     """
 
-    solver: AbstractSolver | str | None = None
-    rule: str = "one-standard-error"
-    scoring: Literal["residuals", "forecasts"] = "residuals"
-    n_resamples: int = 20
-    n_jobs: int = 1
-    seed: int = 0
+    solver: AbstractSolver | str | None = field(
+        default=None,
+        metadata=shown(
+            label="Solver",
+            metavar="SPEC",
+            text="How terms are chosen, or its text: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], "
+            "best-subset[:TERMS], forward[:TERMS], backward[:TERMS], lasso[:PENALTY], sr3[:THRESHOLD] (one set of "
+            "terms for all objects), stlsq[:THRESHOLD] (terms specific to each object). Without its value a solver "
+            "offers its whole path, from which `rule` chooses; paths of thresholds depend on units. By default the "
+            "paths of group-stlsq and best-subset, or of stepwise selection where there are more than 60 terms.",
+        ),
+    )
+    rule: str = field(
+        default="one-standard-error",
+        metadata=shown(
+            label="Selection rule",
+            text="How an equation is chosen from the candidates when the solver has no value: one-standard-error or "
+            "held-out (by the error on held-out trials), aic, aicc, bic, ebic.",
+        ),
+    )
+    scoring: Literal["residuals", "forecasts"] = field(
+        default="residuals",
+        metadata=shown(
+            label="Held-out error",
+            text="What candidates are compared by on held-out trials: the residuals of their rows, or their forecasts, "
+            "which takes longer.",
+        ),
+    )
+    n_resamples: int = field(
+        default=20,
+        metadata=shown(label="Resamples", text="Number of bootstrap resamples to assess the stability of candidates."),
+    )
+    n_jobs: int = field(
+        default=1,
+        metadata=shown(
+            label="Processes", text="Number of processes that share the trials; each computes with one thread."
+        ),
+    )
+    seed: int = field(default=0, metadata=shown(label="Seed", text="Seed of the resamples."))
 
     def __post_init__(self) -> None:
         check_choice("rule", self.rule, RULES)

@@ -1,7 +1,7 @@
 """Terms fitted in the weak form."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from commonlaw.differentiation import AbstractDifferentiator, parse_differentiation
@@ -12,9 +12,11 @@ from commonlaw.discovery.regression import AbstractRegression
 from commonlaw.formulation import WeakForm, reweight
 from commonlaw.inference import known_noise
 from commonlaw.library import Order, highest_order
+from commonlaw.runtime.fit_options import documented, shown
 from commonlaw.trials import Trials, TrialStream
 
 
+@documented
 @dataclass(frozen=True, kw_only=True)
 class WeakRegression(AbstractRegression):
     """Terms are integrated against test functions, so that no derivative is estimated (Messenger and Bortz 2021).
@@ -23,15 +25,7 @@ class WeakRegression(AbstractRegression):
 
     Parameters
     ----------
-    radii
-        Radii of the test functions in samples; None chooses one for each trial.
-    noise
-        Standard deviation of each state's measurement noise by name. Default: it is estimated for each trial.
-    differentiation
-        How states are smoothed before terms are evaluated on them, and where the rates of laws of second order come
-        from, or its text such as ``"spline"``. Default: see `WeakForm`.
-    solver, rule, scoring, n_resamples, n_jobs, seed
-        How terms are chosen, see `AbstractRegression`.
+    {parameters}
 
     Raises
     ------
@@ -42,9 +36,30 @@ class WeakRegression(AbstractRegression):
     orders: ClassVar[tuple[int, ...]] = (1, 2)
     takes_streams: ClassVar[bool] = False
 
-    radii: tuple[float, ...] | None = None
-    noise: Mapping[str, float] | None = None
-    differentiation: AbstractDifferentiator | str | None = None
+    radii: tuple[float, ...] | None = field(
+        default=None,
+        metadata=shown(
+            label="Radii [samples]",
+            text="Radii of the test functions in samples; by default one for each trial, by its spectrum.",
+        ),
+    )
+    noise: Mapping[str, float] | None = field(
+        default=None,
+        metadata=shown(
+            label="Measurement noise",
+            metavar="STATE=VALUE",
+            text="Known standard deviation of each state's measurement noise; estimated for each trial by default.",
+        ),
+    )
+    differentiation: AbstractDifferentiator | str | None = field(
+        default=None,
+        metadata=shown(
+            label="Smoothing",
+            metavar="SPEC",
+            text="How states are smoothed before terms are evaluated on them, and where the rates of laws of second "
+            "order come from, or its text, such as spline.",
+        ),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

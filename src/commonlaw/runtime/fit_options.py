@@ -51,7 +51,7 @@ class Setting:
     of_given_law
         The default of functions that are given a law or its equations, where it is another one.
     everyday
-        Whether commands have an option of its own for it, and the form shows it at once.
+        Whether commands have an option of its own for it.
     """
 
     label: str
@@ -108,10 +108,12 @@ def _value(name: str, annotation: Any, texts: Sequence[str]) -> Any:
     if tuple in kinds:
         return tuple(_number(name, each) for each in texts)
     if Mapping in kinds:
-        pairs = [each.partition("=") for each in texts]
-        if len({key for key, *_ in pairs}) < len(pairs):
-            raise CommonlawError("setting-twice", name=name)
-        return {key.strip(): _number(name, value) for key, _, value in pairs}
+        found = dict[str, float]()
+        for key, _, value in (each.partition("=") for each in texts):
+            if key.strip() in found:
+                raise CommonlawError("setting-twice", name=f"{name} of {key.strip()}")
+            found[key.strip()] = _number(name, value)
+        return found
     if len(texts) > 1:
         raise CommonlawError("setting-twice", name=name)
     (text,) = texts
@@ -136,7 +138,8 @@ def documented(cls: type[T]) -> type[T]:
     lines = list[str]()
     for name, (each, about) in settings_of(cls).items():
         choices = "".join(f" ``{value!r}``: {meaning}." for value, meaning in about.choices.items())
-        lines += [name, *(f"    {line}" for line in wrap(f"{about.text}{choices} Default: {each.default!r}.", 112))]
+        default = f" Default: {each.default!r}." if each.default not in (None, ()) else ""
+        lines += [name, *(f"    {line}" for line in wrap(f"{about.text}{choices}{default}", 112))]
     if cls.__doc__:
         cls.__doc__ = cls.__doc__.replace("{parameters}", "\n    ".join(lines))
     return cls
@@ -221,7 +224,6 @@ class FitOptions:
         metadata=shown(
             label="Errors",
             functions=FUNCTIONS,
-            everyday=True,
             choices={
                 "auto": "those with very strong evidence (2 log B > 10), if white noise does not explain the residuals",
                 "white": "white noise only; with an infinite `huber_threshold`, least squares",

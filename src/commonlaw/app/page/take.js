@@ -47,20 +47,22 @@ export async function take(event) {
 function command({ chosen, text }) {
   const { preview, asked, found } = state, { columns } = asked, known = Object.entries(asked.known);
   if (asked.law || (!chosen && (known.length || !found.others))) return "";
-  const said = ["commonlaw", ...chosen ? ["discover"] : ["fit", text.join("; ")], preview.name];
-  for (const role of ["object", "trial", "time"]) if (columns[role] || columns[role] === "") said.push(`--${role}`, columns[role]);
-  for (const [option, role] of [["--state", "states"], ["--input", "inputs"], ["--property", "properties"]]) for (const name of columns[role] ?? []) said.push(option, name);
-  if (columns.wide) said.push("--wide", columns.wide);
-  if (columns.restarts) said.push("--restarts", columns.restarts);
-  for (const mark of columns.missing ?? []) said.push("--missing", mark);
-  for (const option of ["decimal", "dates"]) if (columns[option]) said.push(`--${option}`, columns[option]);
+  const roles = [], reading = [];
+  for (const role of ["object", "trial", "time"]) if (columns[role] || columns[role] === "") roles.push(`--${role}`, columns[role]);
+  for (const [option, role] of [["--state", "states"], ["--input", "inputs"]]) for (const name of columns[role] ?? []) roles.push(option, name);
+  for (const name of columns.properties ?? []) (chosen ? roles : reading).push("--property", name);
+  for (const option of ["wide", "restarts", "decimal", "dates"]) if (columns[option]) reading.push(`--${option}`, columns[option]);
+  for (const mark of columns.missing ?? []) reading.push("--missing", mark);
+  const described = reading.length ? ["commonlaw", "data", "check", preview.name, ...roles, ...reading, "--save", "schema.toml"] : [];
+  const said = ["commonlaw", chosen ? "discover" : "fit", preview.name, ...chosen ? [] : [text.join("; ")]];
+  said.push(...reading.length ? ["--schema", "schema.toml"] : roles);
   if (chosen) said.push("--order", String(asked.order), "--library", asked.library);
   for (const [name, value] of known) said.push("--known", `${name}=${value}`);
   const { kind, value } = asked.hold_out;
   if (kind === "after") said.push("--learn-until", value);
   else if (kind !== "nothing") said.push("--hold-out", `${preview.roles[kind]}=${value}`);
   if (chosen && asked.explain) said.push("--explain");
-  return said.map(quoted).join(" ");
+  return [described, said].filter(words => words.length).map(words => words.map(quoted).join(" ")).join("\n");
 }
 
 /** A word of a command as a shell reads it. */
