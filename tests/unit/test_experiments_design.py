@@ -263,7 +263,7 @@ def test_settings_are_those_of_trials_by_default():
 
 def test_a_design_shows_itself_in_a_notebook():
     shown = cl.design(falling(), {"x": 10, "v": 0, "duration": 1, "rate": 10})._repr_html_()
-    assert "What to measure next" in shown
+    assert "Next experiment" in shown
     assert "bits" in shown
 
 

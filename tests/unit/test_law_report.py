@@ -54,8 +54,8 @@ def test_the_report_has_its_parts_in_order_and_says_what_the_verdict_says(report
     assert r"\ddot{x} &= a + b\, v" in report.summary
     page = to_page(report).decode()
     assert "commonlaw report drops.csv" in page
-    assert "4 trials of 2 objects, 196 samples. Learned from 98 samples of 2 trials." in page
-    assert "Forecasts of 2 trials that were held out, from the first 10 samples on" in page
+    assert "4 trials of 2 objects, 196 samples. Training data: 98 samples of 2 trials." in page
+    assert "Forecasts of 2 trials held out, from the first 10 samples" in page
     assert "held out" in page
     assert "&quot;drops.csv&quot;" in page or "'drops.csv'" in page or "&#39;drops.csv&#39;" in page
 
@@ -71,7 +71,7 @@ def test_tables_hold_the_numbers_of_the_law(report, law, drops):
     assert sizes["terms"].is_monotonic_increasing
     assert sizes.loc[sizes[""] == "*", "terms"].item() == 2
     score = law.predict(held_out, start=10).score()
-    assert sizes.loc[sizes[""] == "*", "R² of forecasts"].item() == pytest.approx(score)
+    assert sizes.loc[sizes[""] == "*", "1 − R² of forecasts"].item() == pytest.approx(1 - score)
     visited = table_of(report, "visited").set_index("")
     heights = np.concatenate([trial.states for trial in learned])
     assert visited.loc["x", ["from", "to"]].tolist() == [heights.min(), heights.max()]

@@ -18,6 +18,9 @@ from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.forecast import Curve, curves_of
 from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, plain, styled
 
+_MAX_TICKS = 6
+"""Of an axis of a small panel."""
+
 _MAX_POINTS = 1500
 """Residuals that are drawn in a panel."""
 
@@ -83,7 +86,7 @@ def _panels(residuals: Residuals, j: int) -> list[tuple[str, Callable[[Axes], No
         label = plain(f"residual of {schema.states[following]} / noise")
         caption = f"Against the residuals of {schema.states[following]}."
         found.append((caption, partial(_against, values=whole[:, following], own=whole[:, j], label=label)))
-    chance = "Correlation with residuals so many samples later; 95 % lie in the grey range by chance."
+    chance = "Autocorrelation by lag in samples; 95 % of white noise lies in the grey range."
     quantiles = "Normal quantile plot; the line is that of normal errors."
     return [
         *found,
@@ -94,6 +97,7 @@ def _panels(residuals: Residuals, j: int) -> list[tuple[str, Callable[[Axes], No
 
 def _against(panel: Axes, values: Floats, own: Floats, label: str) -> None:
     panel.set_xlabel(label)
+    panel.locator_params(axis="x", nbins=_MAX_TICKS)
     seen = np.flatnonzero(np.isfinite(own) & np.isfinite(values))
     some = seen[:: -(-len(seen) // _MAX_POINTS) or 1]
     panel.plot(values[some], own[some], ".", color=GREY, markersize=2)
@@ -111,7 +115,7 @@ def _memory(panel: Axes, residuals: Residuals, j: int) -> None:
     count = np.isfinite(np.concatenate(residuals.standardized)[:, j]).sum()
     panel.bar(np.arange(1, lags + 1), residuals.correlations(j, lags), color=COLORS[0], width=0.6)
     panel.axhspan(-1.96 / np.sqrt(max(count, 1)), 1.96 / np.sqrt(max(count, 1)), color=GREY, alpha=0.25)
-    panel.set_xlabel("samples later")
+    panel.set_xlabel("lag (samples)")
     panel.set_ylabel("correlation")
 
 

@@ -17,6 +17,9 @@ from commonlaw.text import counted, r_squared
 _EACH, _ALL = 3, 12
 """Of best, typical and worst objects so many are shown each; all of them if there are no more than that."""
 
+_NEGLIGIBLE = 1e-3
+"""Mean residuals, relative to the RMS residual, below which they are zero."""
+
 _DRAWN, _IN_OVERVIEW = 50, 36
 """Of the others up to so many have a figure each; of more, so many together have one."""
 
@@ -28,12 +31,12 @@ def fit(case: LawCase) -> Section:
         why = (
             "a law in discrete time has forecasts only, see below" if case.law.order == 0 else "see the forecasts below"
         )
-        return Section("fit", title, (Text(f"There are no fitted curves: {why}."),))
+        return Section("fit", title, (Text(f"No fitted curves: {why}."),))
     diverged = f" {len(fit.outcomes)} of them diverge." if fit.outcomes else ""
     intro = (
-        f"Solutions of the law for {counted(len(fit.trials), 'trial')} {_training(case)}, with initial conditions "
-        f"estimated from all samples: {_score(fit)}, where 1 is perfect and 0 as good as the mean of each trial."
-        f"{diverged} Points were measured, lines are fitted, and below them stand the residuals, measured minus fitted."
+        f"Fit of {counted(len(fit.trials), 'trial')} {_training(case)}, initial conditions estimated from all samples: "
+        f"{_score(fit)} (1: perfect; 0: the mean of each trial).{diverged} Points: measurements. Lines: fit. Below: "
+        f"residuals, measured minus fitted."
         f"{_legend(fit)}"
     )
     return Section("fit", title, (Text(intro), *Curves(fit, "fit").blocks()))
@@ -47,14 +50,14 @@ def forecasts(case: LawCase) -> Section:
     diverged = f" {len(forecast.outcomes)} of the forecasts diverge." if forecast.outcomes else ""
     begin = forecast.title.removeprefix("forecast ")
     intro = (
-        f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, {begin} on: {_score(forecast)}."
-        f"{diverged} Below the curves stand the errors, forecast minus measured.{_legend(forecast)}"
+        f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, {begin}: {_score(forecast)}."
+        f"{diverged} Below: errors, forecast minus measured.{_legend(forecast)}"
     )
     return Section("forecasts", title, (Text(intro), *Curves(forecast, "forecast").blocks()))
 
 
 def _training(case: LawCase) -> str:
-    return "that it was learned from" if case.law.provenance.is_learned else "that it is compared with"
+    return "of the training data" if case.law.provenance.is_learned else "compared with it"
 
 
 def _score(forecast: Forecast) -> str:
@@ -63,9 +66,9 @@ def _score(forecast: Forecast) -> str:
 
 
 def _legend(forecast: Forecast) -> str:
-    bands = " About 95 % of the measurements are expected in the bands." if forecast.std is not None else ""
+    bands = " Bands: 95 % of the measurements expected." if forecast.std is not None else ""
     several = len(forecast.trials) > len(forecast.trials.objects)
-    return f"{bands}{' Colours distinguish the trials of an object.' if several else ''}"
+    return f"{bands}{' Colours: trials of an object.' if several else ''}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,7 @@ class Curves:
         word = "Residuals of the fit" if self.forecast.is_fit else "Errors of the forecasts"
         yield Table(f"{self.kind}-by-state", f"{word} by state.", self._by_state().dropna(axis=1, how="all"))
         errors = self.errors if self.forecast.outcomes else self.errors.drop(columns="diverged after")
-        caption = f"{word}, in the unit of the state; rms is the root of the mean square."
+        caption = f"{word}, in the unit of the state."
         yield folded(Table(f"{self.kind}-errors", caption, errors), f"{word}, trial by trial")
         yield Fold(
             f"{word} of all trials", (Picture(f"{self.kind}-all", f"{word}.", partial(plot_errors, self.forecast)),)
@@ -134,9 +137,12 @@ class Curves:
                 "state": state,
                 "unit": schema.units.get(state),
                 "measurements": len(seen),
-                f"mean {what}": float(np.mean(seen)) if len(seen) else None,
-                f"RMS {what}": float(np.sqrt(np.mean(seen**2))) if len(seen) else None,
+                f"mean {what}": None,
+                f"RMS {what}": None,
             }
+            if len(seen):
+                mean, rms = float(np.mean(seen)), float(np.sqrt(np.mean(seen**2)))
+                row |= {f"mean {what}": mean if abs(mean) > _NEGLIGIBLE * rms else 0.0, f"RMS {what}": rms}
             if f"{state} measured low" in frame and len(seen):
                 low, high = frame[f"{state} measured low"], frame[f"{state} measured high"]
                 inside = ((low <= frame[state]) & (frame[state] <= high))[np.isfinite(errors)]

@@ -118,12 +118,12 @@ def _intro(found: ManyFindings) -> str:
     bands = (
         "" if np.isnan(found.coverage) else f" The 95 % bands hold {100 * found.coverage:.3g} % of the measurements."
     )
-    diverged = f" {found.diverged} of the forecasts run away." if found.diverged else ""
+    diverged = f" {found.diverged} of the forecasts diverge." if found.diverged else ""
     return (
         f"{found.forecast_of} were forecast, each from initial conditions fitted to its first samples: "
         f"${r_squared(found.score)}$.{bands}{diverged} "
-        f"The verdict and the other parts of this page are about {shown} that stand for all, evenly "
-        "by rank of how well they are forecast, the best and the worst among them."
+        f"The verdict and the other parts of this page are about {shown} that represent all, evenly "
+        "spaced by the rank of their forecast error."
     )
 
 

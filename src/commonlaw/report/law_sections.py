@@ -61,10 +61,10 @@ class LawCase:
     def forecast_of(self) -> str:
         """What the forecasts are of, in words."""
         if not self.law.provenance.is_learned:
-            return "that it is compared with"
+            return "compared with it"
         if self.findings.is_held_out:
-            return "that were held out"
-        return f"that it was learned from{', later samples included' if self.findings.has_later_samples else ''}"
+            return "held out"
+        return f"of the training data{', later samples included' if self.findings.has_later_samples else ''}"
 
     def said(self, text: object) -> str:
         """Return a message as Markdown that shows it as it stands, in the words of whoever asked."""
@@ -89,12 +89,12 @@ def data_checks(case: LawCase) -> Section:
     """Return the part on what the data checks found."""
     found = case.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
     remarks = [*found.lines(), *dict.fromkeys(found.notes), *map(str, case.law.diagnostics)]
-    said = "The data checks found nothing." if not remarks else listed([case.said(each) for each in remarks])
+    said = "Data checks: no problem found." if not remarks else listed([case.said(each) for each in remarks])
     trials = case.trials
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
     learned, some = sum(map(len, case.findings.training)), counted(len(case.findings.training), "trial")
-    held_out = "" if case.findings.training is trials else f" Learned from {learned} samples of {some}."
+    held_out = "" if case.findings.training is trials else f" Training data: {learned} samples of {some}."
     frame = found.to_frame().drop(columns="clipped")
     frame.columns = [_SPOKEN.get(name, name) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
@@ -106,23 +106,23 @@ def choices(case: LawCase) -> Section:
     rows = [
         {"stage": each.stage, "choice": each.choice, "reason": case.words(each.reason)} for each in case.law.history
     ]
-    block: Block = Text("No choices are on record.")
+    block: Block = Text("No history is recorded.")
     if rows:
-        block = Table("history", "Every choice on the way to the law, and why.", pd.DataFrame(rows))
-    return Section("choices", "How it was found", (block,))
+        block = Table("history", "Choices in the search, with their reasons.", pd.DataFrame(rows))
+    return Section("choices", "History", (block,))
 
 
 def again(case: LawCase, command: str, table: str | Source) -> Section:
     """Return the part that says how to make the law again."""
-    asked = f"The command:{code(command, 'sh')}" if command else ""
+    asked = f"Command:{code(command, 'sh')}" if command else ""
     text = asked
     if table:
         is_said = isinstance(table, Source) and not table.stream
         is_whole = case.findings.training is case.trials or is_said
-        some = "" if is_whole else ", which learns from all trials of the table"
+        some = "" if is_whole else ", which uses all trials of the table"
         text += f"In Python{some}:{code(case.law.to_script(table), 'python')}"
     made_with = ", ".join([f"Python {platform.python_version()}", *_versions()])
-    return Section("again", "How to make it again", (Text(f"{text}Made with {made_with}."),))
+    return Section("again", "Reproduction", (Text(f"{text}Made with {made_with}."),))
 
 
 def _versions() -> Iterator[str]:
@@ -149,12 +149,12 @@ def _patterns(case: LawCase) -> Iterator[Block]:
     try:
         found = case.law.residuals(case.trials)
     except _FAILURES as error:
-        yield Text(f"What measurements are off the law's trajectories could not be tested: {case.said(error)}.")
+        yield Text(f"The residuals could not be tested: {case.said(error)}.")
         return
-    meaning = "Residuals are measurements less the law's trajectories, whose starts were fitted, over the noise. "
-    meaning += "In the figures, orange are means of neighbouring ones with 95 % intervals."
+    meaning = "Residuals are measured minus fitted, in standard deviations of the noise. "
+    meaning += "Orange: means of neighbouring residuals with 95 % intervals."
     if len(found.significant) > 1:
-        meaning += " Patterns often have one cause: look into the one with the smallest p-value first, see the tests."
+        meaning += " Several patterns often have one cause: start with the smallest p-value."
     yield Text(meaning + listed([case.said(line) for line in str(found).splitlines()]))
     # Small figures of residuals, those of the first state at once
     panels = ResidualPanels(found)
@@ -168,39 +168,48 @@ def _patterns(case: LawCase) -> Iterator[Block]:
         yield Fold(f"Residuals of {literal(state)}", (gallery,)) if j else gallery
     tests = found.tests()
     if len(tests):
-        yield Fold("Tests of the residuals", (Table("tests", "P-values are adjusted for their number.", tests),))
+        yield Fold(
+            "Tests of the residuals",
+            (
+                Table(
+                    "tests",
+                    "adjusted: p-values by false discovery rate.",
+                    tests,
+                ),
+            ),
+        )
 
 
 def _discrepancy(case: LawCase) -> Iterator[Block]:
     """Yield what the law leaves as a function that objects share."""
     if len(case.law.objects) > _MAX_OBJECTS:
-        yield Text("A function that all objects lack was not looked for, as there are many objects.")
+        yield Text("A discrepancy shared by all objects was not estimated: there are many objects.")
         return
     try:
         found = case.law.discrepancy(case.findings.training)
     except _FAILURES as error:
-        yield Text(f"A function that all objects lack could not be looked for: {case.said(error)}.")
+        yield Text(f"A discrepancy shared by all objects could not be estimated: {case.said(error)}.")
         return
     of, strength = (
         literal(f"{found.basis.coordinate} in {found.equation}"),
-        f"2 log B of {found.evidence:.1f} for it".replace("-", "−"),
+        f"2 log B = {found.evidence:.1f}".replace("-", "−"),
     )
     if found.claimed:
-        yield Text(f"The law lacks a function that all objects share, of {of}: there is strong evidence, {strength}.")
+        yield Text(f"Strong evidence for a discrepancy shared by all objects, a function of {of} ({strength}).")
     else:
         yield Text(
-            f"No function that all objects share is sure to be missing. The likeliest is one of {of}, with {strength}; "
-            f"above {STRONG:.0f} the evidence would be strong."
+            f"No strong evidence for a discrepancy shared by all objects. The most probable is a function of {of} "
+            f"({strength}; above {STRONG:.0f} is strong)."
         )
-    picture = Picture("discrepancy", "The function, with its 95 % band.", partial(plot_discrepancy, found))
+    picture = Picture("discrepancy", "Discrepancy with its 95 % band.", partial(plot_discrepancy, found))
     lines = Text(listed([case.said(line) for line in str(found).splitlines()]))
-    yield Fold("This function", (picture, lines))
+    yield Fold("Discrepancy", (picture, lines))
 
 
 def _errors(case: LawCase) -> Iterator[Block]:
     """Yield the errors of measurement, and whether the law itself errs."""
     if case.law.uncertainty.noise is not None:
-        yield Text(f"Errors of measurement, by the law: {literal('; '.join(_of_measurement(case)))}.")
+        yield Text(f"Measurement errors: {literal('; '.join(_of_measurement(case)))}.")
     if case.law.uncertainty.error_model.of_law:
         yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
 
@@ -224,7 +233,7 @@ _MIN_OBJECTS = 2
 """Coefficients of several objects in one figure."""
 
 _MEASURES = {
-    "held-out error": "Held-out error is the mean squared error on data that they were not fitted to.",
+    "held-out error": "Held-out error is the mean squared error on held-out data.",
     "BIC": "BIC penalizes the misfit by the number of terms; lower is better.",
     "stability": "Stability is the share of bootstrap resamples in which the least certain term is selected.",
     **{name: f"{text}." for name, text in MEANINGS.items()},
@@ -242,7 +251,7 @@ def coefficients(case: LawCase) -> Section:
         blocks += _relations(law)
     if law.support.any():
         known = law.uncertainty.covariance is not None
-        what = "Coefficients by object, with the ends of their 95 % intervals." if known else "Coefficients by object."
+        what = "Coefficients by object with 95 % intervals." if known else "Coefficients by object."
         blocks.append(Text(_interval(case) if known else "Their standard errors are unknown."))
         pairs = zip(coefficient_names(law), named_parameters(law).errors.T, strict=True)
         given = [name for (name, _), errors in pairs if known and not errors.any()]
@@ -250,7 +259,7 @@ def coefficients(case: LawCase) -> Section:
             blocks.append(Text(f"Fixed: {literal(', '.join(given))}."))
         blocks.append(_intervals(law, what))
     else:
-        blocks.append(Text("The law has no coefficient: all rates are zero."))
+        blocks.append(Text("The law has no term: all rates are zero."))
     return Section("coefficients", "Coefficients", tuple(blocks))
 
 
@@ -258,7 +267,7 @@ def values(law: Law) -> tuple[Block, ...]:
     """Return the numbers that stand beside the formula of a law: its coefficients, by object, with intervals."""
     if not named_parameters(law).names:
         return ()
-    ends = "" if law.uncertainty.covariance is None else ", with the ends of their 95 % intervals"
+    ends = "" if law.uncertainty.covariance is None else " with 95 % intervals"
     return (folded(Table("values", f"Coefficients{ends}.", _by_object(law)), "Coefficients by object"),)
 
 
@@ -280,7 +289,7 @@ def _interval(case: LawCase) -> str:
     averaged = f" They are averaged over the law and {counted(others, 'other plausible law')}." if others else ""
     if case.findings.is_exact:
         holds = "" if others else ", if the law holds"
-        return f"Each 95 % interval holds the true coefficient with a probability of 95 %{holds}.{averaged}"
+        return f"95 % intervals contain the true coefficient with a probability of 95 %{holds}.{averaged}"
     return (
         "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals reflect sampling "
         f"error only.{averaged}"
@@ -289,14 +298,16 @@ def _interval(case: LawCase) -> str:
 
 def _relations(law: Law) -> list[Block]:
     caption = (
-        "What decides each coefficient: its kind, the properties that it follows, and how far objects stray. Factors "
-        "of affine functions are their constants; the formula at the top has all of them."
+        "Coefficients explained by properties: kind, properties, factor, and standard deviation between objects. The "
+        "factor of an affine function is its constant; the formula at the top has all of them."
     )
     relations = law.relations().dropna(axis=1, how="all")
     return [
         Table("relations", caption, relations),
         Picture(
-            "relation-plots", "Each object's own estimates against what decides them.", partial(plot_relations, law)
+            "relation-plots",
+            "Estimates by object against properties that explain them.",
+            partial(plot_relations, law),
         ),
     ]
 
@@ -321,39 +332,39 @@ def candidates(case: LawCase) -> Section:
     """Return the part on what else the law could be."""
     law, blocks = case.law, list[Block]()
     if not law.provenance.alternatives:
-        text = "The terms were given, and nothing else was compared."
-        return Section("candidates", "What else it could be", (Text(text),))
+        text = "The terms were given; no other law was compared."
+        return Section("candidates", "Candidate laws", (Text(text),))
     if case.rivals or len(law.objects) <= _REFITTED:
         blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
     listed = case.law.provenance.alternatives
-    caption = "Candidates of each equation, and what speaks for them; * marks those of the law."
+    caption = "Candidates of each equation (* chosen)."
     there = {name for each in listed for name in each.measures}
     caption += "".join(f" {said}" for name, said in _MEASURES.items() if name in there)
     table = Table("compared", caption, readable_candidates(law.provenance.alternatives))
-    return Section("candidates", "What else it could be", (*blocks, folded(table, "Candidates")))
+    return Section("candidates", "Candidate laws", (*blocks, folded(table, "Candidates")))
 
 
 def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     """Yield how laws of other sizes fit the same trials, and how they forecast held-out ones."""
     if len(found) < 2 or case.findings.shown is None:
         return
-    held_out, score = case.findings.is_held_out, "R² of forecasts" if case.findings.is_held_out else "R² of the fit"
+    held_out = case.findings.is_held_out
+    score = f"1 − R² of {'forecasts' if held_out else 'the fit'}"
     rows = [
         {
             "": "*" * each.chosen,
             "terms": each.size,
             "law": "; ".join(each.law.structure),
             "2 log B": each.evidence,
-            score: (value := _score(case, each.law)),
-            "1 − R²": 1 - value,
+            score: 1 - _score(case, each.law),
         }
         for each in found
     ]
-    caption = "Laws from few terms to many, fitted to the same trials; * marks the law."
+    caption = "Laws with few to many terms, fitted to the same trials (* chosen)."
     if held_out:
-        caption += " Forecasts are those of held-out trials."
+        caption += " Forecasts of held-out trials."
     else:
-        caption += " R² favours many terms: it speaks for no law by itself."
+        caption += " On training data R² favours many terms."
     yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
@@ -370,13 +381,13 @@ def _score(case: LawCase, law: Law) -> float:
 
 def experiments(case: LawCase) -> Section:
     """Return the part on what to measure next."""
-    title, found = "What to measure next", suggestions(case.law, case.findings.training)
+    title, found = "Next experiment", suggestions(case.law, case.findings.training)
     if not found:
-        text = "Nothing is suggested: experimental design needs a law in continuous time with a covariance matrix."
+        text = "No suggestion: experimental design needs a law in continuous time with a covariance matrix."
         return Section("experiments", title, (Text(text),))
     intro = (
-        "One more trial like the existing ones, with initial conditions in the range of the data, of largest expected "
-        "information gain over all plausible laws."
+        "The most informative further trial, with initial conditions in the range of the data, and duration and "
+        "sampling as before."
     )
     lines = []
     for each in found:
@@ -391,21 +402,21 @@ def ranges(case: LawCase) -> Section:
     law, trials = case.law, case.findings.training
     schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
-    columns = {**visited, "length of a trial": (min(length), max(length))}
+    columns = {**visited, "trial duration": (min(length), max(length))}
     units, time = {name: schema.units.get(name, "") for name in columns}, schema.units.get(schema.time, "")
     for name, rate in state_rates(law):
         units[rate] = f"{units[name]}/{time}" if units[name] and time else ""
-    units["length of a trial"] = time
+    units["trial duration"] = time
     rows = [
         {"": name, "from": low, "to": high, "unit": unit_text(units[name]) or None}
         for name, (low, high) in columns.items()
     ]
-    learned = "The law was fitted in the ranges below; outside of them it extrapolates. "
-    given = "The law was given, and compared with trials in the ranges below. "
+    learned = "The law was fitted in the ranges below and extrapolates outside them. "
+    given = "The law was given and compared with trials in the ranges below. "
     text = (learned if law.provenance.is_learned else given) + " ".join(
         literal(each) for each in case.findings.sentences[:1]
     )
     if law.provenance.is_learned and law.uncertainty.explanation is None and len(law.objects) > 1:
-        text += " Of objects that were not measured it knows the mean coefficients only."
+        text += " Other objects are forecast with the mean coefficients."
     frame = pd.DataFrame(rows).dropna(axis=1, how="all")
-    return Section("ranges", "Where it may be used", (Text(text), Table("visited", "What was visited.", frame)))
+    return Section("ranges", "Range of validity", (Text(text), Table("visited", "Range of the data.", frame)))

@@ -53,7 +53,7 @@ def notebook_html(
         case Bounds():
             return _page("Terms that are not in the law", value.sentences, "Bounds", value.to_frame())
         case Design():
-            return _page("What to measure next", value.sentences, "Experiments", value.to_frame())
+            return _page("Next experiment", value.sentences, "Experiments", value.to_frame())
         case Law():
             return _law(value)
         case Trials():

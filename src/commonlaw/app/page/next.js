@@ -1,4 +1,4 @@
-// What to measure next: experiments for up to three purposes, for a budget of trials.
+// Next experiment: suggestions for up to three purposes, for a budget of trials.
 import { $, ask, element, plural, state, trying } from "./basics.js";
 
 export function showNext() {
