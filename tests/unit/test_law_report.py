@@ -76,7 +76,7 @@ def test_tables_hold_the_numbers_of_the_law(report, law, drops):
     heights = np.concatenate([trial.states for trial in learned])
     assert visited.loc["x", ["from", "to"]].tolist() == [heights.min(), heights.max()]
     assert visited.loc["v", "unit"] == "m/s"
-    assert visited.loc["length of a trial"].tolist() == [3.2, 3.2, "s"]
+    assert visited.loc["trial duration"].tolist() == [3.2, 3.2, "s"]
     fit, forecast = table_of(report, "fit-by-state"), table_of(report, "forecast-by-state")
     residuals = law.residuals(learned).to_frame()["x residual/noise"] * law.uncertainty.noise[0]
     assert fit["RMS residual"].item() == pytest.approx(np.sqrt(np.mean(residuals**2)))
