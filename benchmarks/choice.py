@@ -1,4 +1,4 @@
-"""Whether laws of small data are right as often as they say, what their intervals hold, and which constants decide.
+"""Whether laws of small data are right as often as they say, what their intervals hold, and which parameters decide.
 
 Problems are drawn at random (`small_problems.py`): one to four objects, 12 to 30 samples, 1 to 15 % noise.
 """
@@ -30,7 +30,7 @@ LISTED = 0.01
 """The least probable support that a table of candidates should hold."""
 
 _ROOMS = ("inference", "selection", "hierarchy", "likelihood")
-"""Whose constants decide laws."""
+"""Whose parameters decide laws."""
 
 
 @dataclass(frozen=True)
@@ -83,14 +83,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"\n{time.perf_counter() - begun:.0f} s in {chosen.jobs} process(es).")
     if chosen.out:
         chosen.out.write_text(json.dumps([asdict(each) for each in scores], indent=1))
-    if chosen.constants:
+    if chosen.parameters:
         print("\n| constant | value | laws that change, a fifth less | a fifth more |\n|---|---|---|---|")
         for line in _by_constants(scores, cases, chosen.jobs):
             print(line, flush=True)
 
 
 def score_of(kind: str, seed: int, changed: Mapping[str, float] | None = None) -> Score:
-    """Return what comes out of a problem, with some constants changed, by their modules and names."""
+    """Return what comes out of a problem, with some parameters changed, by their modules and names."""
     problem = draw(next(each for each in KINDS if each.name == kind), seed)
     restore, begun = _change(changed or {}), time.perf_counter()
     try:
@@ -173,7 +173,7 @@ def _held(scores: Sequence[Score], given: bool = False) -> str:
     return f"{held / count:.3f} of {count}" if count else ""
 
 
-def constants() -> dict[str, float]:
+def parameters() -> dict[str, float]:
     """Return the numbers that loaded modules of the rooms that choose laws name, by module and name."""
     found: dict[tuple[str, int], tuple[str, float]] = {}
     for module, value in sorted(sys.modules.items()):
@@ -189,7 +189,7 @@ def _is_number(value: object) -> bool:
 
 
 def _change(changed: Mapping[str, float]) -> Callable[[], None]:
-    """Give constants other values, wherever they were imported to; return what gives them back."""
+    """Give parameters other values, wherever they were imported to; return what gives them back."""
     before: list[tuple[ModuleType, str, float]] = []
     for path, value in changed.items():
         module, _, name = path.partition(":")
@@ -208,7 +208,7 @@ def _change(changed: Mapping[str, float]) -> Callable[[], None]:
 
 def _by_constants(scores: Sequence[Score], cases: Sequence[tuple[str, int]], n_jobs: int) -> Iterator[str]:
     """Yield a line for each constant: how many laws have other terms when it is a fifth smaller or larger."""
-    for path, value in constants().items():
+    for path, value in parameters().items():
         shares = []
         for factor in (0.8, 1.2):
             moved = Parallel(n_jobs=n_jobs)(delayed(score_of)(*case, {path: factor * value}) for case in cases)

@@ -240,7 +240,7 @@ def _rates(law: cl.Law, name: str, points: Floats) -> Floats:
 
 
 def counts(law: cl.Law, name: str) -> list[int]:
-    """Return how many numbers each equation of an object has: coefficients, and constants inside of its terms."""
+    """Return how many numbers each equation of an object has: coefficients, and parameters inside of its terms."""
     first = len(law.terms.variables.measured)
     found = []
     for row in law.coefficients[object_index(law, name)]:

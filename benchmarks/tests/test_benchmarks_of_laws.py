@@ -222,10 +222,10 @@ def test_the_choice_of_a_law_is_scored_by_what_is_true_and_constants_are_put_bac
     assert not found.empty
     assert (found.intervals, found.terms) == (1, (("x",),))
     assert found.stated == pytest.approx(1.0, abs=0.5)
-    path = next(each for each in choice.constants() if each.endswith(":STRONG"))
-    before = choice.constants()[path]
+    path = next(each for each in choice.parameters() if each.endswith(":STRONG"))
+    before = choice.parameters()[path]
     assert choice.score_of("one object", 4, {path: 2 * before}).terms == found.terms
-    assert choice.constants()[path] == before
+    assert choice.parameters()[path] == before
 
 
 def test_stated_probabilities_stand_beside_the_share_that_is_right():

@@ -59,7 +59,7 @@ def _gravity_verdict(models: Results) -> Verdict:
     varied = constant["spread_between_balls"] > 0.5 and near.mean() < 0.5
     return Verdict(
         "reproduced" if varied else "differs",
-        f"The paper: by these data one would not conclude that all balls feel the same gravity. The constants run "
+        f"The paper: by these data one would not conclude that all balls feel the same gravity. The parameters run "
         f"from {_number(constant['least'])} to {_number(constant['largest'])} m/s², {near.sum()} of {near.size} within "
         f"0.5 m/s² of −{STANDARD_GRAVITY}; they vary by {constant['spread_between_balls']:.2f} m/s² from ball to ball "
         f"and by {constant['spread_between_drops']:.2f} m/s² between drops of one ball (standard deviations).",

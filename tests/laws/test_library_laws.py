@@ -43,7 +43,7 @@ expressions = st.recursive(leaves, _joined, max_leaves=6)
 
 
 def _read(text):
-    """Return the term, or give the example up if the text is refused (numeric factors, constants that overflow)."""
+    """Return the term, or give the example up if the text is refused (numeric factors, parameters that overflow)."""
     try:
         return parse_term(text, VARIABLES)
     except CommonlawError:

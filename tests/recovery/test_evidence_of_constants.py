@@ -1,4 +1,4 @@
-"""What speaks against a law with constants inside of terms beside its evidence: poles, constants that nothing tells."""
+"""What counts against a law with nonlinear parameters besides its evidence: poles, unidentifiable parameters."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from commonlaw.inference.propose.candidate_laws import are_parameters_identifiab
 from commonlaw.library import Term, Terms, Variables, parse_term
 
 TIMES = np.linspace(0, 3, 30)
-SATURATION = Variables(("s",), constants=("K",))
+SATURATION = Variables(("s",), parameters=("K",))
 TERMS = Terms(SATURATION, (parse_term("s/(K + s)", SATURATION), Term(parameter=SATURATION.index("K"))))
 
 

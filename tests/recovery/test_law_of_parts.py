@@ -94,7 +94,7 @@ def test_an_object_in_two_files_is_refused(tmp_path, whole):
 def test_what_does_not_go_with_files_is_refused(folder):
     stream = cl.TrialStream.from_parquet(folder, **ROLES)
     for library in ("saturating", "ratio(poly:1, poly:1)"):
-        with refused("stream-with-option", what="a term with constants inside"):
+        with refused("stream-with-option", what="a term with nonlinear parameters"):
             cl.discover(stream, order=2, library=library, method=METHOD)
     with refused("stream-properties"):
         cl.TrialStream.from_parquet(folder, **ROLES, properties={"Ball 1": {"mass": 1.0}})

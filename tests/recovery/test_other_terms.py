@@ -1,4 +1,4 @@
-"""What else a law could be, where it has other terms with constants inside."""
+"""What else a law could be, where it has other terms with parameters inside."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from scipy.special import lambertw
 
 import commonlaw as cl
 from commonlaw.law import Law, Provenance
-from commonlaw.law.alignment import with_constants_of
+from commonlaw.law.alignment import with_parameters_of
 from commonlaw.law.parameters import coefficient_intervals
 
 
@@ -69,5 +69,5 @@ def test_laws_of_other_terms_are_kept(law):
 def test_constants_have_one_name_where_they_are_inside_of_the_same_terms():
     law = Law.from_text("x' = x/(K + x) + y/(L + y); y' = x/(M + x)", dict.fromkeys("KLM", 1.0))
     other = Law.from_text("x' = y/(K + y) + y; y' = x/(L + x) + exp(x/M)", dict.fromkeys("KLM", 2.0))
-    named = with_constants_of(replace(other, provenance=Provenance()), law)
+    named = with_parameters_of(replace(other, provenance=Provenance()), law)
     assert named.terms.names == ("y/(L + y)", "y", "x/(M + x)", "exp(x/M2)", "L", "M", "M2")

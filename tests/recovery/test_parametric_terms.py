@@ -1,4 +1,4 @@
-"""Candidate terms with constants inside that are to be found: families, which sets fit, and the laws of discover."""
+"""Candidate terms with parameters inside that are to be found: families, which sets fit, and the laws of discover."""
 
 from dataclasses import replace
 
@@ -57,7 +57,7 @@ def test_coefficients_that_are_known_stay_in_laws_with_constants_inside(library)
 
     fed = simulated(rates, ENZYMES, [5.0, 2.5], np.linspace(0, 5, 50), noise=0.01)
     law = cl.discover(fed, library=library, known={"1": 0.25}, cache=False, order=1)
-    assert law.terms.variables.constants
+    assert law.terms.variables.parameters
     column = law.terms.index("1")
     assert (law.coefficients[:, 0, column] == 0.25).all()
     assert (standard_errors(law)[:, 0, column] == 0).all()
@@ -75,7 +75,7 @@ def test_a_constant_has_a_name_that_no_variable_has():
     variables = Variables(("K",))
     (first, _) = parse_library("saturating").parametric(variables)
     assert first.text(variables) == "K/(K2 + K)"
-    assert first.constants == ("K2",)
+    assert first.parameters == ("K2",)
 
 
 @pytest.mark.parametrize("library", ["saturating", "terms:s/(K+s)"])
@@ -94,15 +94,15 @@ def test_a_method_that_finds_no_constants_refuses_them_by_name(enzymes):
 def test_a_bank_has_no_pole_where_the_curves_have_been_or_between_points():
     variables, values = Variables(("s",)), np.array([[-1.0, 0.0], [2.0, 1.0]])
     banks = Banks.along(variables, values, [parametric_term("1/(K + s)", variables)])
-    (constants,) = banks.constants
-    assert len(constants) > 20
-    assert ((constants > 1) | (constants < -2)).all()
+    (parameters,) = banks.parameters
+    assert len(parameters) > 20
+    assert ((parameters > 1) | (parameters < -2)).all()
 
 
 def test_values_of_constants_that_say_the_same_are_tried_once():
     variables = Variables(("s",))
     banks = Banks.along(variables, np.array([[1.0, 0.0], [2.0, 1.0]]), [parametric_term("1/(K^2 + s^2)", variables)])
-    assert (banks.constants[0] > 0).all()
+    assert (banks.parameters[0] > 0).all()
 
 
 def test_where_all_sets_have_more_numbers_than_are_wanted_there_are_none(enzymes):
@@ -121,10 +121,10 @@ def test_coefficients_to_begin_with_are_those_of_least_squares_on_integrals(enzy
     assert found.others[0].text(plain.variables) == "s/(K + s)"
     start = found.starts[0]
     for o, (rate, half) in enumerate(ENZYMES.values()):
-        np.testing.assert_allclose(start.constants[0][o], half, rtol=0.2)
+        np.testing.assert_allclose(start.parameters[0][o], half, rtol=0.2)
         np.testing.assert_allclose(start.coefficients[o], -rate, rtol=0.1)
     group, states = enzymes.of_object("a"), np.split(problem.starts[0].states[0][:, 0], 2)
-    half = start.constants[0][0, 0]
+    half = start.parameters[0][0, 0]
     rows, target = [], []
     for trial, along in zip(group, states, strict=True):
         integral = cumulative_simpson(along / (half + along), x=trial.times, initial=0.0)
@@ -205,8 +205,8 @@ def test_what_is_divided_by_a_state_that_changes_its_sign_is_not_tried():
 )
 def test_frequencies_are_what_time_is_multiplied_with_in_a_sine(text, columns):
     term = parametric_term(text, Variables(("x",)))
-    places = (Term(parameter=2 + i) for i in range(len(term.constants)))
-    terms = Terms(Variables(("x",), constants=term.constants), (term.term, *places))
+    places = (Term(parameter=2 + i) for i in range(len(term.parameters)))
+    terms = Terms(Variables(("x",), parameters=term.parameters), (term.term, *places))
     assert frequencies_in_time(terms) == columns
 
 
@@ -215,7 +215,7 @@ def test_a_drive_is_told_if_a_trial_has_a_whole_cycle_of_it_and_each_cycle_two_s
     times = np.linspace(0, 10, 100)
     exact = np.sin(frequency * times)[:, np.newaxis] / frequency
     trials = cl.Trials.from_arrays(times, exact + 0.001 * np.random.default_rng(0).standard_normal(exact.shape))
-    variables = Variables(("x",), constants=("w",))
+    variables = Variables(("x",), parameters=("w",))
     terms = Terms(variables, (parametric_term("cos(w*t)", Variables(("x",))).term, Term(parameter=2)))
     problem = prepare(trials, terms, np.full((1, 1, 2), np.nan), guess=np.array([[[1.0, frequency]]]))
     estimate = replace(problem.starts[0], states=(exact,), coefficients=np.array([[1.0, frequency]]))
@@ -237,17 +237,17 @@ def test_a_term_may_be_left_out_of_a_set_with_its_constants(enzymes):
     less = row.without(2)
     assert less == TermSet((0, 1), others[1:])
     np.testing.assert_array_equal(less.starts[0].coefficients, start.coefficients[:, [0, 1, 3]])
-    assert [each.tolist() for each in less.starts[0].constants] == [[[6.0]] * 3]
+    assert [each.tolist() for each in less.starts[0].parameters] == [[[6.0]] * 3]
     assert row.without(0) == TermSet((1,), others)
     np.testing.assert_array_equal(row.without(0).starts[0].coefficients, start.coefficients[:, 1:])
-    assert len(row.without(0).starts[0].constants) == 2
+    assert len(row.without(0).starts[0].parameters) == 2
 
 
 def test_products_with_terms_that_share_a_constant_share_it():
     variables = Variables(("x",))
     tied = parse_library("poly:1:x * periodic:t").parametric(variables)[4:]
     assert [each.text(variables) for each in tied] == ["cos(w*t), sin(w*t)", "x*cos(w*t), x*sin(w*t)"]
-    assert [(each.size, each.constants, each.whole.constants) for each in tied] == [(2, ("w",), ("w", "p"))] * 2
+    assert [(each.size, each.shared_parameters, each.parameters) for each in tied] == [(2, ("w",), ("w", "p"))] * 2
 
 
 def test_a_drive_of_unknown_phase_has_one_frequency_as_accurate_as_by_its_solution():
@@ -320,4 +320,4 @@ def test_no_frequency_is_compared_that_samples_do_not_tell_from_a_slower_one():
     problem = prepare(trials, plain, np.full((1, 1, 2), np.nan)).finer()
     course = Course.of(problem, 0, problem.starts[0], [parametric_term("cos(w*t)", plain.variables)])
     assert len(course.banks.values) == 81
-    assert course.banks.constants[0].max() < 1.03 * np.pi / 0.25
+    assert course.banks.parameters[0].max() < 1.03 * np.pi / 0.25

@@ -70,7 +70,7 @@ def test_a_denominator_of_one_term_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("above", "below", "coefficients", "written", "constants"),
+    ("above", "below", "coefficients", "written", "parameters"),
     [
         ([1], [0, 1], [2.0, 4.0], ["(s)/(K + s)"], [0.5]),
         ([2], [0, 2], [1.0, 4.0], ["(s**2)/(K**2 + s**2)"], [0.5]),
@@ -79,17 +79,17 @@ def test_a_denominator_of_one_term_is_refused():
         ([1], [0, 1, 2], [1.0, 0.1, 4.0], ["(s)/(K + L*s + s**2)"], [0.25, 0.025]),
     ],
 )
-def test_the_largest_coefficient_below_before_a_variable_is_one(above, below, coefficients, written, constants):
+def test_the_largest_coefficient_below_before_a_variable_is_one(above, below, coefficients, written, parameters):
     (ratios,) = parse_library(QUADRATIC).ratios(S)
     ratio = ratios.ratio(above, below, S, np.abs(coefficients))
-    assert ratio.expressions(S, ratio.constants) == written
-    assert ratio.values_of_constants(np.array(coefficients)) == constants
+    assert ratio.expressions(S, ratio.shared_parameters) == written
+    assert ratio.values_of_parameters(np.array(coefficients)) == parameters
 
 
 def test_constants_have_names_that_no_variable_has():
     variables = Variables(("K",))
     (ratios,) = parse_library("ratio(poly:1, poly:1)").ratios(variables)
-    assert ratios.ratio([1], [0, 1], variables).constants == ("K2",)
+    assert ratios.ratio([1], [0, 1], variables).shared_parameters == ("K2",)
 
 
 def test_what_a_variable_divides_is_written_without_it():
@@ -99,7 +99,7 @@ def test_what_a_variable_divides_is_written_without_it():
 
 
 def test_a_denominator_that_terms_share_counts_once():
-    variables = Variables(("s",), constants=("K",))
+    variables = Variables(("s",), parameters=("K",))
     terms = Terms(variables, tuple(parse_term(each, variables) for each in ("s/(K + s)", "s**2/(K + s)", "1/(1 + s)")))
     assert terms.complexities.tolist() == [3, 2, 1]
 
@@ -110,13 +110,13 @@ def test_ratios_are_ranked_with_coefficients_near_the_true_ones_and_without_pole
     sets = matching_ratios(problem, problem.starts, parse_library(QUADRATIC).ratios(S), {0: 7})[0]
     found = next(each for each in sets if each.numbers == 2)
     (ratio,) = found.others
-    assert ratio.expressions(S, ratio.constants) == ["(s**2)/(K**2 + s**2)"]
+    assert ratio.expressions(S, ratio.shared_parameters) == ["(s**2)/(K**2 + s**2)"]
     start = found.starts[0]
-    np.testing.assert_allclose(start.constants[0][:, 0], [half for _, half in ENZYMES.values()], rtol=0.1)
+    np.testing.assert_allclose(start.parameters[0][:, 0], [half for _, half in ENZYMES.values()], rtol=0.1)
     np.testing.assert_allclose(start.coefficients[:, 0], [-rate for rate, _ in ENZYMES.values()], rtol=0.1)
     states = np.linspace(min(trial.states.min() for trial in trials), max(trial.states.max() for trial in trials), 500)
     for each in (own for own in sets if len(own.others[0].below) == 2):
-        below = each.starts[0].constants[0][:, 0, np.newaxis] ** each.others[0].degree
+        below = each.starts[0].parameters[0][:, 0, np.newaxis] ** each.others[0].degree
         rest = each.others[0].below[1].evaluate(np.column_stack([states, states]))
         assert (np.abs(below + rest) > 0).all()
 
@@ -143,7 +143,7 @@ def test_an_input_that_is_zero_in_all_trials_of_an_object_may_stand_below():
     variables = Variables(("s",), ("u",))
     problem = prepare(trials, PolynomialLibrary(1).bind(variables), np.full((3, 1, 3), np.nan))
     sets = matching_ratios(problem, problem.starts, parse_library("ratio(poly:1, poly:1)").ratios(variables), {0: 7})[0]
-    texts = {text for each in sets for text in each.others[0].expressions(variables, each.others[0].constants)}
+    texts = {text for each in sets for text in each.others[0].expressions(variables, each.others[0].shared_parameters)}
     assert "(s)/(K + s)" in texts
     assert any("u" in each for each in texts)
 

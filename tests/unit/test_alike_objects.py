@@ -1,4 +1,4 @@
-"""What one object's trials do not tell of constants inside of terms is taken from objects that are alike."""
+"""What one object's trials do not tell of parameters inside of terms is taken from objects that are alike."""
 
 import numpy as np
 import pandas as pd

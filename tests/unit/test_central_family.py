@@ -47,11 +47,11 @@ def test_of_a_sigmoid_beside_a_constant_the_form_without_is_proposed(constant):
     (start,) = found.starts
     points = np.column_stack([np.linspace(-2, 2, 9), np.zeros(9)])
 
-    def rates(coefficients, constants):
-        values = np.column_stack([points, np.tile(constants, (9, 1))])
+    def rates(coefficients, parameters):
+        values = np.column_stack([points, np.tile(parameters, (9, 1))])
         return coefficients[0] * points[:, 0] + coefficients[1] * sigmoid.term.evaluate(values)
 
     before = constant + rates([-1.0, -constant], [3.0, 0.2])
-    np.testing.assert_allclose(rates(start.coefficients[0], start.constants[0][0]), before, rtol=1e-12)
+    np.testing.assert_allclose(rates(start.coefficients[0], start.parameters[0][0]), before, rtol=1e-12)
     other = parametric_term("x/(K + x)", variables)
     assert not [*search._reflected(TermSet((0,), (other,), (Start(np.ones((1, 2)), (np.ones((1, 1)),)),)))]

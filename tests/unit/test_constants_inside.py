@@ -306,7 +306,7 @@ def test_a_saved_law_without_the_terms_of_its_constants_is_refused(fitted):
 
 
 @pytest.mark.parametrize(
-    ("text", "constants", "letters"),
+    ("text", "parameters", "letters"),
     [
         ("x' = V x/(K + x)", ("K",), ("V", "K")),
         ("x' = exp(k x)", ("k",), ("k",)),
@@ -316,9 +316,9 @@ def test_a_saved_law_without_the_terms_of_its_constants_is_refused(fitted):
         ("x' = -k (x - a)/(x + K)", ("K",), ("k", "a", "K")),
     ],
 )
-def test_names_that_are_no_factors_are_constants_of_their_terms(text, constants, letters):
+def test_names_that_are_no_factors_are_constants_of_their_terms(text, parameters, letters):
     given = read_equations(text, cl.Schema(("x",)))
-    assert {*given.terms.variables.constants} == {*constants}
+    assert {*given.terms.variables.parameters} == {*parameters}
     assert {each.name for each in given.coefficients} == {*letters}
 
 
@@ -354,7 +354,7 @@ def test_constants_have_the_units_that_make_sums_and_functions_possible(text, un
     given = {"s": "mol", "t": "min"}
     law = cl.Law.from_text(
         text,
-        dict.fromkeys(read_equations(text, cl.Schema(("s",))).terms.variables.constants, 1.0)
+        dict.fromkeys(read_equations(text, cl.Schema(("s",))).terms.variables.parameters, 1.0)
         | dict.fromkeys(units, 1.0)
         | ({"V": 1.0} if "V" in text else {}),
         units=given,

@@ -71,7 +71,7 @@ def test_the_kernel_was_built_of_these_sources(library):
 
 
 def model_of(
-    order=1, text="poly:2", names=("x", "y"), inputs=("u",), between="linear", logarithmic=(), cut=4000, constants=()
+    order=1, text="poly:2", names=("x", "y"), inputs=("u",), between="linear", logarithmic=(), cut=4000, parameters=()
 ):
     """A model over irregular trials with inputs and gaps, and states and coefficients to begin with."""
     orders = order if isinstance(order, tuple) else ()
@@ -84,8 +84,8 @@ def model_of(
         trials.append(trial(times, values, generator.standard_normal((n, len(inputs))), str(n)))
     found = meshes(trials, most=cut, input_between=between)
     scaled = [replace(each, scale=generator.uniform(0.5, 1.5, each.measured.shape)) for each in found]
-    variables = Variables(tuple(names), tuple(inputs), logarithmic=logarithmic, constants=constants, orders=orders)
-    own = (Term(parameter=variables.index(name)) for name in constants)
+    variables = Variables(tuple(names), tuple(inputs), logarithmic=logarithmic, parameters=parameters, orders=orders)
+    own = (Term(parameter=variables.index(name)) for name in parameters)
     terms = Terms(variables, (*parse_library(text).bind(variables).terms, *own))
     noise, unit = np.full(equations, 0.1), np.linspace(0.1, 0.3, len(names))
     states = tuple(generator.uniform(0.5, 1.5, (len(each), len(names))) for each in scaled)
@@ -107,7 +107,7 @@ CASES = {
     "mixed orders, memory and force": lambda: with_latent(
         model_of((2, 1), "terms:1,x,y,v,u", ("x", "y", "v")), correlated=0.1, memory=1.0, force=0.2, force_time=1.0
     ),
-    "mixed orders, constants inside": lambda: model_of((2, 1, 2), INSIDE, tuple("xyzvw"), constants=CONSTANTS),
+    "mixed orders, constants inside": lambda: model_of((2, 1, 2), INSIDE, tuple("xyzvw"), parameters=CONSTANTS),
     "one state": lambda: model_of(1, "poly:3", ("x",)),
     "many states": lambda: model_of(1, "poly:1", tuple("abcdefg")),
     "without inputs": lambda: model_of(inputs=()),
@@ -127,12 +127,12 @@ CASES = {
     "both, logarithms": lambda: with_latent(
         model_of(text="terms:x,y,u", logarithmic=("x",)), correlated=0.1, memory=1.0, force=0.2, force_time=1.0
     ),
-    "constants inside": lambda: model_of(text=INSIDE, constants=CONSTANTS),
-    "constants inside, second order": lambda: model_of(2, INSIDE, ("x", "y"), constants=CONSTANTS),
+    "constants inside": lambda: model_of(text=INSIDE, parameters=CONSTANTS),
+    "constants inside, second order": lambda: model_of(2, INSIDE, ("x", "y"), parameters=CONSTANTS),
     "constants inside, force": lambda: with_latent(
-        model_of(2, INSIDE, ("x", "y"), constants=CONSTANTS, between="held"), force=0.2, force_time=1.0
+        model_of(2, INSIDE, ("x", "y"), parameters=CONSTANTS, between="held"), force=0.2, force_time=1.0
     ),
-    "constants inside, logarithms": lambda: model_of(text=INSIDE, logarithmic=("x",), constants=CONSTANTS),
+    "constants inside, logarithms": lambda: model_of(text=INSIDE, logarithmic=("x",), parameters=CONSTANTS),
     "terms that are alike": lambda: model_of(text="terms:x,abs(x),y"),
 }
 
@@ -145,7 +145,7 @@ def case(request, monkeypatch, library):
     model, estimate = CASES[request.param]()
     free = np.ones(estimate.coefficients.shape, dtype=bool)
     free[:, -1] = False
-    free[1:, list(model.terms.constants)] = False  # One number stands for each
+    free[1:, list(model.terms.parameters)] = False  # One number stands for each
     return model, estimate, free
 
 

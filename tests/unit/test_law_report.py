@@ -62,10 +62,10 @@ def test_the_report_has_its_parts_in_order_and_says_what_the_verdict_says(report
 
 def test_tables_hold_the_numbers_of_the_law(report, law, drops):
     learned, held_out = drops.select(trial=1), drops.select(trial=2)
-    shown, constants = table_of(report, "values"), law.params.query("term == '1'")
+    shown, parameters = table_of(report, "values"), law.params.query("term == '1'")
     np.testing.assert_allclose(shown["a (m/s²)"], law.coefficients[:, 0, law.terms.index("1")])
-    np.testing.assert_allclose(shown["a from"], constants["low"])
-    np.testing.assert_allclose(shown["a to"], constants["high"])
+    np.testing.assert_allclose(shown["a from"], parameters["low"])
+    np.testing.assert_allclose(shown["a to"], parameters["high"])
     sizes = table_of(report, "sizes")
     assert {*sizes["terms"]} == {1, 2, 3}
     assert sizes["terms"].is_monotonic_increasing

@@ -1,4 +1,4 @@
-"""What a report says at its top where the law is not in the library, or forecasts are no better than constants."""
+"""What a report says at its top where the law is not in the library, or forecasts are no better than parameters."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Coefficients before several terms, and constants inside of terms, beside states that nobody measured."""
+"""Coefficients before several terms, and parameters inside of terms, beside states that nobody measured."""
 
 import numpy as np
 import pytest

@@ -55,7 +55,7 @@ def test_every_spelling_has_the_same_right_hand_sides_and_as_many_constants(stat
         dict(zip(law.schema.states, law.rhs("object", _ordered(law, names, points)).T, strict=True)) for law in laws
     ]
     for law, found in zip(laws, rates, strict=True):
-        assert {*law.terms.variables.constants} == {*laws[0].terms.variables.constants}
+        assert {*law.terms.variables.parameters} == {*laws[0].terms.variables.parameters}
         assert law.support.sum() == laws[0].support.sum()
         for name in laws[0].schema.states:
             np.testing.assert_allclose(found[name], rates[0][name], rtol=1e-12)

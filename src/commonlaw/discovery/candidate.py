@@ -11,7 +11,7 @@ from commonlaw.library import Order, order_of_each
 from commonlaw.trials import Trials
 
 MAX_TERMS_OF_SIMPLE_LAW = 5
-"""Coefficients and constants of an equation more than which may stand for a latent state, or for richer terms."""
+"""Coefficients and parameters of an equation more than which may stand for a latent state, or for richer terms."""
 
 _SERIES_DIVISOR = 3
 """Of terms of higher degree, an equation with more than one in so many may be a truncated series."""

@@ -31,7 +31,7 @@ from commonlaw.inference import (
     with_parametric_terms,
     with_parametric_terms_under_errors,
 )
-from commonlaw.library import Offer, ParametricTerm, TiedTerms, highest_order
+from commonlaw.library import Offer, ParametricTerm, highest_order
 from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.runtime.progress import ProgressCallback, announce, check_memory, part
 from commonlaw.solvers import parse_solver
@@ -100,7 +100,7 @@ class CandidateSearch:
     def of_higher_degree(self, candidate: Candidate) -> Candidate:
         """Return the law among plain terms of higher degree where fewer may be wrong, if those explain the trials.
 
-        They are a linear problem, so they come before terms with constants inside, latent states and other orders.
+        They are a linear problem, so they come before terms with parameters inside, latent states and other orders.
         A law that leaves something unexplained, or is a truncated series, extrapolates worse than one of fewer terms.
         """
         whole, higher = candidate.screened.whole, candidate.screened.whole.library.higher
@@ -221,7 +221,7 @@ class CandidateSearch:
             return pool
         return with_latent_state(pool, trials, most_samples=self.options.max_samples, progress=self.progress)
 
-    def _offers(self, screened: Screened) -> tuple[tuple[ParametricTerm | TiedTerms, ...], list[Offer]]:
+    def _offers(self, screened: Screened) -> tuple[tuple[ParametricTerm, ...], list[Offer]]:
         """Return the drives that nobody measured among what equations may have besides plain terms, and all of that."""
         variables = screened.terms.variables
         forced = self.options.unmeasured and highest_order(screened.whole.order) == 2

@@ -15,7 +15,7 @@ from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import fitted_by_parts, outcomes_of_constants, refine, with_constants_found
+from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine, with_parameters_found
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.parameters import named_parameters, standard_errors
@@ -89,14 +89,14 @@ def fit(
         follow from these, their standard errors to first order. There have to be as many terms as coefficients, which
         determine them one by one.
 
-        Coefficients inside of functions, powers and sums below a line are constants of their terms and fitted as such:
+        Coefficients inside of functions, powers and sums below a line are parameters of their terms and fitted as such:
         ``"s' = -V s/(K + s)"``, ``"x'' = -k abs(v)^p sign(v)"``, ``"i' = a (exp(u/U) - 1) - b i"``,
         ``"x'' = -k x + A cos(w t + p)"``. The fit begins from a bank of values about the sizes of what they stand
         beside, within bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``. A coefficient whose
         best value is outside is at its bound, which an outcome says with a one-sided interval.
     trials
         What was measured. Each object has its own coefficients. A stream is fitted file by file, see `refine`; such a
-        law has no constants inside of terms, and no states that nobody measured.
+        law has no parameters inside of terms, and no states that nobody measured.
     starts
         Of states that nobody measured, where each trial has them in its first sample, by name: a number, the name of a
         property of the objects, such as a dose, a number for each object, or None (the text ``"free"``) where the
@@ -115,7 +115,7 @@ def fit(
         object's own. Their common value is the mean that is weighted by the information
         of each object's trials (generalised least squares), which a fit of all objects together gives to first order.
     guesses
-        Where the fit begins with constants inside of terms, by their letters, ``guesses={"w": 0.3}``, in place of the
+        Where the fit begins with parameters inside of terms, by their letters, ``guesses={"w": 0.3}``, in place of the
         values that are tried. Coefficients that stand before terms need none, as they follow by least squares.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
         Settings of the fit, see `FitOptions`. With `doses` inputs are on lines between samples by default.
@@ -182,8 +182,8 @@ def fit(
         ),
     )
     if given.order == 0:
-        if given.terms.constants:
-            names = ", ".join(given.terms.variables.constants)
+        if given.terms.parameters:
+            names = ", ".join(given.terms.variables.parameters)
             raise CommonlawError("discrete-with-parameters", names=names, variables=given.terms.variables.measured)
         law = _next_samples(given, trials, {**settings, "universal": universal or None})
         # Of what a search says, only this concerns terms that were given
@@ -205,7 +205,7 @@ def fit(
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
     if guesses and starts:
         raise CommonlawError("guess-with-latent-states")
-    begun = with_constants_found(unfitted, trials, given.bounds, guesses, **settings)
+    begun = with_parameters_found(unfitted, trials, given.bounds, guesses, **settings)
     shared = _coefficients_of(universal, begun)
     apart = settings | {"partial_pooling": False}
     law = refine(begun, trials, **apart if universal else settings)
@@ -218,7 +218,7 @@ def fit(
         return refine(begun, trials, **{**apart, "errors": "white"}).pool(shared, partial_pooling)
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
-    outcomes = (*law.diagnostics, *outcomes_of_constants(law), *chosen_errors)
+    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors)
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
 
@@ -265,7 +265,7 @@ def _of_stream(
 ) -> Law:
     """Return the law of the objects of a stream, fitted part by part."""
     given = read_equations(equations, stream.schema)
-    if given.terms.constants or given.order == 0:
+    if given.terms.parameters or given.order == 0:
         what = "a discrete-time law is" if given.order == 0 else "nonlinear parameters are"
         raise CommonlawError("not-file-by-file", what=what)
     errors = "white" if settings["errors"] == "auto" else settings["errors"]

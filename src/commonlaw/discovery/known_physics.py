@@ -78,7 +78,7 @@ def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
         raise CommonlawError(
             "known-physics-order", order=own, known_states=law.schema.states, sought=sought, states=states
         )
-    if law.terms.constants:
+    if law.terms.parameters:
         raise CommonlawError("known-physics-parameters")
     law, names = with_objects_of(law, trials)[0], law.terms.variables.names
     texts = [each.expression(names) for each in law.terms.terms]
@@ -95,10 +95,10 @@ def _of_text(text: str, order: Order, trials: Trials) -> Numbers:
     if "=" not in text and len(schema.states) == 1:
         text = f"{left_hand_sides(schema.states, order)[0]} = {text}"
     given = read_equations(text, schema)
-    if given.terms.constants:
+    if given.terms.parameters:
         raise CommonlawError(
             "known-physics-variables",
-            constants=given.terms.variables.constants,
+            parameters=given.terms.variables.parameters,
             variables=given.terms.variables.measured,
         )
     if given.order != order:

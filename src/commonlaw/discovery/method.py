@@ -31,8 +31,8 @@ class AbstractMethod(ABC):
     takes_noise_columns: ClassVar[bool] = False
     """Whether it heeds standard deviations of single measurements."""
 
-    takes_constants: ClassVar[bool] = False
-    """Whether it finds constants inside of terms."""
+    takes_parameters: ClassVar[bool] = False
+    """Whether it finds parameters inside of terms."""
 
     @abstractmethod
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
@@ -68,7 +68,7 @@ def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStrea
     inside = [each.text(law_variables(trials.schema, order)) for each in structure.parametric(trials.schema)]
     inside += ["ratios of sums"] if structure.ratios(trials.schema) else []
     others = [] if order == 0 else [Diagnostic("use-trajectory-likelihood")]
-    if inside and not method.takes_constants:
+    if inside and not method.takes_parameters:
         remedy = "take a library without ratios" if inside[0] == "ratios of sums" else "give constants as numbers"
         raise CommonlawError("parametric-terms-unsupported", term=inside[0], method=name, remedies=[remedy, *others])
     columns = trials.schema.noise_columns

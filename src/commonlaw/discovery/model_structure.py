@@ -10,7 +10,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law
-from commonlaw.library import AbstractLibrary, Order, ParametricTerm, PolynomialLibrary, Ratios, Terms, TiedTerms
+from commonlaw.library import AbstractLibrary, Order, ParametricTerm, PolynomialLibrary, Ratios, Terms
 from commonlaw.trials import Schema
 
 Key = str | tuple[str, str]
@@ -54,8 +54,8 @@ class ModelStructure:
             raise CommonlawError("library-parametric-only")
         return terms
 
-    def parametric(self, schema: Schema) -> tuple[ParametricTerm | TiedTerms, ...]:
-        """Return the candidate terms with constants inside that are to be found, see `AbstractLibrary.parametric`."""
+    def parametric(self, schema: Schema) -> tuple[ParametricTerm, ...]:
+        """Return the candidate terms with parameters inside that are to be found, see `AbstractLibrary.parametric`."""
         return self.library.parametric(law_variables(schema, self.order))
 
     def ratios(self, schema: Schema) -> tuple[Ratios, ...]:

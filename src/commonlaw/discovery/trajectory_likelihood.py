@@ -42,7 +42,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
     takes_mixed_orders: ClassVar[bool] = True
     takes_streams: ClassVar[bool] = True
     takes_noise_columns: ClassVar[bool] = True
-    takes_constants: ClassVar[bool] = True
+    takes_parameters: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -74,7 +74,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         refuse_what_does_not_fit(self, trials, structure)
         inside = structure.parametric(trials.schema) or structure.ratios(trials.schema)
         if inside or self.unmeasured:
-            what = "unmeasured=1" if self.unmeasured else "a term with constants inside"
+            what = "unmeasured=1" if self.unmeasured else "a term with nonlinear parameters"
             raise CommonlawError("stream-with-option", what=what)
         errors = "white" if self.errors == "auto" else self.errors
         return law_of_parts(

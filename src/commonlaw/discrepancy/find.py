@@ -41,8 +41,8 @@ def discrepancy(
 ) -> Discrepancy[Law]:
     """Return the smooth function of a coordinate that all objects share beside a law, see `Law.discrepancy`."""
     called = call(discrepancy, locals(), "law.discrepancy", "trials") + ".law"
-    if law.terms.constants:
-        inside = ", ".join(law.terms.variables.constants)
+    if law.terms.parameters:
+        inside = ", ".join(law.terms.variables.parameters)
         raise CommonlawError("discrepancy-with-parameters", parameters=inside)
     trials = with_known_properties(trials, law)
     setting = Setting.of(law, trials, [times, *([of] if of else [])], noise, huber_threshold)

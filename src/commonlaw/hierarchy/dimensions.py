@@ -7,7 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.hierarchy import Dimensions
-from commonlaw.library import Order, Terms, order_of_each, term_unit, units_of_constants, with_rates
+from commonlaw.library import Order, Terms, order_of_each, term_unit, units_of_parameters, with_rates
 from commonlaw.trials import Schema
 from commonlaw.trials.headers import parse_unit, registry
 
@@ -106,12 +106,12 @@ def _units_over(
     pairs = zip(terms.variables.states[len(states) :], with_rates(order, len(states)), strict=True)
     units = {**units, **{rate: units[states[j]] / time for rate, j in pairs}}
     orders = order_of_each(order, len(states))
-    constants = units_of_constants(terms, units) if terms.constants else {}
-    units |= constants
+    parameters = units_of_parameters(terms, units) if terms.parameters else {}
+    units |= parameters
     for j, k in np.argwhere(support).tolist():
-        constant, below = terms.constant_name(k), term_unit(terms.terms[k], terms.variables, units)
-        if constant in constants:
-            found[j, k] = constants[constant]
-        elif constant is None and below is not None:
+        name, below = terms.parameter_name(k), term_unit(terms.terms[k], terms.variables, units)
+        if name in parameters:
+            found[j, k] = parameters[name]
+        elif name is None and below is not None:
             found[j, k] = units[states[j]] / time ** orders[j] / below
     return found

@@ -7,7 +7,7 @@ from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.latent_states import drives, with_drive_said, with_latent_state
-from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_constants, with_constants_found
+from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_parameters_found
 from commonlaw.inference.propose.orders import may_be_of_first_order, may_be_of_lower_order, score_of_order
 from commonlaw.inference.propose.parametric import (
     may_be_series,
@@ -75,7 +75,7 @@ __all__ = [
     "may_be_simpler",
     "missed_terms",
     "most_explaining",
-    "outcomes_of_constants",
+    "outcomes_of_parameters",
     "prepare",
     "promising_terms",
     "refine",
@@ -83,10 +83,10 @@ __all__ = [
     "score_of_order",
     "search_supports",
     "typical",
-    "with_constants_found",
     "with_drive_said",
     "with_interpolation",
     "with_latent_state",
+    "with_parameters_found",
     "with_parametric_terms",
     "with_parametric_terms_under_errors",
     "written_alike",

@@ -104,7 +104,7 @@ class EventFunctions:
     @cached_property
     def terms(self) -> Terms:
         """The expressions."""
-        variables = replace(self.field.terms.variables, constants=())
+        variables = replace(self.field.terms.variables, parameters=())
         return Terms(variables, tuple(parse_term(event.expression, variables) for event in self.events))
 
     @cached_property

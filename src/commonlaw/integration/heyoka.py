@@ -93,7 +93,7 @@ class Structure:
 
     The terms that are in some equation; for each coefficient, in their order, its `pair`: the equation and the index of
     the term; the indices of those that sensitivities are wanted of, if any (`free`), and of those that are the values
-    of constants `inside` of terms, None for one that is zero; how many `inputs` there are, the indices of the states
+    of parameters `inside` of terms, None for one that is zero; how many `inputs` there are, the indices of the states
     that are `logarithmic`, and how many powers the polynomials of inputs have; each event's expression, direction and
     whether it is terminal.
     """
@@ -127,7 +127,7 @@ class Structure:
             tuple(vector_field.terms.terms[k] for k in used),
             tuple((int(j), int(k)) for j, k in np.argwhere(vector_field.kept[:, used])),
             tuple(int(i) for i in free),
-            tuple(columns.index(k) if k in columns else None for k in vector_field.terms.constants),
+            tuple(columns.index(k) if k in columns else None for k in vector_field.terms.parameters),
             len(vector_field.coefficients),
             tuple(vector_field.second.tolist()),
             len(vector_field.terms.variables.inputs),

@@ -101,7 +101,7 @@ class VectorField:
     Its methods take the values of the variables (states, inputs, time) at n points, shape (n, variables). Called with
     one time and state, as integrators do, it gives what it gives at the one point. States that the variables call
     logarithmic are given, and followed, by their logarithms: for x' = f(x) it is ``z' = f(exp(z)) / exp(z)``.
-    Constants inside of terms have the values of their coefficients, and are parameters like these.
+    Parameters inside of terms have the values of their coefficients, and are parameters like these.
 
     Parameters
     ----------
@@ -153,11 +153,11 @@ class VectorField:
         states, columns = self._of_parameters
         by_parameters = np.zeros((len(matrix), self.width, len(states)))
         by_parameters[:, states, range(len(states))] = matrix[:, columns]
-        if self.terms.constants:
+        if self.terms.parameters:
             gradients = terms.jacobian(natural)
-            first = gradients.shape[2] - len(self.terms.constants)
+            first = gradients.shape[2] - len(self.terms.parameters)
             indices = np.argwhere(self.parameter_mask)[:, 1]
-            for i, index in enumerate(self.terms.constants):
+            for i, index in enumerate(self.terms.parameters):
                 slopes = (gradients[:, :, first + i] @ coefficients.T)[:, :, np.newaxis]
                 by_parameters[:, self.highest[:, np.newaxis], np.flatnonzero(indices == index)] = slopes
         return LinearizedField(
@@ -211,7 +211,7 @@ class VectorField:
         return self.terms.take([int(k) for k in indices]), self.coefficients[:, indices]
 
     def _natural(self, values: Floats) -> Floats:
-        """Return the values of all variables, constants among them."""
+        """Return the values of all variables, parameters among them."""
         return self.terms.at(self.terms.variables.natural(values), self.coefficients)
 
     def _with_rates(self, values: Floats, highest: Floats) -> Floats:

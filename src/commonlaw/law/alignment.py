@@ -84,22 +84,22 @@ def _units(law: Law, given: Schema) -> dict[str, str]:
     return units | ({given.time: own.units[own.time]} if own.time in own.units else {})
 
 
-def with_constants_of(other: "Law", law: "Law") -> "Law":
+def with_parameters_of(other: "Law", law: "Law") -> "Law":
     """Return another law in which a constant has the name that it has in a law, where it is inside the same terms."""
     same = defaultdict[frozenset[tuple[int, str]], list[str]](list)
-    for name in law.terms.variables.constants:
+    for name in law.terms.variables.parameters:
         same[_places(law, name)].append(name)
     variables, names = other.terms.variables, list[str]()
-    for each in variables.constants:
+    for each in variables.parameters:
         known = same[_places(other, each)]
         taken = (*law.terms.variables.names, *variables.measured, *names)
         names.append(known.pop(0) if known else free_name(each, taken))
-    return replace(other, terms=replace(other.terms, variables=replace(variables, constants=tuple(names))))
+    return replace(other, terms=replace(other.terms, variables=replace(variables, parameters=tuple(names))))
 
 
 def _places(law: "Law", name: str) -> frozenset[tuple[int, str]]:
     """Return in which equations' terms a constant is, these with a sign in place of it and of others."""
     variables, column = law.terms.variables, law.terms.variables.index(name)
-    signs = [*variables.measured, *("?" if each == name else "#" for each in variables.constants)]
+    signs = [*variables.measured, *("?" if each == name else "#" for each in variables.parameters)]
     pairs = np.argwhere(law.support & law.terms.is_factor).tolist()
     return frozenset((j, law.terms.terms[k].text(signs)) for j, k in pairs if column in law.terms.terms[k].columns())

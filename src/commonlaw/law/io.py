@@ -235,7 +235,7 @@ def document_of(law: Law) -> LawDocument:
         order=cast(Literal[0, 1, 2], law.order),
         schema=law.schema,
         rates=list(terms.variables.states[len(law.schema.states) :]),
-        constants=list(terms.variables.constants),
+        constants=list(terms.variables.parameters),
         terms=_saved_terms(terms),
         coefficients=dict(zip(law.objects, law.coefficients.tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
@@ -269,7 +269,7 @@ def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
         explanation=_saved_explanation(law.uncertainty.explanation),
         terms=_saved_terms(law.terms) if own else None,
-        constants=list(law.terms.variables.constants) if own else [],
+        constants=list(law.terms.variables.parameters) if own else [],
     )
 
 
@@ -389,7 +389,7 @@ def _read_other(saved: OtherDocument, law: Law) -> Law:
     """Return what else the law could be that is saved with it."""
     terms, objects = law.terms, law.objects
     if saved.terms is not None:
-        terms = parse_terms(saved.terms, replace(terms.variables, constants=tuple(saved.constants)))
+        terms = parse_terms(saved.terms, replace(terms.variables, parameters=tuple(saved.constants)))
     shape = (len(law.schema.states), len(terms))
     support = np.zeros(shape, dtype=np.bool_)
     if len(saved.support) != len(support) or not all(0 <= k < len(terms) for row in saved.support for k in row):

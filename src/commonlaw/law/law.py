@@ -106,7 +106,7 @@ class Law(ShownInNotebooks):
             raise CommonlawError("averaged-laws-probability")
 
     def _check_names(self) -> None:
-        _ = self.terms.constants  # Refused if they have no terms of their own
+        _ = self.terms.parameters  # Refused if they have no terms of their own
         if not self.objects or not len(self.terms):
             raise CommonlawError("law-empty", part="term" if self.objects else "object")
         variables, schema = self.terms.variables, self.schema

@@ -133,7 +133,7 @@ def named_parameters(law: Law) -> Parameters:
     known = np.all((standard_errors(law) == 0) & (law.coefficients == law.coefficients[:1]), axis=0)
     places = np.argwhere(law.support & ~(known & law.terms.is_factor)).tolist()
     letters = iter(free_letters(len(places), law.terms.variables.names))
-    named = [(law.terms.constant_name(k) or next(letters), j, k) for j, k in places]
+    named = [(law.terms.parameter_name(k) or next(letters), j, k) for j, k in places]
     definitions = tuple(Coefficient(name, (Part(j, k),)) for name, j, k in named)
     return Parameters(law, definitions, tuple(Product(j, k, 1.0, ((name, 1),)) for name, j, k in named))
 

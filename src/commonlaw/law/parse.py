@@ -14,7 +14,7 @@ from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
-from commonlaw.library.equation import Meanings, Summand, only_product, split_equations, with_constants
+from commonlaw.library.equation import Meanings, Summand, only_product, split_equations, with_parameters
 from commonlaw.library.term import parse_term
 from commonlaw.trials import Schema
 
@@ -32,8 +32,8 @@ class Coefficient(NamedTuple):
     """A coefficient by the name that a user knows it by, as a product of powers of coefficients of terms.
 
     In ``x'' = -2 x/m`` it is -2 over that of x. In ``T' = -k (T - a)``, multiplied out ``-k T + k a``, a is the
-    coefficient of 1 over minus that of T. A constant inside of terms is the coefficient of its own, see
-    `Terms.constants`.
+    coefficient of 1 over minus that of T. A parameter inside of terms is the coefficient of its own, see
+    `Terms.parameters`.
     """
 
     name: str
@@ -122,7 +122,7 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
     variables = variables or law_variables(schema, order)
     second = [schema.states[j] for j in with_rates(order, len(schema.states))]
     state_rates = list(zip(second, variables.states[len(schema.states) :], strict=False))
-    variables = with_constants(variables, ordered, state_rates, meanings)
+    variables = with_parameters(variables, ordered, state_rates, meanings)
     while True:
         rows = [each.summands(variables, state_rates, meanings) for each in ordered]
         listed = list(dict.fromkeys(each.term for row in rows for each in row)) or [parse_term("1", variables)]
@@ -144,12 +144,12 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
             product = next(each for each in products if len(each.coefficients) > 1)
             problem = only_product(product.coefficients)
             ordered[product.equation].refuse(product.coefficients[1][0], problem, variables, state_rates)
-        variables = replace(variables, constants=(*variables.constants, *shared))
+        variables = replace(variables, parameters=(*variables.parameters, *shared))
     known = np.zeros((len(rows), len(listed)))
     for j, row in enumerate(rows):
         for each in row:
             known[j, listed.index(each.term)] = np.nan if each.coefficients else each.factor
-    owners = _owners_of_constants(rows, variables)
+    owners = _owners_of_parameters(rows, variables)
     own = [Product(j, len(listed) + i, 1.0, ((name, 1),)) for i, (name, j) in enumerate(owners.items())]
     found += tuple(Coefficient(name, (Part(each.equation, each.term),)) for name, each in zip(owners, own, strict=True))
     known = np.column_stack([known, *(np.where(np.arange(len(rows)) == j, np.nan, 0.0) for j in owners.values())])
@@ -170,10 +170,10 @@ def latex_summands(
     return tuple(each.latex(variables, state_rates, meanings) for each in equations)
 
 
-def _owners_of_constants(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:
+def _owners_of_parameters(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:
     """Return the first equation, by its index, in whose terms each constant stands."""
     used = [frozenset().union(*(each.term.columns() for each in row)) for row in rows]
-    columns = {name: variables.index(name) for name in variables.constants}
+    columns = {name: variables.index(name) for name in variables.parameters}
     return {name: next((j for j, own in enumerate(used) if i in own), 0) for name, i in columns.items()}
 
 

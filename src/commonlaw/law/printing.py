@@ -60,34 +60,36 @@ def equations(law: Law, name: str | None, digits: int, errors: bool | None) -> t
     """Return the equations of one object, see `Law.equations`."""
     lefts = left_hand_sides(law)
     if name is None and _has_relations(law):
-        lefts = (*lefts, *law.terms.variables.constants)
+        lefts = (*lefts, *law.terms.variables.parameters)
         related = related_rows(law, PLAIN, lefts, law.terms.factors, digits, errors is not False)
         return tuple(f"{left} = {text.summed(addends, PLAIN.times)}" for left, addends in related)
     values = _Values.of(law, name, errors)
     if law.provenance.equations:
         numbers = {key: text.numbered(*pair, digits) for key, pair in values.parameters(law).items()}
         return tuple(each.with_numbers(numbers) for each in split_equations(law.provenance.equations))
-    constants = [text.with_error(*pair, digits, bracket=True) for pair in values.constants(law)]
-    written = (f"({each})" if each.startswith("-") else each for each in constants)
+    parameters = [text.with_error(*pair, digits, bracket=True) for pair in values.inner_parameters(law)]
+    written = (f"({each})" if each.startswith("-") else each for each in parameters)
     names = law.terms.factors_over((*law.terms.variables.measured, *written))
     rows = zip(lefts, values.factors(law), values.errors, strict=True)
-    return tuple(text.equation(*row, names, digits, law.terms.have_constants) for row in rows)
+    return tuple(text.equation(*row, names, digits, law.terms.have_parameters) for row in rows)
 
 
 def latex(law: Law, name: str | None, digits: int, errors: bool | None) -> str:
     """Return the equations of one object in LaTeX, see `Law.to_latex`."""
     lefts = text.latex_left_hand_sides(law.schema.states, law.order)
     terms = law.terms.latex_factors(law.terms.variables.names)
-    constants = [latex_name(each) for each in law.terms.variables.constants]
+    parameters = [latex_name(each) for each in law.terms.variables.parameters]
     if name is None and _has_relations(law):
-        return text.aligned(related_rows(law, LATEX, (*lefts, *constants), terms, digits, errors is not False))
+        return text.aligned(related_rows(law, LATEX, (*lefts, *parameters), terms, digits, errors is not False))
     values = _Values.of(law, name, errors)
     if law.provenance.equations:
         pairs = [(latex_name(key), pair) for key, pair in values.parameters(law).items()]
         return text.aligned([*zip(lefts, latex_structure(law), strict=True), *text.latex_values(pairs, digits)])
     rows = zip(lefts, values.factors(law), values.errors, strict=True)
-    written = text.latex_equations(rows, terms, digits, law.terms.have_constants)
-    return text.aligned([*written, *text.latex_values(zip(constants, values.constants(law), strict=True), digits)])
+    written = text.latex_equations(rows, terms, digits, law.terms.have_parameters)
+    return text.aligned(
+        [*written, *text.latex_values(zip(parameters, values.inner_parameters(law), strict=True), digits)]
+    )
 
 
 def sympy_equations(law: Law, name: str | None) -> "dict[sympy.Expr, sympy.Expr]":
@@ -95,9 +97,9 @@ def sympy_equations(law: Law, name: str | None) -> "dict[sympy.Expr, sympy.Expr]
     sympy = optional_import("sympy", "the SymPy form of a law", "symbolic")
     symbols = [sympy.Symbol(each, real=True) for each in law.terms.variables.names]
     values = _Values.of(law, name, errors=False)
-    pairs = zip(law.terms.variables.constants, values.constants(law), strict=True)
-    constants = {sympy.Symbol(each, real=True): sympy.Float(value) for each, (value, _) in pairs}
-    forms = [term.sympy(symbols).subs(constants) for term in law.terms.terms]
+    pairs = zip(law.terms.variables.parameters, values.inner_parameters(law), strict=True)
+    parameters = {sympy.Symbol(each, real=True): sympy.Float(value) for each, (value, _) in pairs}
+    forms = [term.sympy(symbols).subs(parameters) for term in law.terms.terms]
     sums = [
         sympy.Add(*(sympy.Float(float(c)) * form for c, form in zip(row, forms, strict=True) if c))
         for row in values.factors(law)
@@ -128,10 +130,10 @@ class _Values(NamedTuple):
         pairs = zip(known.values[self.position].tolist(), errors.tolist(), strict=True)
         return dict(zip(known.names, pairs, strict=True))
 
-    def constants(self, law: Law) -> list[tuple[float, float]]:
+    def inner_parameters(self, law: Law) -> list[tuple[float, float]]:
         """Return the value and the error of each parameter inside of terms."""
         coefficients, pairs = law.coefficients[self.position], []
-        for k in law.terms.constants:
+        for k in law.terms.parameters:
             j = int(np.argmax(coefficients[:, k] != 0))
             pairs.append((float(coefficients[j, k]), float(np.nan_to_num(self.errors[j, k]))))
         return pairs
@@ -267,16 +269,16 @@ LATEX = Notation(latex_with_error, latex_name, r"\, ", _latex_powers)
 def related_rows(
     law: Law, notation: Notation, lefts: Sequence[str], names: Sequence[str], digits: int, errors: bool
 ) -> list[tuple[str, list[Addend]]]:
-    """Return equations with relations before their terms, then shared constants; left-hand sides are those of both."""
+    """Return equations with relations before their terms, then shared parameters; left-hand sides are those of both."""
     rows: list[list[Addend]] = [[] for _ in lefts]
-    equations, constants = len(law.support), law.terms.constants
+    equations, parameters = len(law.support), law.terms.parameters
     related = zip(np.argwhere(law.support).tolist(), _explanation(law).relations, _letters(law), strict=True)
     for (j, k), relation, letter in related:
         row, term = rows[j], names[k]
-        if k in constants:
+        if k in parameters:
             if letter:  # Its values stand in the table of object-specific coefficients
                 continue
-            row, term = rows[equations + constants.index(k)], "1"
+            row, term = rows[equations + parameters.index(k)], "1"
         if relation is None:
             value = float(law.coefficients[0, j, k])
             row.append(Addend(value < 0, notation.number(abs(value), 0.0, digits), term))
@@ -326,7 +328,7 @@ def _letters(law: Law) -> list[str | None]:
     variables = law.terms.variables.names
     free = iter(free_letters(len(columns), (*variables, *explanation.properties)))
     return [
-        law.terms.constant_name(k) or next(free) if relation and relation.kind is RelationKind.OWN else None
+        law.terms.parameter_name(k) or next(free) if relation and relation.kind is RelationKind.OWN else None
         for relation, k in zip(explanation.relations, columns, strict=True)
     ]
 

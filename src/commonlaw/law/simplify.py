@@ -31,7 +31,7 @@ def symbolic() -> Any:
 
 
 def symbol(name: str) -> "sympy.Symbol":
-    """Return the symbol of a variable, a constant inside of terms or a letter."""
+    """Return the symbol of a variable, a parameter inside of terms or a letter."""
     return symbolic().Symbol(quoted(name), real=True)
 
 
@@ -107,7 +107,7 @@ def without_vanishing_part(law: Law, values: Floats, covariances: Floats, tolera
 
     Values, shape (objects, letters), and covariances are of each object by its own trials.
     """
-    if not law.terms.variables.constants:
+    if not law.terms.variables.parameters:
         return None
     rights, least = right_hand_sides(law), p_value(tolerance**2, 1)
     near = [
@@ -171,12 +171,12 @@ class _Part(NamedTuple):
 
 def _parts(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> Iterator[_Part]:
     """Yield the parts of numerators that are sums, with each letter before a term that they are linear in."""
-    sympy, constants = symbolic(), law.terms.variables.constants
+    sympy, parameters = symbolic(), law.terms.variables.parameters
     measured = [symbol(name) for name in law.terms.variables.measured]
-    factors = [symbol(name) for name in named_parameters(law).names if name not in constants]
+    factors = [symbol(name) for name in named_parameters(law).names if name not in parameters]
     for j, right in enumerate(right_hand_sides):
         above, below = sympy.fraction(sympy.together(right))
-        if not below.has(*map(symbol, constants)):
+        if not below.has(*map(symbol, parameters)):
             continue
         try:
             parts = sympy.Poly(sympy.expand(above), *measured).coeffs()
@@ -439,9 +439,9 @@ def _candidates(law: Law, found: _Estimates, constraints: Sequence[_Constraint])
 
 
 def _powers(law: Law, letter: str) -> list[int]:
-    """Return the powers with which a letter stands before terms; none for a constant inside of them."""
+    """Return the powers with which a letter stands before terms; none for a parameter inside of them."""
     found = [power for each in named_parameters(law).products for name, power in each.coefficients if name == letter]
-    return [0] if letter in law.terms.variables.constants else found
+    return [0] if letter in law.terms.variables.parameters else found
 
 
 def _ratios(letter: str, index: int, value: float) -> Iterator[_Constraint]:

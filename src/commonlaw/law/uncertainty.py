@@ -89,7 +89,7 @@ class PlausibleLaw(NamedTuple, Generic[LawType]):
     probability
         Between 0 and 1, among all that remains plausible.
     law
-        Of the same objects and states. Terms, and constants inside of them, that both laws have are of the same name.
+        Of the same objects and states. Terms, and parameters inside of them, that both laws have are of the same name.
     """
 
     probability: float

@@ -18,10 +18,10 @@ from commonlaw.library.libraries import (
     SumLibrary,
     parse_library,
 )
-from commonlaw.library.parametric import FAMILIES, ParametricTerm, Ratio, Ratios, TiedTerms, parametric_term
+from commonlaw.library.parametric import FAMILIES, ParametricTerm, Ratio, Ratios, parametric_term
 from commonlaw.library.term import Term, monomial, parse_term
 from commonlaw.library.terms import Terms, parse_terms
-from commonlaw.library.units import term_unit, units_of_constants
+from commonlaw.library.units import term_unit, units_of_parameters
 from commonlaw.library.variables import (
     Order,
     Variables,
@@ -56,7 +56,6 @@ __all__ = [
     "SumLibrary",
     "Term",
     "Terms",
-    "TiedTerms",
     "Variables",
     "highest_columns",
     "highest_order",
@@ -69,6 +68,6 @@ __all__ = [
     "parse_terms",
     "split_derivatives",
     "term_unit",
-    "units_of_constants",
+    "units_of_parameters",
     "with_rates",
 ]

@@ -167,7 +167,7 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     return found
 
 
-def with_constants(
+def with_parameters(
     variables: Variables,
     equations: Sequence[Equation],
     state_rates: Sequence[tuple[str, str]] = (),
@@ -175,7 +175,7 @@ def with_constants(
 ) -> Variables:
     """Return variables with the nonlinear parameters of equations, in the order of the text.
 
-    >>> with_constants(Variables(("s",)), split_equations("s' = -V s/(K + s)")).constants
+    >>> with_parameters(Variables(("s",)), split_equations("s' = -V s/(K + s)")).parameters
     ('K',)
     """
     while True:
@@ -183,7 +183,7 @@ def with_constants(
             for each in equations:
                 each.summands(variables, state_rates, meanings)
         except InsideError as error:
-            variables = replace(variables, constants=(*variables.constants, error.args[0]))
+            variables = replace(variables, parameters=(*variables.parameters, error.args[0]))
         else:
             return variables
 
@@ -206,10 +206,10 @@ def _left(text: str) -> Equation:
 
 
 class _Written(NamedTuple):
-    """A number, coefficients and constants by their columns with their powers, and the text of what they multiply."""
+    """A number, coefficients and parameters by their columns with their powers, and the text of what they multiply."""
 
     factor: float
-    constants: tuple[tuple[int, int], ...]
+    parameters: tuple[tuple[int, int], ...]
     text: str
 
 
@@ -222,7 +222,7 @@ class _Reader:
         names = [each.text for each in self.tokens if each.kind == "name" and each.text not in variables.names]
         self.coefficients = tuple(dict.fromkeys(names))
         self.names = (*variables.names, *self.coefficients)
-        self.parameters = len(self.coefficients) + len(variables.constants)
+        self.parameters = len(self.coefficients) + len(variables.parameters)
         if len(equation.text) > MAX_CHARACTERS or sum(each.kind == "(" for each in self.tokens) > MAX_DEPTH:
             raise CommonlawError(
                 "equation-too-long", text=equation.text[:57], longest=MAX_CHARACTERS, deepest=MAX_DEPTH
@@ -233,7 +233,7 @@ class _Reader:
         for factor, start, text in self._addends():
             try:
                 tree = read(text, self.names, self.parameters)
-                products = multiplied_out(tree, first - len(self.variables.constants), first)
+                products = multiplied_out(tree, first - len(self.variables.parameters), first)
                 found += [self._of_product(factor, each) for each in products]
             except CommonlawError as error:
                 self._fail(start, error.diagnostic)
@@ -242,7 +242,7 @@ class _Reader:
         # Of how an equation is spelled nothing depends: k*a - k*T is k*(a - T)
         alike = dict[object, list[_Written]]()
         for number, each in enumerate(found):
-            alike.setdefault(each.constants or number, []).append(each)
+            alike.setdefault(each.parameters or number, []).append(each)
         collected = (self._collected(each) for each in alike.values())
         return tuple(each for each in collected if each.factor)
 
@@ -290,13 +290,13 @@ class _Reader:
         ]
         text = "*".join(f"({each})" for each, power in shown if power > 0) or "1"
         text += "".join(f"/({each})" for each, power in shown if power < 0)
-        for column, power in product.constants.items():
+        for column, power in product.parameters.items():
             if abs(power) != 1 and column >= len(self.variables.names):
                 raise NotAFactorError(column)
-        return _Written(sign * product.factor, tuple(sorted(product.constants.items())), text)
+        return _Written(sign * product.factor, tuple(sorted(product.parameters.items())), text)
 
     def _collected(self, alike: "Sequence[_Written]") -> Summand:
-        """Return the sum of products with the same coefficients and constants as one summand."""
+        """Return the sum of products with the same coefficients and parameters as one summand."""
         names, factors = self.names, dict[str, float]()
         for each in alike:
             factors[each.text] = factors.get(each.text, 0.0) + each.factor
@@ -304,12 +304,12 @@ class _Reader:
         ordered = [(text, factor) for text, factor in sorted(factors.items(), key=lambda own: own[0] == "1") if factor]
         whole = ordered[0][1] if ordered else 0.0
         text = "".join(_addend(text, factor / whole) for text, factor in ordered).removeprefix("+") or "1"
-        constants = [
-            (names[column], power) for column, power in alike[0].constants if column < len(self.variables.names)
+        parameters = [
+            (names[column], power) for column, power in alike[0].parameters if column < len(self.variables.names)
         ]
-        inner = "".join(f"{quoted(name)}**{power}*" for name, power in constants)
+        inner = "".join(f"{quoted(name)}**{power}*" for name, power in parameters)
         powers = tuple(
-            (names[column], power) for column, power in alike[0].constants if column >= len(self.variables.names)
+            (names[column], power) for column, power in alike[0].parameters if column >= len(self.variables.names)
         )
         return Summand(whole, powers, parse_term(f"{inner}({text})", self.variables))
 

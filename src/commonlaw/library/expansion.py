@@ -22,16 +22,16 @@ class NotAFactorError(Exception):
 
 
 class Product(NamedTuple):
-    """A number, powers of constants by their columns, and trees without constants with their powers of 1 or -1."""
+    """A number, powers of parameters by their columns, and trees without parameters with their powers of 1 or -1."""
 
     factor: float
-    constants: Mapping[int, int]
+    parameters: Mapping[int, int]
     trees: tuple[tuple[ast.expr, int], ...]
 
     def times(self, other: "Product", power: int = 1) -> "Product":
         """Return the product, or with a power of -1 the quotient."""
-        powers = dict(self.constants)
-        for column, own in other.constants.items():
+        powers = dict(self.parameters)
+        for column, own in other.parameters.items():
             powers[column] = powers.get(column, 0) + power * own
         trees = (*self.trees, *((tree, power * own) for tree, own in other.trees))
         left = {column: own for column, own in powers.items() if own}
@@ -69,7 +69,7 @@ def multiplied_out(tree: ast.expr, variables: int, inside: int | None = None) ->
 
 
 def _whole(tree: ast.expr, inside: int) -> list[Product]:
-    """Return a tree as it is written, with constants inside."""
+    """Return a tree as it is written, with parameters inside."""
     if others := _constants(tree, inside):
         raise NotAFactorError(others[0])
     return [Product(1.0, {}, ((tree, 1),))]
@@ -87,7 +87,7 @@ def _addends(tree: ast.expr, sign: int) -> list[tuple[int, ast.expr]]:
 
 
 def _sum(addends: Sequence[tuple[int, ast.expr]], variables: int, inside: int) -> list[Product]:
-    """Return the products of a sum; its addends without constants stay together."""
+    """Return the products of a sum; its addends without parameters stay together."""
     plain = [each for each in addends if not _constants(each[1], variables)]
     found = [] if not plain else [_plain(_joined(plain))]
     for sign, tree in addends:
@@ -105,7 +105,7 @@ def _joined(addends: Sequence[tuple[int, ast.expr]]) -> ast.expr:
 
 
 def _plain(tree: ast.expr) -> Product:
-    """Return a product without constants, its numbers apart."""
+    """Return a product without parameters, its numbers apart."""
     number = constant(tree)
     if number is not None:
         return Product(number, {}, ())

@@ -1,8 +1,8 @@
 """The small language that terms are written in, read without ever running what it says.
 
-A term is made of numbers, names of variables, ``+ - * /``, powers ``**`` or ``^`` with a number or constants above, and
-the `FUNCTIONS`. Names that are not plain words stand between backticks. Law files come from strangers: a text is read
-by Python's parser, never by its evaluator, and what is long, deep or huge is refused.
+A term is made of numbers, names of variables, ``+ - * /``, powers ``**`` or ``^`` with a number or parameters above,
+and the `FUNCTIONS`. Names that are not plain words stand between backticks. Law files come from strangers: a text is
+read by Python's parser, never by its evaluator, and what is long, deep or huge is refused.
 """
 
 import ast
@@ -71,7 +71,7 @@ NUMPY = Algebra(float, OPERATIONS)
 _NUMBERS = Algebra(np.float64, OPERATIONS)
 
 
-def read(text: str, names: Sequence[str], constants: int = 0) -> ast.expr:
+def read(text: str, names: Sequence[str], parameters: int = 0) -> ast.expr:
     """Return the tree of an expression, with ``v<i>`` for column i; so many of the last names are parameters."""
     shown = text if len(text) <= 60 else f"{text[:57]}..."
     if len(text) > MAX_CHARACTERS:
@@ -79,7 +79,7 @@ def read(text: str, names: Sequence[str], constants: int = 0) -> ast.expr:
     try:
         code = _TOKEN.sub(lambda token: _translated(token, names), text).strip()
         tree = _parsed(code, names)
-        _check(tree, 0, 1, len(names) - constants)
+        _check(tree, 0, 1, len(names) - parameters)
     except CommonlawError as error:
         raise CommonlawError("term-syntax", term=shown, error=error) from None
     except (RecursionError, MemoryError):

@@ -15,8 +15,7 @@ from commonlaw.library.parametric import (
     FAMILIES,
     ParametricTerm,
     Ratios,
-    TiedTerms,
-    constants_in,
+    parameters_in,
     parametric_term,
     terms_of_family,
 )
@@ -38,7 +37,7 @@ def check_count(what: str, count: int) -> None:
 class Offer:
     """What is offered beside plain terms of a law: terms with nonlinear parameters, and ratios of sums of terms."""
 
-    terms: tuple[ParametricTerm | TiedTerms, ...]
+    terms: tuple[ParametricTerm, ...]
     ratios: tuple[Ratios, ...] = ()
 
     @property
@@ -56,10 +55,10 @@ class AbstractLibrary(ABC):
 
     @abstractmethod
     def bind(self, variables: Variables) -> Terms:
-        """Return the family's terms over these variables, but for those with constants inside that are to be found."""
+        """Return the family's terms over these variables, but for those with parameters inside that are to be found."""
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
-        """Return the family's terms that are offered besides: with constants inside that are to be found."""
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+        """Return the family's terms that are offered besides: with parameters inside that are to be found."""
         return ()
 
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
@@ -106,7 +105,7 @@ class SumLibrary(AbstractLibrary):
         left, right = self.left.bind(variables), self.right.bind(variables)
         return Terms(variables, tuple(dict.fromkeys(left.terms + right.terms)))
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         return tuple(dict.fromkeys((*self.left.parametric(variables), *self.right.parametric(variables))))
 
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
@@ -152,7 +151,7 @@ class ProductLibrary(AbstractLibrary):
         products = (product(a, b) for a in left.terms for b in right.terms)
         return Terms(variables, tuple(dict.fromkeys(products)))
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         products = (
             other.times(term, variables)
             for plain, others in ((self.left, self.right), (self.right, self.left))
@@ -210,7 +209,7 @@ class CappedLibrary(AbstractLibrary):
         columns = [(variables.index(name), count) for name, count in self.levels]
         return terms.take([i for i, term in enumerate(terms.terms) if not _is_sum_of_lower(term, columns, terms.terms)])
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         return self.library.parametric(variables)
 
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
@@ -426,11 +425,11 @@ class ExpressionLibrary(AbstractLibrary):
         object.__setattr__(self, "expressions", expressions)
 
     def bind(self, variables: Variables) -> Terms:
-        plain = (parse_term(each, variables) for each in self.expressions if not constants_in(each, variables))
+        plain = (parse_term(each, variables) for each in self.expressions if not parameters_in(each, variables))
         return Terms(variables, tuple(dict.fromkeys(plain)))
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
-        inside = (each for each in self.expressions if constants_in(each, variables))
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
+        inside = (each for each in self.expressions if parameters_in(each, variables))
         return tuple(dict.fromkeys(parametric_term(each, variables) for each in inside))
 
 
@@ -469,7 +468,7 @@ class ParametricLibrary(AbstractLibrary):
     def bind(self, variables: Variables) -> Terms:
         return Terms(variables, ())
 
-    def parametric(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+    def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         return terms_of_family(self.name, variables, self.variables)
 
 
@@ -496,7 +495,7 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
 
 
 _MAX_DEGREE = 4
-"""Of the polynomials that are tried before terms with constants inside."""
+"""Of the polynomials that are tried before terms with parameters inside."""
 
 
 _MIN_STATES_OF_VECTORS = 4
@@ -542,7 +541,7 @@ class AutoLibrary(AbstractLibrary):
         yield Offer(self._families(variables))
         yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
 
-    def _families(self, variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+    def _families(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         alone = [ParametricLibrary(name) for name in ("power", "root", "sigmoid", "polar")]
         of_states = [ParametricLibrary(name, variables.states) for name in ("friction", "morse")]
         factors = [

@@ -1,4 +1,4 @@
-"""Terms with constants inside that are to be found: ``s/(K + s)``, families of them by name, and ratios of sums.
+"""Terms with parameters inside that are to be found: ``s/(K + s)``, families of them by name, and ratios of sums.
 
 Terms may share a constant: of ``A cos(w t + p) = a cos(w t) + b sin(w t)`` w alone is inside, and a and b are linear.
 """
@@ -13,7 +13,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.library.equation import split_equations, with_constants
+from commonlaw.library.equation import split_equations, with_parameters
 from commonlaw.library.notation import quoted
 from commonlaw.library.term import Term, parse_term
 from commonlaw.library.variables import Variables
@@ -21,90 +21,58 @@ from commonlaw.library.variables import Variables
 
 @dataclass(frozen=True)
 class ParametricTerm:
-    """A candidate term over variables and, behind them, nonlinear parameters of any values."""
+    """A candidate term over variables and, behind them, nonlinear parameters of any values.
+
+    Where it equals a sum of terms with fewer parameters, ``cos(w t + p)`` of ``cos(w t)`` and ``sin(w t)``, a law has
+    these `tied` terms in its place, with a coefficient before each; the term itself is compared with others.
+    """
 
     term: Term
-    constants: tuple[str, ...]
-
-    def text(self, variables: Variables) -> str:
-        """Return ``s/(K + s)``."""
-        return self.term.text((*variables.measured, *self.constants))
-
-    def expression(self, variables: Variables, constants: Sequence[str] | None = None) -> str:
-        """Return ``s/(K + s)`` for `parametric_term`, with other names of its constants if they are given."""
-        return self.term.expression((*variables.measured, *(constants or self.constants)))
-
-    @property
-    def size(self) -> int:
-        """How many terms it is, see `Ratio`."""
-        return 1
-
-    @property
-    def whole(self) -> "ParametricTerm":
-        """The term that is compared with others, see `TiedTerms`: itself."""
-        return self
+    parameters: tuple[str, ...]
+    tied: "tuple[ParametricTerm, ...]" = ()
 
     @property
     def parts(self) -> "tuple[ParametricTerm, ...]":
-        """The terms that a law has, see `TiedTerms`: the one."""
-        return (self,)
-
-    def expressions(self, variables: Variables, constants: Sequence[str]) -> list[str]:
-        """Return its terms, see `Ratio`: the one."""
-        return [self.expression(variables, constants)]
-
-    def times(self, factor: Term, variables: Variables) -> "ParametricTerm":
-        """Return the product with a plain term."""
-        return parametric_term(f"({factor.expression(variables.names)})*({self.expression(variables)})", variables)
-
-
-@dataclass(frozen=True)
-class TiedTerms:
-    """Terms that share their nonlinear parameters: ``a cos(w t) + b sin(w t)``.
-
-    `whole` equals a sum of them with more parameters, ``cos(w t + p)``, and is compared with other terms; a law has
-    `parts`, with a coefficient before each.
-    """
-
-    whole: ParametricTerm
-    parts: tuple[ParametricTerm, ...]
+        """The terms that a law has."""
+        return self.tied or (self,)
 
     @property
-    def constants(self) -> tuple[str, ...]:
-        """The names of the constants that the terms share."""
-        return self.parts[0].constants
+    def shared_parameters(self) -> tuple[str, ...]:
+        """The nonlinear parameters that these share."""
+        return self.parts[0].parameters
 
     @property
     def size(self) -> int:
-        """How many terms it is, see `Ratio`."""
+        """How many terms a law has."""
         return len(self.parts)
 
     def text(self, variables: Variables) -> str:
-        """Return ``cos(w*t), sin(w*t)``."""
-        return ", ".join(part.text(variables) for part in self.parts)
+        """Return ``s/(K + s)``, or ``cos(w*t), sin(w*t)``."""
+        return ", ".join(part.term.text((*variables.measured, *part.parameters)) for part in self.parts)
 
-    def expressions(self, variables: Variables, constants: Sequence[str]) -> list[str]:
-        """Return its terms, see `Ratio`."""
-        return [part.expression(variables, constants) for part in self.parts]
+    def expressions(self, variables: Variables, parameters: Sequence[str]) -> list[str]:
+        """Return the terms that a law has for `parse_term`, with other names of their parameters."""
+        return [part.term.expression((*variables.measured, *parameters)) for part in self.parts]
 
-    def times(self, factor: Term, variables: Variables) -> "TiedTerms":
-        """Return the products with a plain term."""
-        parts = tuple(part.times(factor, variables) for part in self.parts)
-        return TiedTerms(self.whole.times(factor, variables), parts)
+    def times(self, factor: Term, variables: Variables) -> "ParametricTerm":
+        """Return the product with a plain term."""
+        own = self.term.expression((*variables.measured, *self.parameters))
+        product = parametric_term(f"({factor.expression(variables.names)})*({own})", variables)
+        return replace(product, tied=tuple(part.times(factor, variables) for part in self.tied))
 
 
 @dataclass(frozen=True)
 class Ratio:
     """One ratio of two sums of terms with coefficients, of which that of the term `reference` below is one.
 
-    As terms with parameters these are ``s/(K + s)``, ``s^2/(K + s)``: they share `constants`, the coefficients of the
+    As terms with parameters these are ``s/(K + s)``, ``s^2/(K + s)``: they share as parameters the coefficients of the
     other terms below.
     """
 
     above: tuple[Term, ...]
     below: tuple[Term, ...]
     reference: int
-    constants: tuple[str, ...]
+    shared_parameters: tuple[str, ...]
 
     @property
     def size(self) -> int:
@@ -118,9 +86,9 @@ class Ratio:
         pure = other.exponents is not None and len(other.columns()) == 1 and len(self.below) == 2
         return int(other.complexity()) if pure else 1
 
-    def expressions(self, variables: Variables, constants: Sequence[str]) -> list[str]:
-        """Return each of its terms for `parse_term`, with these names of its constants."""
-        names, left, written = variables.measured, list(constants), list[str]()
+    def expressions(self, variables: Variables, parameters: Sequence[str]) -> list[str]:
+        """Return each of its terms for `parse_term`, with these names of its parameters."""
+        names, left, written = variables.measured, list(parameters), list[str]()
         for i, each in enumerate(self.below):
             text = each.expression(names)
             if i == self.reference:
@@ -131,7 +99,7 @@ class Ratio:
                 written.append(f"{left.pop(0)}**{self.degree}" if self.degree > 1 else left.pop(0))
         return [f"({each.expression(names)})/({' + '.join(written)})" for each in self.above]
 
-    def values_of_constants(self, below: Floats) -> list[float] | None:
+    def values_of_parameters(self, below: Floats) -> list[float] | None:
         """Return the parameters from coefficients below, shape (terms below,).
 
         None if the coefficient of `reference` is zero, or an even power would have to be negative.
@@ -178,32 +146,32 @@ class Ratios:
         return len(columns) < len(terms) or not set(columns[0]).intersection(*columns)
 
 
-def constants_in(expression: str, variables: Variables) -> tuple[str, ...]:
-    """Return the names inside of a term that are no variables: constants.
+def parameters_in(expression: str, variables: Variables) -> tuple[str, ...]:
+    """Return the names inside of a term that are no variables: parameters.
 
-    >>> constants_in("s/(K + s)", Variables(("s",)))
+    >>> parameters_in("s/(K + s)", Variables(("s",)))
     ('K',)
     """
     with suppress(CommonlawError):
         (equation,) = split_equations(f"y' = {expression}")
-        found = with_constants(variables, [equation])
+        found = with_parameters(variables, [equation])
         if not any(each.coefficients for each in equation.summands(found)):
-            return tuple(each for each in found.constants if each not in variables.constants)
+            return tuple(each for each in found.parameters if each not in variables.parameters)
     return ()
 
 
 @lru_cache(maxsize=4096)
 def parametric_term(expression: str, variables: Variables) -> ParametricTerm:
     """Return the term of an expression, see `parse_term`, in which other names than variables are parameters."""
-    constants = constants_in(expression, variables)
-    return ParametricTerm(parse_term(expression, replace(variables, constants=constants)), constants)
+    parameters = parameters_in(expression, variables)
+    return ParametricTerm(parse_term(expression, replace(variables, parameters=parameters)), parameters)
 
 
 @dataclass(frozen=True)
 class Family:
     """Functions with a name: of a variable ``{u}``, of pairs ``{u}`` and ``{w}``, of time or not, and where they occur.
 
-    `tied` are functions that share their parameters, behind the one that equals a sum of them, see `TiedTerms`.
+    `tied` are functions that share their parameters, behind the one that equals a sum of them, see `ParametricTerm`.
     `of_vectors` are functions of a component ``{u}`` of a vector, ``{s}`` its squared length and ``{p}`` a parameter.
     """
 
@@ -269,9 +237,7 @@ FAMILIES: Mapping[str, Family] = {
 """Families by their names."""
 
 
-def terms_of_family(
-    name: str, variables: Variables, chosen: Sequence[str] | None = None
-) -> tuple[ParametricTerm | TiedTerms, ...]:
+def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | None = None) -> tuple[ParametricTerm, ...]:
     """Return the terms of a family over the chosen variables; default: states, inputs and, if due, time.
 
     Vectors have the chosen variables as components; by default all states, or of four and more each half: positions,
@@ -289,7 +255,7 @@ def terms_of_family(
     tied = [[_of(text, variables, (u, "")) for text in texts] for u in names for texts in family.tied]
     of_pairs = [_of(text, variables, pair) for pair in pairs for text in family.of_pairs]
     of_vectors = [term for each in _vectors(variables, names, asked) for term in _central(family, each, variables)]
-    return (*found, *(TiedTerms(whole, tuple(parts)) for whole, *parts in tied), *of_pairs, *of_vectors)
+    return (*found, *(replace(whole, tied=tuple(parts)) for whole, *parts in tied), *of_pairs, *of_vectors)
 
 
 def _vectors(variables: Variables, names: Sequence[str], asked: bool) -> list[Sequence[str]]:
@@ -314,9 +280,9 @@ _ANY = Variables(("u_", "w_"))
 
 
 def _of(text: str, variables: Variables, names: tuple[str, str]) -> ParametricTerm:
-    """Return a function of a family of variables of these names; its constants have names that are no variables."""
+    """Return a function of a family of variables of these names; its parameters have names that are no variables."""
     whole = parametric_term(text.format(u=_ANY.states[0], w=_ANY.states[1]), _ANY)
-    free = [free_name(each, variables.measured) for each in whole.constants]
+    free = [free_name(each, variables.measured) for each in whole.parameters]
     return parametric_term(whole.term.expression((*names, "", *free)), variables)
 
 

@@ -73,7 +73,7 @@ class Terms:
         return self.factors_over(self.variables.names)
 
     def factors_over(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return them over other names of the variables, or numbers in place of constants."""
+        """Return them over other names of the variables, or numbers in place of parameters."""
         return self._factors(lambda term: term.text(names), "({})", "({})/({})")
 
     def latex_factors(self, names: Sequence[str]) -> tuple[str, ...]:
@@ -103,37 +103,37 @@ class Terms:
         return Program.of(products, len(self.variables.names))
 
     @cached_property
-    def constants(self) -> tuple[int, ...]:
+    def parameters(self) -> tuple[int, ...]:
         """The index of each parameter's own term, see `Term`; raises `CommonlawError` if these are not the last."""
-        own = tuple(Term(parameter=self.variables.index(name)) for name in self.variables.constants)
+        own = tuple(Term(parameter=self.variables.index(name)) for name in self.variables.parameters)
         first = len(self.terms) - len(own)
         if self.terms[max(first, 0) :] != own:
-            names = ", ".join(self.variables.constants)
+            names = ", ".join(self.variables.parameters)
             raise CommonlawError("parameter-names", names=names)
         return tuple(range(first, len(self.terms)))
 
-    def constant_name(self, index: int) -> str | None:
+    def parameter_name(self, index: int) -> str | None:
         """Return the name of the constant that a term, by its index, is the place of, if it is one."""
-        return self.variables.constants[self.constants.index(index)] if index in self.constants else None
+        return self.variables.parameters[self.parameters.index(index)] if index in self.parameters else None
 
     @cached_property
     def is_factor(self) -> Bools:
-        """Which terms are multiplied by their coefficients, shape (terms,): all but those of constants."""
+        """Which terms are multiplied by their coefficients, shape (terms,): all but those of parameters."""
         found = np.ones(len(self.terms), dtype=np.bool_)
-        found[list(self.constants)] = False
+        found[list(self.parameters)] = False
         return found
 
     @cached_property
-    def have_constants(self) -> tuple[bool, ...]:
-        """Which terms have constants inside."""
+    def have_parameters(self) -> tuple[bool, ...]:
+        """Which terms have parameters inside."""
         first = len(self.variables.measured)
         return tuple(any(column >= first for column in term.columns()) for term in self.terms)
 
     def at(self, values: Floats, coefficients: Floats) -> Floats:
         """Return values of measured variables, shape (n, variables), followed by parameters from the coefficients."""
-        if not self.constants:
+        if not self.parameters:
             return values
-        own = coefficients[:, list(self.constants)].sum(axis=0)
+        own = coefficients[:, list(self.parameters)].sum(axis=0)
         return np.column_stack([values, np.broadcast_to(own, (len(values), len(own)))])
 
     def index(self, name: str) -> int:
@@ -183,9 +183,9 @@ class Terms:
 
 
 def parse_terms(texts: Sequence[str], variables: Variables) -> Terms:
-    """Return the terms that expressions stand for, see `parse_term`; the last are those of constants."""
-    first = len(texts) - len(variables.constants)
-    own = (Term(parameter=variables.index(name)) for name in variables.constants)
+    """Return the terms that expressions stand for, see `parse_term`; the last are those of parameters."""
+    first = len(texts) - len(variables.parameters)
+    own = (Term(parameter=variables.index(name)) for name in variables.parameters)
     return Terms(variables, (*(parse_term(text, variables) for text in texts[:first]), *own))
 
 

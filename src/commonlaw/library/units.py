@@ -1,4 +1,4 @@
-"""The unit of a term, and of constants inside of terms."""
+"""The unit of a term, and of parameters inside of terms."""
 
 import ast
 from collections.abc import Mapping
@@ -63,7 +63,7 @@ _OF_ANY_UNIT = ("abs", "sqrt", "sign")
 """Functions whose argument may have a unit."""
 
 
-def units_of_constants(terms: Terms, units: "Mapping[str, pint.Unit]") -> "dict[str, pint.Unit]":
+def units_of_parameters(terms: Terms, units: "Mapping[str, pint.Unit]") -> "dict[str, pint.Unit]":
     """Return the units of parameters that follow from those of variables by name.
 
     K of ``s/(K + s)`` has the unit of s, U of ``exp(u/U)`` that of u, and a power none.
@@ -80,7 +80,7 @@ def units_of_constants(terms: Terms, units: "Mapping[str, pint.Unit]") -> "dict[
 
 
 def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Unit]", first: int) -> None:
-    """Note the units of constants in a tree that has a unit, if it is known which."""
+    """Note the units of parameters in a tree that has a unit, if it is known which."""
     none = registry().dimensionless
     match tree:
         case ast.Name(id=name) if (column := int(name[1:])) >= first and wanted is not None:

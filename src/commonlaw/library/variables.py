@@ -28,7 +28,7 @@ class Variables:
         Measured inputs, and the name of time, the next columns.
     logarithmic
         Log-scaled states of vector fields; terms are of the states themselves.
-    constants
+    parameters
         Nonlinear parameters, such as K in ``s/(K + s)``: the last columns.
     orders
         The order of each equation, if they differ: else there are rates of all states, or of none.
@@ -38,13 +38,13 @@ class Variables:
     inputs: tuple[str, ...] = ()
     time: str = "t"
     logarithmic: tuple[str, ...] = ()
-    constants: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
     orders: tuple[int, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All names: states, inputs, time, constants."""
-        return (*self.measured, *self.constants)
+        """All names: states, inputs, time, parameters."""
+        return (*self.measured, *self.parameters)
 
     @property
     def measured(self) -> tuple[str, ...]:

@@ -59,7 +59,7 @@ def _packed(model: TrajectoryModel) -> Packed:
     unit, logarithmic = contiguous(model.unit), np.zeros(model.width, dtype=np.uint8)
     second, highest = (of(model.order, model.equations).astype(np.int64) for of in (with_rates, highest_columns))
     logarithmic[list(model.terms.variables.logarithmic_columns)] = 1
-    inside = np.array(model.terms.constants, dtype=np.int64)
+    inside = np.array(model.terms.parameters, dtype=np.int64)
     prior = (None, None) if model.prior is None else tuple(map(contiguous, model.prior))
     latent = model.latent_steps[0]
     std = np.zeros(0) if latent is None else contiguous(latent.std)

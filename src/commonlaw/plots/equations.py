@@ -43,7 +43,7 @@ def equation_lines(law: Law) -> str:
         for state, rate in state_rates(law)
     ]
     parameters = named_parameters(law)
-    given = parameters.names if law.provenance.equations else law.terms.variables.constants
+    given = parameters.names if law.provenance.equations else law.terms.variables.parameters
     own = zip(parameters.names, parameters.values[0], strict=True) if len(law.objects) == 1 else ()
     values = [f"{math(latex_name(name), name)} $=$ {_number(value)}" for name, value in own if name in given]
     meaning = ", ".join([*rates, *values])

@@ -43,21 +43,21 @@ def _of_scales(law: Law) -> Iterator[Outcome]:
 def _changes(law: Law, column: int) -> list[list[str]]:
     """Return the terms of each equation that are not linear in a variable, and that no others make up for if it shifts.
 
-    A sum of powers with all lower powers, for instance, is such a sum whatever the zero. Constants inside of terms make
-    up for it where their derivatives do, as K in ``1/(K + x)``.
+    A sum of powers with all lower powers, for instance, is such a sum whatever the zero. Parameters inside of terms
+    make up for it where their derivatives do, as K in ``1/(K + x)``.
     """
     terms = law.terms
     points = np.random.default_rng(0).uniform(1, 2, (20 + 10 * len(terms), len(terms.variables.measured)))
     with np.errstate(all="ignore"):
         points = terms.at(points, np.where(law.support, law.coefficients.mean(axis=0), 0.0))
         values, derivatives = terms.evaluate(points), terms.jacobian(points)
-    slopes, by_constants = derivatives[:, :, column], derivatives[:, :, len(terms.variables.measured) :]
+    slopes, by_parameters = derivatives[:, :, column], derivatives[:, :, len(terms.variables.measured) :]
     finite = np.isfinite(derivatives).all(axis=(0, 2)) & np.isfinite(values).all(axis=0)
     linear = ~finite | (np.ptp(slopes, axis=0) <= _ROUNDING * np.max(np.abs(values), axis=0))
     found = []
     for support in law.support & terms.is_factor:
         others = np.column_stack(
-            [values[:, support & finite], by_constants[:, support & finite].reshape(len(points), -1)]
+            [values[:, support & finite], by_parameters[:, support & finite].reshape(len(points), -1)]
         )
         suspects = np.flatnonzero(support & ~linear)
         scales = np.maximum(np.linalg.norm(others, axis=0), np.finfo(float).tiny)

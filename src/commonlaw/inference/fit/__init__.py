@@ -1,1 +1,1 @@
-"""One model fitted: its problem, states, coefficients and constants, and whether that fit is valid."""
+"""One model fitted: its problem, states, coefficients and parameters, and whether that fit is valid."""

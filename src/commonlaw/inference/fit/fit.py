@@ -303,7 +303,7 @@ def restricted(
 ) -> tuple[Estimate, ...] | None:
     """Return the estimates with the coefficients that the linearized likelihood gives for supports.
 
-    Constants inside of terms, in which it is not linear, stay. None if it is not finite.
+    Parameters inside of terms, in which it is not linear, stay. None if it is not finite.
     """
     if not all(np.isfinite(each.factor).all() for each in evidence.problems):
         return None
@@ -334,15 +334,15 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
 
 
 def _in_ratios(problem: SearchProblem, estimates: Sequence[Estimate]) -> Floats | None:
-    """Return the values of constants inside of terms, and of what such terms are multiplied by; zero of all others.
+    """Return the values of parameters inside of terms, and of what such terms are multiplied by; zero of all others.
 
-    And of those whose signs differ between objects, shape (objects, equations x terms); nothing without constants.
+    And of those whose signs differ between objects, shape (objects, equations x terms); nothing without parameters.
     """
     terms = problem.terms
-    if not terms.constants:
+    if not terms.parameters:
         return None
     values = np.array([each.coefficients for each in estimates])
-    own = problem.allowed & np.array(terms.have_constants, dtype=bool)
+    own = problem.allowed & np.array(terms.have_parameters, dtype=bool)
     same = np.abs(np.sign(values).sum(axis=0)) == len(values)
     return np.where(own & same, values, 0.0).reshape(len(values), -1)
 

@@ -2,7 +2,7 @@
 
 If ``x' = f(x)``, measurements of x are a start, plus the integral of f along the true curve, plus noise. With states
 near the true ones in f, coefficients are found by least squares on integrals, without a derivative (Dattner and
-Klaassen 2015), and constants inside of terms from a bank of values.
+Klaassen 2015), and parameters inside of terms from a bank of values.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ class Course:
     plain
         Plain terms, shape (n, terms).
     banks
-        Terms with constants inside.
+        Terms with parameters inside.
     """
 
     problem: SearchProblem
@@ -100,7 +100,8 @@ class Match:
         """Return whether one of the others is along the curves what a plain term is, as abs(x) where x is positive."""
         columns = self.columns_of(a)
         return not columns.shape[1] or (
-            not self.banks.others[a].constants and bool(np.any(np.abs(self.plain.T @ columns) > 1 - settings.COLLINEAR))
+            not self.banks.others[a].parameters
+            and bool(np.any(np.abs(self.plain.T @ columns) > 1 - settings.COLLINEAR))
         )
 
     def columns_at(self, others: Sequence[int], values: Sequence[int]) -> Floats:
@@ -111,7 +112,7 @@ class Match:
         """Return the values of the others that leave least, by their indices in banks, found in turn."""
         found, fixed = dict[int, int](), self.plain[:, list(plain)]
         for a in [*others] * len(others):
-            if len(self.banks.constants[a]) == 1:
+            if len(self.banks.parameters[a]) == 1:
                 found[a] = 0
                 continue
             found.pop(a, None)
@@ -125,28 +126,28 @@ class Match:
         return slice(self.banks.firsts[a], self.banks.firsts[a + 1])
 
     def fitted(
-        self, plain: Sequence[int], others: Sequence[ParametricTerm], constants: Sequence[Floats]
+        self, plain: Sequence[int], others: Sequence[ParametricTerm], parameters: Sequence[Floats]
     ) -> tuple[Floats, Floats]:
         """Return coefficients by least squares, plain terms first, and what is left of the target.
 
-        The others are any terms with these constants. All is left where a term is not finite.
+        The others are any terms with these parameters. All is left where a term is not finite.
         """
-        columns = self._integrated(others, [own[np.newaxis] for own in constants])
+        columns = self._integrated(others, [own[np.newaxis] for own in parameters])
         return solved(np.column_stack([self.plain[:, list(plain)] * self.norms[list(plain)], *columns]), self.target)
 
     def left_nearby(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
-        """Return the least sum of squares to first order about values of the constants in banks."""
+        """Return the least sum of squares to first order about values of the parameters in banks."""
         for a, i in zip(others, indices, strict=True):
             if (a, i) not in self.changed:
-                (self.changed[a, i],) = self._changed([a], [self.banks.constants[a][i]])
+                (self.changed[a, i],) = self._changed([a], [self.banks.parameters[a][i]])
         columns = [self.changed[pair] for pair in zip(others, indices, strict=True)]
         residuals, slopes = self._projected(plain, columns)
         residuals = residuals - slopes @ np.linalg.lstsq(slopes, residuals, rcond=settings.MIN_SINGULAR_VALUE)[0]
         return float(residuals @ residuals)
 
     def closest(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> tuple[Floats, ...]:
-        """Return the constants of terms that leave least, near those in banks."""
-        begin = [self.banks.constants[a][i] for a, i in zip(others, indices, strict=True)]
+        """Return the parameters of terms that leave least, near those in banks."""
+        begin = [self.banks.parameters[a][i] for a, i in zip(others, indices, strict=True)]
         if not any(map(len, begin)):
             return tuple(begin)
         cuts = np.cumsum([len(each) for each in begin])[:-1]
@@ -155,9 +156,9 @@ class Match:
         )
         return tuple(np.split(found, cuts))
 
-    def _changed(self, others: Sequence[int], constants: Sequence[Floats]) -> list[Floats]:
-        """Return integrals of the others at constants, and with one after the other of these a little changed."""
-        return self._integrated([self.banks.others[a] for a in others], [with_steps(each) for each in constants])
+    def _changed(self, others: Sequence[int], parameters: Sequence[Floats]) -> list[Floats]:
+        """Return integrals of the others at parameters, and with one after the other of these a little changed."""
+        return self._integrated([self.banks.others[a] for a in others], [with_steps(each) for each in parameters])
 
     def _projected(self, plain: Sequence[int], columns: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Return what plain terms and the first of each of some columns leave, and its derivatives by the others."""
@@ -170,7 +171,7 @@ class Match:
         return projected(self.target, whole)
 
     def _integrated(self, others: Sequence[ParametricTerm], banks: Sequence[Floats]) -> list[Floats]:
-        """Return integrals of some terms at some values of their constants, shape (n, values) each."""
+        """Return integrals of some terms at some values of their parameters, shape (n, values) each."""
         if not others:
             return []
         columns = [along(each, self.banks.values, own) for each, own in zip(others, banks, strict=True)]

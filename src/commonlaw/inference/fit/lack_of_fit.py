@@ -154,7 +154,7 @@ def _followed(field: VectorField, mesh: Mesh, states: Floats, count: int) -> Flo
 
 
 def has_poles(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
-    """Return whether something that terms are divided by, with constants in it, vanishes at states or between them."""
+    """Return whether something that terms are divided by, with parameters in it, vanishes at states or between them."""
     return any(has_pole(problem, i, each) for i, each in enumerate(estimates))
 
 

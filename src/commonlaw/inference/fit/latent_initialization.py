@@ -189,7 +189,7 @@ class _Guesses:
     def scales(self) -> Floats:
         """The scale of each state, shape (states,), by measurements and starts, or else by the equations.
 
-        By these, and by constants that are factors of terms, states change by about their scales within a trial.
+        By these, and by parameters that are factors of terms, states change by about their scales within a trial.
         """
         columns = np.concatenate([natural(trial.states, self.trials.schema) for trial in self.trials])
         largest = np.asarray(np.nanmax(np.abs(np.vstack([columns, np.zeros(columns.shape[1])])), axis=0))
@@ -201,12 +201,12 @@ class _Guesses:
 
         def excess(logarithms: Floats) -> Floats:
             """Return by what factors, as logarithms, rates are off."""
-            scales[unknown], constants = np.exp(logarithms[:count]), np.exp(logarithms[count:])
-            rates = self._sizes(scales, constants)[where[1]] * np.abs(self.known[where])
+            scales[unknown], parameters = np.exp(logarithms[:count]), np.exp(logarithms[count:])
+            rates = self._sizes(scales, parameters)[where[1]] * np.abs(self.known[where])
             factors = np.log(self._times[where[0]] * rates / scales[where[0]])
             return np.where(np.isfinite(factors), factors, 0.0)
 
-        logarithms = np.log([*scales[unknown], *np.full(len(self.terms.constants), 1 / self._duration)])
+        logarithms = np.log([*scales[unknown], *np.full(len(self.terms.parameters), 1 / self._duration)])
         for _ in range(settings.MAX_ITERATIONS):
             here, steps = excess(logarithms), settings.ROUNDING * np.eye(len(logarithms))
             slopes = np.array([(excess(logarithms + each) - here) / settings.ROUNDING for each in steps]).T
@@ -219,24 +219,25 @@ class _Guesses:
 
     def relative_speed(self, coefficients: Floats) -> float:
         """Return how fast unmeasured states change, beside changes by their scales within a trial."""
-        constants = coefficients[:, list(self.terms.constants)].sum(axis=0)
-        rates = np.abs(coefficients) * self._sizes(self.scales, constants) / self.scales[:, np.newaxis]
+        parameters = coefficients[:, list(self.terms.parameters)].sum(axis=0)
+        rates = np.abs(coefficients) * self._sizes(self.scales, parameters) / self.scales[:, np.newaxis]
         return self._duration * float(np.sum(rates[self.trials.schema.unmeasured]))
 
     def draws(self, guess: Floats) -> list[Draw]:
         """Return coefficients that are known with those that are tried, and starts.
 
-        Tried are constants inside of terms, and coefficients in equations of unmeasured states. By them a state changes
-        by its scale within a trial at the slowest, and within the shortest step at the fastest. Constants that are no
-        factors, such as K in ``s/(K + s)``, are about the size of what they stand beside. Signs are those of a guess.
+        Tried are parameters inside of terms, and coefficients in equations of unmeasured states. By them a state
+        changes by its scale within a trial at the slowest, and within the shortest step at the fastest. Parameters that
+        are no factors, such as K in ``s/(K + s)``, are about the size of what they stand beside. Signs are those of a
+        guess.
         """
         trials, terms, schema = self.trials, self.terms, self.trials.schema
         tried = np.isnan(self.known) & (schema.unmeasured[:, np.newaxis] | ~terms.is_factor)
         powers, is_rate = self._powers, tried & terms.is_factor
-        is_rate[:, list(terms.constants)] |= tried[:, list(terms.constants)] & np.isfinite(powers).all(axis=0)
+        is_rate[:, list(terms.parameters)] |= tried[:, list(terms.parameters)] & np.isfinite(powers).all(axis=0)
         (equations, columns), matrix = self._rates(is_rate, powers)
         first, inside = len(terms.variables.measured), tried & ~is_rate
-        others = [first + terms.constants.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
+        others = [first + terms.parameters.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
         sizes = self._whole(self.scales)[np.newaxis]
         bank = combined(values_of_each(terms, sizes, others)) if others else np.empty((1, 0))
         signs = np.sign(guess[is_rate])
@@ -248,8 +249,8 @@ class _Guesses:
             drawn, starts = self.known.copy(), self.scales
             either = np.where(signs == 0, random.choice([-1, 1], len(signs)), signs)
             drawn[inside] = bank[random.integers(len(bank))]
-            constants = np.nan_to_num(np.where(is_rate, 1.0, drawn)[:, list(terms.constants)]).sum(axis=0)
-            sizes = self._sizes(self.scales, constants)[columns] * factors
+            parameters = np.nan_to_num(np.where(is_rate, 1.0, drawn)[:, list(terms.parameters)]).sum(axis=0)
+            sizes = self._sizes(self.scales, parameters)[columns] * factors
             typical = self.scales[equations] / (self._times[equations] * sizes)
             targets = np.log(typical * steps ** random.uniform(0, 1, len(typical)))
             drawn[is_rate] = either * np.exp(np.linalg.lstsq(matrix, targets)[0])
@@ -263,11 +264,11 @@ class _Guesses:
     def _rates(self, is_rate: Bools, powers: Floats) -> tuple[tuple[Floats, Floats], Floats]:
         """Return where rates stand, by equation and term, and the powers of what is tried in each, (rates, tried)."""
         columns = np.argwhere(is_rate).tolist()
-        constants = {k: c for c, k in enumerate(self.terms.constants)}
+        parameters = {k: c for c, k in enumerate(self.terms.parameters)}
         is_one = (is_rate & self.terms.is_factor) | (~np.isnan(self.known) & (self.known != 0))
         rows, matrix = [], list[list[float]]()
         for j, k in np.argwhere(is_one).tolist():
-            row = [powers[k, constants[b]] if b in constants else float((j, k) == (a, b)) for a, b in columns]
+            row = [powers[k, parameters[b]] if b in parameters else float((j, k) == (a, b)) for a, b in columns]
             if any(row):
                 rows.append((j, k))
                 matrix.append(row)
@@ -276,7 +277,7 @@ class _Guesses:
 
     @cached_property
     def _powers(self) -> Floats:
-        """The power of each constant in each term, shape (terms, constants), NaN where it is no factor of it."""
+        """The power of each parameter in each term, shape (terms, parameters), NaN where it is no factor of it."""
         first = len(self.terms.variables.measured)
         shape = settings.GENERIC_POINTS, len(self.terms.variables.names)
         points = np.random.default_rng(0).uniform(0.5, 1.5, shape)
@@ -299,17 +300,17 @@ class _Guesses:
         return self._duration ** np.array(orders, dtype=float)
 
     def _whole(self, scales: Floats) -> Floats:
-        """Return sizes of all variables without constants, shape (variables,)."""
+        """Return sizes of all variables without parameters, shape (variables,)."""
         rates = scales[with_rates(self.terms.variables.order_of(len(scales)), len(scales))] / self._duration
         inputs = np.sqrt(np.mean(np.concatenate([trial.inputs for trial in self.trials]) ** 2, axis=0))
         return np.concatenate([scales, rates, inputs, [self._duration]])
 
-    def _sizes(self, scales: Floats, constants: Floats) -> Floats:
+    def _sizes(self, scales: Floats, parameters: Floats) -> Floats:
         """Return the size of each term where states are of the size of their scales, or less, shape (terms,)."""
         whole = self._whole(scales)
         # Shares of their own, so that what is written as a difference is no smaller than its parts
         values = whole * np.random.default_rng(0).uniform(size=(settings.GENERIC_POINTS, len(whole)))
-        values = np.column_stack([values, np.broadcast_to(constants, (len(values), len(constants)))])
+        values = np.column_stack([values, np.broadcast_to(parameters, (len(values), len(parameters)))])
         with np.errstate(all="ignore"):
             return np.asarray(np.mean(np.abs(self.terms.evaluate(values)), axis=0))
 
@@ -458,15 +459,15 @@ def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, st
     (draws, states), NaN where the trial has them.
     """
     columns = np.flatnonzero(solved)
-    constants = np.nan_to_num(coefficients[:, :, list(terms.constants)]).sum(axis=1)
+    parameters = np.nan_to_num(coefficients[:, :, list(terms.parameters)]).sum(axis=1)
     substeps = -(-settings.MAX_CURVE_POINTS // len(trial))
     known = curve[0].copy()
     known[:, columns] = 0.0
     rows = np.column_stack([known, trial.inputs, trial.times])
     (rows,) = interpolate([rows], 2 * substeps, len(trial))
     rows = terms.variables.natural(rows)
-    values = np.empty((len(coefficients), rows.shape[1] + constants.shape[1]))
-    values[:, rows.shape[1] :], equations = constants, coefficients[:, solved]
+    values = np.empty((len(coefficients), rows.shape[1] + parameters.shape[1]))
+    values[:, rows.shape[1] :], equations = parameters, coefficients[:, solved]
     chosen = np.flatnonzero(equations.any(axis=(0, 1)))
     equations, terms = equations[:, :, chosen], terms.take(chosen.tolist())
 

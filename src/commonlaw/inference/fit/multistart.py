@@ -1,7 +1,7 @@
 """Fits of several objects to one law: the best of several beginnings, and what is told by other objects alone.
 
 An object in whose trials a term does not bend tells no constant inside of it, which would leave for infinity. How the
-constants of the others scatter says where it may be.
+parameters of the others scatter says where it may be.
 """
 
 from collections.abc import Callable, Sequence
@@ -85,7 +85,7 @@ def drawn_together(
         The problem, in which objects that are drawn have a prior, and the estimates of all.
     """
     best = list(free)
-    if len(free) < settings.MIN_OBJECTS or not problem.models[0].terms.constants:
+    if len(free) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:
         return problem, best
     own, ranked = np.array([each.coefficients for each in free]), list[tuple[float, Prior, list[Estimate]]]()
     for coefficients in (own, *begun):
@@ -107,11 +107,11 @@ def drawn_together(
 def priors_from(problem: SearchProblem, begun: Floats) -> tuple[Prior | None, ...]:
     """Return what the others say of the coefficients of each object, beside some that are near.
 
-    Nothing for laws without constants, of few objects, or whose solutions cannot be fitted. Coefficients have the shape
-    (objects, equations, terms).
+    Nothing for laws without parameters, of few objects, or whose solutions cannot be fitted. Coefficients have the
+    shape (objects, equations, terms).
     """
     nothing = (None,) * len(begun)
-    if len(begun) < settings.MIN_OBJECTS or not problem.models[0].terms.constants:
+    if len(begun) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:
         return nothing
     free = best_fits(problem, problem.starts, [begun], every_way)
     return tuple(each.prior for each in drawn_together(problem, free, [begun])[0].models) if free else nothing

@@ -24,7 +24,7 @@ def powers_of_ten(per_decade: int, decades: float = settings.MAX_DECADES) -> Flo
 
 
 def combined(banks: Sequence[Floats]) -> Floats:
-    """Return combinations of the values of each constant, shape (combinations, constants); of too many, some."""
+    """Return combinations of the values of each parameter, shape (combinations, parameters); of too many, some."""
     counts = [len(each) for each in banks]
     chosen = np.arange(int(np.prod(counts, dtype=float)))
     if len(chosen) > settings.MAX_COMBINATIONS:
@@ -38,11 +38,11 @@ def values_of_each(terms: Terms, values: Floats, columns: Sequence[int]) -> list
     Parameters
     ----------
     terms
-        Whose constants these are.
+        Whose parameters these are.
     values
-        Of the variables without constants, along what was measured, shape (n, variables).
+        Of the variables without parameters, along what was measured, shape (n, variables).
     columns
-        Those of the constants.
+        Those of the parameters.
     """
     near, found = (
         powers_of_ten(settings.PER_DECADE[min(len(columns), len(settings.PER_DECADE)) - 1]),
@@ -57,7 +57,7 @@ def values_of_each(terms: Terms, values: Floats, columns: Sequence[int]) -> list
 def divisors(terms: Terms, first: int | None = None) -> list[str]:
     """Return the code of what terms are divided by: where it is zero, they have a pole.
 
-    Only where variables are in it from the `first` column on, by default constants.
+    Only where variables are in it from the `first` column on, by default parameters.
     """
     divided = (each for tree in _trees(terms) for each in ast.walk(tree) if isinstance(each, ast.BinOp))
     below = {ast.unparse(each.right) for each in divided if isinstance(each.op, ast.Div)}
@@ -66,7 +66,7 @@ def divisors(terms: Terms, first: int | None = None) -> list[str]:
 
 
 def frequencies_in_time(terms: Terms) -> list[int]:
-    """Return the columns of the constants that time is multiplied with in a sine: w of ``cos(w*t + p)``."""
+    """Return the columns of the parameters that time is multiplied with in a sine: w of ``cos(w*t + p)``."""
     variables, found = terms.variables, set[int]()
     time = f"v{variables.index(variables.time)}"
     for each in (node for tree in _trees(terms) for node in ast.walk(tree)):
@@ -86,7 +86,7 @@ def _trees(terms: Terms) -> list[ast.expr]:
 def _look(
     tree: ast.expr, size: float | None, values: Floats, near: Floats, found: dict[int, Floats], angle: bool = False
 ) -> None:
-    """Note values for the constants in a tree that is about so large, or the angle of a sine."""
+    """Note values for the parameters in a tree that is about so large, or the angle of a sine."""
     inside = {each for each in columns_in(tree) if each >= values.shape[1]}
     if inside <= found.keys():
         return
@@ -128,7 +128,7 @@ def _operand_size(op: ast.operator, size: float | None, other: float | None, fir
 
 
 def _size(tree: ast.expr, values: Floats) -> float | None:
-    """Return the root mean square of a tree; None if it has constants in it, is zero or is not finite."""
+    """Return the root mean square of a tree; None if it has parameters in it, is zero or is not finite."""
     if any(each >= values.shape[1] for each in columns_in(tree)):
         return None
     found = float(np.sqrt(np.mean(_along(tree, values) ** 2)))
@@ -155,26 +155,26 @@ def _near_size(size: float | None, near: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Banks:
-    """Terms along curves at the values of their constants in a bank of each, one column for each.
+    """Terms along curves at the values of their parameters in a bank of each, one column for each.
 
     Parameters
     ----------
     others
         The terms.
     values
-        Of the variables without constants, along the curves, shape (n, variables).
-    constants
-        The values in each bank, shape (values, constants).
+        Of the variables without parameters, along the curves, shape (n, variables).
+    parameters
+        The values in each bank, shape (values, parameters).
     columns
         All terms at all values, one bank behind the other, shape (n, columns).
     repeated
-        Which terms are along these curves what one before is that has no more constants, shape (terms,): s/(e + |s|)
+        Which terms are along these curves what one before is that has no more parameters, shape (terms,): s/(e + |s|)
         is s/(K + s) where s is positive.
     """
 
     others: tuple[ParametricTerm, ...]
     values: Floats
-    constants: tuple[Floats, ...]
+    parameters: tuple[Floats, ...]
     columns: Floats
     repeated: Bools
 
@@ -186,7 +186,7 @@ class Banks:
         others: Sequence[ParametricTerm],
         sampled: Bools | slice = slice(None),
     ) -> "Banks":
-        """Return terms along curves at values of their constants at which they are finite and no others' repeats.
+        """Return terms along curves at values of their parameters at which they are finite and no others' repeats.
 
         Periodic functions may be as fast as the points that were sampled resolve, by default all. Variables that are
         hardly below zero, most likely by noise, are kept above it, so that roots and logarithms exist.
@@ -194,28 +194,28 @@ class Banks:
         sizes = np.sqrt(np.mean(values**2, axis=0))
         hardly = values.min(axis=0) > -settings.MAX_BELOW_ZERO * sizes
         values = np.where(hardly & (values < settings.MIN_ABOVE_ZERO * sizes), settings.MIN_ABOVE_ZERO * sizes, values)
-        constants, columns = list[Floats](), [np.empty((len(values), 0))]
+        parameters, columns = list[Floats](), [np.empty((len(values), 0))]
         before, repeated = dict[bytes, int](), list[bool]()
         for each in others:
             bank = _bank(each, variables, values, sampled)
             terms = along(each, values, bank)
-            count, usable = len(each.constants), _usable(terms)
-            constants.append(bank[list(usable.values())])
+            count, usable = len(each.parameters), _usable(terms)
+            parameters.append(bank[list(usable.values())])
             columns.append(terms[:, list(usable.values())])
             repeated.append(bool(usable) and all(before.get(shown, count + 1) <= count for shown in usable))
             before |= {shown: min(count, before.get(shown, count)) for shown in usable}
         return cls(
-            tuple(others), values, tuple(constants), np.concatenate(columns, axis=1), np.array(repeated, dtype=bool)
+            tuple(others), values, tuple(parameters), np.concatenate(columns, axis=1), np.array(repeated, dtype=bool)
         )
 
     @cached_property
     def firsts(self) -> Indices:
         """The first column of each bank, and the number of columns."""
-        return np.cumsum([0, *map(len, self.constants)])
+        return np.cumsum([0, *map(len, self.parameters)])
 
 
 def along(other: ParametricTerm, values: Floats, bank: Floats) -> Floats:
-    """Return a term along curves at each of some values of its constants, shape (n, values)."""
+    """Return a term along curves at each of some values of its parameters, shape (n, values)."""
     count, first = values.shape
     every = np.empty((len(bank), count, first + bank.shape[1]))
     every[:, :, :first], every[:, :, first:] = values, bank[:, np.newaxis]
@@ -223,12 +223,12 @@ def along(other: ParametricTerm, values: Floats, bank: Floats) -> Floats:
 
 
 def _bank(other: ParametricTerm, variables: Variables, values: Floats, sampled: Bools | slice) -> Floats:
-    """Return values of the constants of a term that are tried, without a pole along the curves or between points."""
+    """Return values of the parameters of a term that are tried, without a pole along the curves or between points."""
     first = len(variables.measured)
-    columns = range(first, first + len(other.constants))
+    columns = range(first, first + len(other.parameters))
     places = (Term(parameter=column) for column in columns)
-    terms = Terms(replace(variables, constants=other.constants), (other.term, *places))
-    bank = combined(values_of_each(terms, values[sampled], columns)) if other.constants else np.empty((1, 0))
+    terms = Terms(replace(variables, parameters=other.parameters), (other.term, *places))
+    bank = combined(values_of_each(terms, values[sampled], columns)) if other.parameters else np.empty((1, 0))
     every = [*values.T[:, :, np.newaxis], *bank.T[:, np.newaxis, :]]
     whole = np.ones(len(bank), dtype=bool)
     for code in divisors(terms, 0):

@@ -60,13 +60,13 @@ class LawsOfSets:
         )
 
     def with_coefficients(self, rows: Sequence[TermSet], fit: Fit) -> tuple[TermSet, ...]:
-        """Return the terms of a law that was fitted with its coefficients and constants."""
+        """Return the terms of a law that was fitted with its coefficients and parameters."""
         whole = np.array([each.coefficients for each in fit.estimates])
         built, found = terms_of_sets(self.base, rows), []
         for j, row in enumerate(rows):
-            places, inside = built.places[j], built.constants[j]
-            constants = tuple(whole[:, j, list(own)] for own in inside)
-            found.append(replace(row, starts=(Start(whole[:, j, list(places)], constants),)))
+            places, inside = built.places[j], built.parameters[j]
+            parameters = tuple(whole[:, j, list(own)] for own in inside)
+            found.append(replace(row, starts=(Start(whole[:, j, list(places)], parameters),)))
         return tuple(found)
 
     def fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> Fit:
@@ -107,10 +107,10 @@ class LawsOfSets:
     def _reflected(self, row: TermSet) -> Iterator[TermSet]:
         """Yield terms without a constant that may be part of a sigmoid: of s with parameters p, 1 - s(p) = s(-p)."""
         first = len(self.base.terms.variables.measured)
-        constants = [k for k, i in enumerate(row.plain) if self.base.terms.names[i] == "1"]
-        for less in (row.without(k) for k in constants):
+        intercepts = [k for k, i in enumerate(row.plain) if self.base.terms.names[i] == "1"]
+        for less in (row.without(k) for k in intercepts):
             for m, other in enumerate(less.others):
-                if isinstance(other, ParametricTerm) and _is_sigmoid(other, first):
+                if isinstance(other, ParametricTerm) and not other.tied and _is_sigmoid(other, first):
                     place = less.places_of(len(less.plain) + m)
                     yield replace(less, starts=tuple(_with_opposite(each, place, m) for each in less.starts))
 
@@ -208,20 +208,20 @@ class LawsOfSets:
 
 def _is_sigmoid(other: ParametricTerm, first: int) -> bool:
     """Return whether the sum of a term and of that with opposite parameters is one, at random points."""
-    points = np.random.default_rng(0).uniform(0.5, 2.0, (settings.GENERIC_POINTS, first + len(other.constants)))
+    points = np.random.default_rng(0).uniform(0.5, 2.0, (settings.GENERIC_POINTS, first + len(other.parameters)))
     opposite = points.copy()
     opposite[:, first:] *= -1
     with np.errstate(all="ignore"):
         total = other.term.evaluate(points) + other.term.evaluate(opposite)
-    return bool(other.constants and (np.abs(total - 1) < settings.ROUNDING).all())
+    return bool(other.parameters and (np.abs(total - 1) < settings.ROUNDING).all())
 
 
 def _with_opposite(start: Start, places: Sequence[int], m: int) -> Start:
     """Return a start with the opposite coefficient, and parameters, of one of the terms with parameters."""
     coefficients = start.coefficients.copy()
     coefficients[:, places] *= -1
-    constants = tuple(-own if i == m else own for i, own in enumerate(start.constants))
-    return Start(coefficients, constants)
+    parameters = tuple(-own if i == m else own for i, own in enumerate(start.parameters))
+    return Start(coefficients, parameters)
 
 
 def _acceptable(fit: Fit) -> Fit:
@@ -255,7 +255,7 @@ def without_processes(fit: Fit, estimates: Sequence[Estimate]) -> tuple[Estimate
 
 @dataclass(frozen=True, eq=False)
 class TermsOfSets:
-    """The terms of a law, and where those of each equation, and the constants of its others, are among them.
+    """The terms of a law, and where those of each equation, and the parameters of its others, are among them.
 
     Known coefficients have the shape (objects, equations, terms), NaN where they are to be found.
     """
@@ -263,11 +263,11 @@ class TermsOfSets:
     terms: Terms
     known: Floats
     places: tuple[tuple[int, ...], ...]
-    constants: tuple[tuple[tuple[int, ...], ...], ...]
+    parameters: tuple[tuple[tuple[int, ...], ...], ...]
 
     def indices_of(self, equation: int, row: TermSet, k: int) -> list[int]:
-        """Return the indices of a term of an equation, by its place in the equation's set, and of its constants."""
-        inside = self.constants[equation][k - len(row.plain)] if k >= len(row.plain) else ()
+        """Return the indices of a term of an equation, by its place in the equation's set, and of its parameters."""
+        inside = self.parameters[equation][k - len(row.plain)] if k >= len(row.plain) else ()
         return [*(self.places[equation][place] for place in row.places_of(k)), *inside]
 
     def coefficients(self, starts: Sequence[Start]) -> Floats:
@@ -275,7 +275,7 @@ class TermsOfSets:
         found = np.nan_to_num(self.known)
         for j, start in enumerate(starts):
             found[:, j, list(self.places[j])] = start.coefficients
-            for indices, own in zip(self.constants[j], start.constants, strict=True):
+            for indices, own in zip(self.parameters[j], start.parameters, strict=True):
                 found[:, j, list(indices)] = own
         return found
 
@@ -290,17 +290,17 @@ def terms_of_sets(problem: SearchProblem, rows: Sequence[TermSet]) -> TermsOfSet
         written.append([])
         for other in row.others:
             new = list[str]()
-            for each in other.constants:
+            for each in other.shared_parameters:
                 new.append(free_name(each, (*variables.measured, *names, *new)))
             names += new
             written[-1].append((other.expressions(variables, new), new))
-    variables = replace(variables, constants=tuple(names))
+    variables = replace(variables, parameters=tuple(names))
     texts = list(
         dict.fromkeys(text for own in written for listed, _ in own for text in listed)
-    )  # Equations share those without constants
+    )  # Equations share those without parameters
     texts = [*(whole.terms[i].expression(whole.variables.names) for i in plain), *texts]
-    constants = (Term(parameter=variables.index(name)) for name in names)
-    terms = Terms(variables, (*(parse_term(each, variables) for each in texts), *constants))
+    parameters = (Term(parameter=variables.index(name)) for name in names)
+    terms = Terms(variables, (*(parse_term(each, variables) for each in texts), *parameters))
     known = np.zeros((*certain.shape[:2], len(terms)))
     known[:, :, : len(plain)] = certain[:, :, plain]
     places, inside = [], []
@@ -314,7 +314,7 @@ def terms_of_sets(problem: SearchProblem, rows: Sequence[TermSet]) -> TermsOfSet
 
 
 def are_parameters_identifiable(fit: Fit) -> bool:
-    """Return whether measurements tell the constants of a law apart from what stands before their terms.
+    """Return whether measurements tell the parameters of a law apart from what stands before their terms.
 
     Of ``V s/(K + s)`` for instance they tell V/K alone where s is small beside K. There the likelihood is nothing like
     the one that is linearised about a fit, and evidence that is computed from that means nothing. And of a drive that
@@ -325,13 +325,13 @@ def are_parameters_identifiable(fit: Fit) -> bool:
     first, times = len(terms.variables.measured), [trial.times for trial in trials]
     longest, shortest = max(map(np.ptp, times)), np.concatenate([*map(np.diff, times)]).min()
     for column in frequencies_in_time(terms):
-        own = terms.constants[column - first]
+        own = terms.parameters[column - first]
         frequencies = [np.abs(each.coefficients[:, own]).sum() for each in fit.estimates]
         if np.median(frequencies) * longest < 2 * np.pi or np.max(frequencies) * shortest > np.pi:
             return False
     equations, chosen = np.nonzero(fit.supports)
     constant = ~terms.is_factor[chosen]
-    bent = constant | np.array(terms.have_constants, dtype=bool)[chosen]
+    bent = constant | np.array(terms.have_parameters, dtype=bool)[chosen]
     squares = []
     for each, estimate in zip(fit.evidence.problems, fit.estimates, strict=True):
         columns = each.factor[:, np.flatnonzero(fit.supports)]

@@ -1,6 +1,6 @@
 """Small sets of terms, of many, that fit an equation best: ranked by sums of squares of integrals.
 
-All are compared: sums of a few plain terms, with one or two others that have constants inside. As the states along
+All are compared: sums of a few plain terms, with one or two others that have parameters inside. As the states along
 which terms are integrated are not the true ones, sums of squares rank sets of as many numbers among themselves;
 trajectories have to judge the best of each size.
 """
@@ -18,7 +18,7 @@ from commonlaw.array_types import Floats, Indices, evenly_spaced
 from commonlaw.inference import settings
 from commonlaw.inference.fit.integral_form import Course, Match, gains
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.library import ParametricTerm, Ratio, TiedTerms
+from commonlaw.library import ParametricTerm, Ratio
 from commonlaw.likelihood import Estimate
 from commonlaw.runtime.parallel import in_parallel
 
@@ -27,32 +27,33 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class Start:
-    """What a fit begins with: coefficients of each object, shape (objects, terms), plain ones first, and constants.
+    """What a fit begins with: coefficients of each object, shape (objects, terms), plain ones first, and parameters.
 
-    The terms of others come after these, in their order. Constants of each of them have the shape (objects, constants).
+    The terms of others come after these, in their order. Parameters of each of them have the shape (objects,
+    parameters).
     """
 
     coefficients: Floats
-    constants: tuple[Floats, ...] = ()
+    parameters: tuple[Floats, ...] = ()
 
 
 @dataclass(frozen=True)
 class TermSet:
-    """A few terms of one equation: plain ones, by their index, and others, with constants inside, or a ratio of sums.
+    """A few terms of one equation: plain ones, by their index, and others, with parameters inside, or a ratio of sums.
 
-    Terms that share their constants are one of the others.
+    Terms that share their parameters are one of the others.
 
     Equal sets have equal terms, whatever fits begin with.
     """
 
     plain: tuple[int, ...]
-    others: tuple[ParametricTerm | TiedTerms | Ratio, ...] = ()
+    others: tuple[ParametricTerm | Ratio, ...] = ()
     starts: tuple[Start, ...] = field(default=(), compare=False)
 
     @property
     def numbers(self) -> int:
         """How many numbers each object has in it."""
-        return len(self.plain) + sum(each.size + len(each.constants) for each in self.others)
+        return len(self.plain) + sum(each.size + len(each.shared_parameters) for each in self.others)
 
     def places_of(self, k: int) -> range:
         """Return where the coefficients of a term stand, by its place among the plain ones and the others."""
@@ -67,7 +68,7 @@ class TermSet:
         places, m = self.places_of(k), k - len(self.plain)
         kept = [i for i in range(len(self.others)) if i != m]
         starts = tuple(
-            Start(np.delete(each.coefficients, places, axis=1), tuple(each.constants[i] for i in kept))
+            Start(np.delete(each.coefficients, places, axis=1), tuple(each.parameters[i] for i in kept))
             for each in self.starts
         )
         plain = tuple(own for i, own in enumerate(self.plain) if i != k)
@@ -77,7 +78,7 @@ class TermSet:
 def matching_sets(
     problem: SearchProblem,
     estimates: Sequence[Estimate],
-    others: Sequence[ParametricTerm | TiedTerms],
+    others: Sequence[ParametricTerm],
     most: Mapping[int, int],
     hopeless: float = settings.MAX_SQUARES_RATIO,
 ) -> dict[int, list[TermSet]]:
@@ -90,13 +91,13 @@ def matching_sets(
     estimates
         States near the true ones, of each object.
     others
-        Terms with constants inside, or that are not taken together with many plain ones.
+        Terms with parameters inside, or that are not taken together with many plain ones.
     most
         How many numbers the sets of an equation have at most, by its index.
     hopeless
         Sets that leave so many times the least sum of squares are not kept, but for the best of each size.
     """
-    courses, found = courses_of(problem, estimates, [each.whole for each in others]), dict[int, list[TermSet]]()
+    courses, found = courses_of(problem, estimates, others), dict[int, list[TermSet]]()
     for equation, numbers in most.items():
         matches = [match for each in courses if len((match := each.match(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
@@ -183,7 +184,7 @@ class _Ranked:
 
     matches: Sequence[Match]
     plain: Sequence[int]
-    others: Sequence[ParametricTerm | TiedTerms]
+    others: Sequence[ParametricTerm]
     at_most: int
     hopeless: float
 
@@ -197,16 +198,16 @@ class _Ranked:
             if numbers := self._numbers(key):
                 groups.setdefault((numbers, len(each.others)), []).append(each)
                 least[numbers] = min(squares, least.get(numbers, np.inf))
-        most, constants = self._criterion.enough(least), dict[_Key, list[tuple[Floats, ...]]]()
+        most, parameters = self._criterion.enough(least), dict[_Key, list[tuple[Floats, ...]]]()
         ranked = list[tuple[int, list[tuple[float, _Key]]]]()
         for (numbers, _), listed in sorted(groups.items(), key=lambda pair: pair[0]):
             if numbers <= most + 1:
                 closest = self._closest(self._different(listed))
                 fits = {key: self._fitted(key, each) for key, each in closest.items()}
-                constants |= closest
+                parameters |= closest
                 ranked.append((numbers, sorted((sum(float(r @ r) for _, r in fits[key]), key) for key in fits)))
         kept = sorted(self._criterion.kept(ranked, self.at_most, self.hopeless))
-        return [self._with_starts(key, constants[key], objects) for _, key in kept]
+        return [self._with_starts(key, parameters[key], objects) for _, key in kept]
 
     def _of_one(self) -> list[_Compared]:
         """Return what plain terms leave, with at most one of the others."""
@@ -255,7 +256,7 @@ class _Ranked:
         return found
 
     def _numbers(self, key: _Key) -> int:
-        return len(key[0]) + sum(self.others[a].size + len(self.others[a].constants) for a in key[1])
+        return len(key[0]) + sum(self.others[a].size + len(self.others[a].shared_parameters) for a in key[1])
 
     @property
     def _criterion(self) -> InformationCriterion:
@@ -269,7 +270,7 @@ class _Ranked:
         for k in np.argsort(squares, kind="stable").tolist():
             each, place = keys[k]
             key = each.sets[place], each.others
-            inside = tuple(a for a in each.others if self.others[a].constants)
+            inside = tuple(a for a in each.others if self.others[a].parameters)
             few = alike[inside] < (settings.MAX_KEPT if inside else settings.MAX_REFINED)
             if few and key not in found and squares[k] > before * (1 + settings.COLLINEAR):
                 found[key] = None
@@ -280,7 +281,7 @@ class _Ranked:
         return [*found]
 
     def _closest(self, keys: Sequence[_Key]) -> dict[_Key, list[tuple[Floats, ...]]]:
-        """Return the best constants of each object, between those of the banks, of the sets best to first order."""
+        """Return the best parameters of each object, between those of the banks, of the sets best to first order."""
 
         def nearby(match: Match) -> list[tuple[float, tuple[int, ...]]]:
             values = [match.best_values(*key) for key in keys]
@@ -295,25 +296,25 @@ class _Ranked:
             found[keys[k]] = [match.closest(plain, others, indices) for match, (_, indices) in pairs]
         return found
 
-    def _fitted(self, key: _Key, constants: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:
-        """Return the coefficients of a set in each object, with constants of its others there, and what is left."""
+    def _fitted(self, key: _Key, parameters: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:
+        """Return the coefficients of a set in each object, with parameters of its others there, and what is left."""
         parts = [part for a in key[1] for part in self.others[a].parts]
-        shared = [[self._shared(a, own) for a, own in zip(key[1], each, strict=True)] for each in constants]
+        shared = [[self._shared(a, own) for a, own in zip(key[1], each, strict=True)] for each in parameters]
         inside = [[own for a, own in zip(key[1], each, strict=True) for _ in self.others[a].parts] for each in shared]
         return [match.fitted(key[0], parts, own) for match, own in zip(self.matches, inside, strict=True)]
 
-    def _shared(self, a: int, constants: Floats) -> Floats:
-        """Return the constants that a law has of all that one of the others is compared with."""
+    def _shared(self, a: int, parameters: Floats) -> Floats:
+        """Return the parameters that a law has of all that one of the others is compared with."""
         other = self.others[a]
-        return constants[[other.whole.constants.index(name) for name in other.constants]]
+        return parameters[[other.parameters.index(name) for name in other.shared_parameters]]
 
     def _with_starts(self, key: _Key, alone: Sequence[tuple[Floats, ...]], objects: int) -> TermSet:
-        """Return a set with what fits begin with: constants of each object, which may be far off, and typical ones."""
+        """Return a set with what fits begin with: parameters of each object, which may be far off, and typical ones."""
         typical = tuple(np.median(own, axis=0) for own in zip(*alone, strict=True))
         starts = []
-        for constants in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
-            fits = [coefficients for coefficients, _ in self._fitted(key, constants)]
-            of_each = zip(key[1], zip(*constants, strict=True), strict=True)
+        for parameters in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
+            fits = [coefficients for coefficients, _ in self._fitted(key, parameters)]
+            of_each = zip(key[1], zip(*parameters, strict=True), strict=True)
             several = [np.array(fits), *(np.array([self._shared(a, own) for own in every]) for a, every in of_each)]
             first, *others = (for_all(each, objects) for each in several)
             starts.append(Start(first, tuple(others)))

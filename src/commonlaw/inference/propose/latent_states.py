@@ -26,7 +26,7 @@ from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Step
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.text import structure
-from commonlaw.library import ParametricTerm, Terms, TiedTerms, Variables, parse_term
+from commonlaw.library import ParametricTerm, Terms, Variables, parse_term
 from commonlaw.library.notation import quoted
 from commonlaw.library.parametric import free_name, parametric_term, terms_of_family
 from commonlaw.outcomes import Outcome, note
@@ -314,7 +314,7 @@ UNMEASURED_STATE = "latent state"
 """Of the history of a law: what was chosen of a state that nobody measured."""
 
 
-def drives(variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
+def drives(variables: Variables) -> tuple[ParametricTerm, ...]:
     """Return what a law of second order may be driven by that nobody measured: functions of time.
 
     They are the solutions of u' = -r u and of u'' = -w^2 u.
@@ -323,7 +323,7 @@ def drives(variables: Variables) -> tuple[ParametricTerm | TiedTerms, ...]:
     return (parametric_term(f"exp(-r*{t})", variables), *terms_of_family("periodic", variables, (t,)))
 
 
-def with_drive_said(pool: Pool, offered: Sequence[ParametricTerm | TiedTerms]) -> Pool:
+def with_drive_said(pool: Pool, offered: Sequence[ParametricTerm]) -> Pool:
     """Return laws of second order, the best without terms that it is better without, and with a word on what drives it.
 
     Parameters
@@ -346,24 +346,24 @@ def with_drive_said(pool: Pool, offered: Sequence[ParametricTerm | TiedTerms]) -
     return pool.with_best(replace(fit, steps=(step,)))
 
 
-def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm | TiedTerms]) -> bool:
-    """Return whether a term with constants is one of those that were offered, whatever its constants are called."""
+def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> bool:
+    """Return whether a term with parameters is one of those that were offered, whatever its parameters are called."""
     first = len(terms.variables.measured)
     columns = sorted(column for column in terms.terms[index].columns() if column >= first)
     names = [terms.variables.names[column] for column in columns]
-    written = terms.terms[index].expression(terms.variables.names)
+    term = parse_term(terms.terms[index].expression(terms.variables.names), terms.variables)
     return any(
-        len(names) == len(each.constants)
-        and parse_term(each.expression(terms.variables, names), terms.variables) == parse_term(written, terms.variables)
-        for several in offered
-        for each in several.parts
+        parse_term(text, terms.variables) == term
+        for each in offered
+        if len(each.shared_parameters) == len(names)
+        for text in each.expressions(terms.variables, names)
     )
 
 
 def _without_needless_terms(fit: Fit) -> Fit:
-    """Return a law with constants inside of terms without plain terms that its evidence is larger without."""
+    """Return a law with parameters inside of terms without plain terms that its evidence is larger without."""
     terms = fit.problem.terms
-    plain = terms.is_factor & ~np.array(terms.have_constants, dtype=bool)
+    plain = terms.is_factor & ~np.array(terms.have_parameters, dtype=bool)
     while fit.problem.solver is None:
         fewer = list[Bools]()
         for j, k in np.argwhere(fit.supports & plain).tolist():

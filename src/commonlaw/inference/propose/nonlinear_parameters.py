@@ -1,4 +1,4 @@
-"""Where constants inside of terms begin: a coarse bank of values, compared along smooth curves, then fitted.
+"""Where parameters inside of terms begin: a coarse bank of values, compared along smooth curves, then fitted.
 
 Of ``V s/(K + s)``, say, V is found by least squares once K is given (variable projection; Golub and Pereyra 1973). So
 values of K are compared by what they leave of the rates of smooth curves through the measurements; from the best of
@@ -39,11 +39,11 @@ from commonlaw.trials import Trials
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """What a law leaves of what was measured of an object, as a function of those constants that are to be found.
+    """What a law leaves of what was measured of an object, as a function of those parameters that are to be found.
 
-    Variables along its curves, without constants, have the shape (n, variables), known coefficients (equations, terms),
-    NaN where they are to be found. For each equation there is what is compared, rates or measurements, shape (m,), and
-    what terms, shape (n, terms), say of it.
+    Variables along its curves, without parameters, have the shape (n, variables), known coefficients (equations,
+    terms), NaN where they are to be found. For each equation there is what is compared, rates or measurements, shape
+    (m,), and what terms, shape (n, terms), say of it.
     """
 
     terms: Terms
@@ -59,45 +59,45 @@ class _Profile:
 
     @cached_property
     def inside(self) -> Bools:
-        """Which coefficients are constants that are to be found, shape (equations, terms)."""
+        """Which coefficients are parameters that are to be found, shape (equations, terms)."""
         return np.asarray(np.isnan(self.known) & ~self.terms.is_factor)
 
-    def coefficients(self, constants: Floats) -> Floats:
+    def coefficients(self, parameters: Floats) -> Floats:
         """Return the coefficients, of which factors are found by least squares, shape (equations, terms)."""
-        return self._fitted(constants)[0]
+        return self._fitted(parameters)[0]
 
-    def left(self, constants: Floats) -> list[Floats]:
+    def left(self, parameters: Floats) -> list[Floats]:
         """Return what is left in each equation, infinite where a term is not finite."""
-        return self._fitted(constants)[1]
+        return self._fitted(parameters)[1]
 
-    def deviance(self, constants: Floats) -> float:
+    def deviance(self, parameters: Floats) -> float:
         """Return minus twice the log-likelihood where errors have any size; infinite where a term is, or has a pole."""
-        left = self.left(constants)
-        if not all(np.isfinite(own).all() for own in left) or self.has_pole(constants):
+        left = self.left(parameters)
+        if not all(np.isfinite(own).all() for own in left) or self.has_pole(parameters):
             return np.inf
         floors = [np.finfo(float).eps * np.std(own) + np.finfo(float).tiny for own in self.targets]
         pairs = zip(left, floors, strict=True)
         return float(sum(2 * len(own) * np.log(max(_size(own), floor)) for own, floor in pairs))
 
-    def has_pole(self, constants: Floats) -> bool:
+    def has_pole(self, parameters: Floats) -> bool:
         """Return whether something that terms are divided by vanishes along the curves or between their points."""
         found = np.nan_to_num(self.known)
-        found[self.inside] = constants
+        found[self.inside] = parameters
         columns = self.terms.at(self.values, found).T
         with np.errstate(all="ignore"):
             return any(np.ptp(np.sign(evaluate(code, columns))) for code in self.divisors)
 
-    def derivatives(self, constants: Floats, order: Order) -> Floats:
+    def derivatives(self, parameters: Floats, order: Order) -> Floats:
         """Return the derivatives of rates by everything that is to be found, of unit norm, shape (m, parameters)."""
         plain = replace(self.terms, variables=replace(self.terms.variables, logarithmic=()))
-        field = VectorField(plain, self.coefficients(constants), order, free=np.isnan(self.known))
+        field = VectorField(plain, self.coefficients(parameters), order, free=np.isnan(self.known))
         found = field.linearize(self.values).by_parameters
         columns = found.reshape(-1, found.shape[2])
         return np.asarray(columns / column_scales(columns))
 
-    def _fitted(self, constants: Floats) -> tuple[Floats, list[Floats]]:
+    def _fitted(self, parameters: Floats) -> tuple[Floats, list[Floats]]:
         found = np.nan_to_num(self.known)
-        found[self.inside] = constants
+        found[self.inside] = parameters
         library = self.terms.evaluate(self.terms.at(self.values, found))
         if not np.isfinite(library).all():
             return found, [np.full_like(own, np.inf) for own in self.targets]
@@ -110,7 +110,7 @@ class _Profile:
         return found, left
 
 
-def with_constants_found(
+def with_parameters_found(
     law: Law,
     trials: Trials,
     bounds: Sequence[Bound] = (),
@@ -124,16 +124,16 @@ def with_constants_found(
     progress: ProgressCallback | None = None,
     **_: Any,
 ) -> Law:
-    """Return a law with the constants inside of its terms near where they fit best, for refinement to begin with.
+    """Return a law with the parameters inside of its terms near where they fit best, for refinement to begin with.
 
     Parameters
     ----------
     law
-        As it was stated, whose constants have any values.
+        As it was stated, whose parameters have any values.
     bounds
         Of the named coefficients of the law.
     guesses
-        Where to begin with constants, by name, in place of the values that are tried.
+        Where to begin with parameters, by name, in place of the values that are tried.
     trials, positive, input_between, noise, huber_threshold, n_jobs, progress
         See `refine`, whose other settings are of no matter here.
 
@@ -142,18 +142,18 @@ def with_constants_found(
     CommonlawError
         If no values make all terms finite, the trials cannot tell coefficients apart, or no fit succeeds.
     """
-    if not law.terms.variables.constants or trials.schema.starts:  # There `known_starts` tries values
+    if not law.terms.variables.parameters or trials.schema.starts:  # There `known_starts` tries values
         return law
     setup = FitSetup.of(law, trials, noise, huber_threshold, input_between, positive)
     if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():
         return law
-    (on_terminal() if progress is None else progress)("looking for constants inside of terms")
+    (on_terminal() if progress is None else progress)("looking for nonlinear parameters")
     with threads(n_jobs):
         rates = _of_rates(setup)
         grid = _Grid.of(setup.law, rates, bounds, guesses or {})
         deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in grid.values], rates))
         if not len(grid.values) or not np.isfinite(deviances).any(axis=1).all():
-            raise CommonlawError("terms-nowhere-finite", parameters=law.terms.variables.constants)
+            raise CommonlawError("terms-nowhere-finite", parameters=law.terms.variables.parameters)
         least = grid.values[deviances.argmin(axis=1)]
         coefficients = [each.coefficients(own) for each, own in zip(rates, least, strict=True)]
         problem = replace(setup, law=replace(setup.law, coefficients=np.array(coefficients))).problem()
@@ -164,7 +164,7 @@ def with_constants_found(
             for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
                 fits[o] += [] if has_pole(problem, o, each) else [each]
         if not all(fits):
-            names = ", ".join(law.terms.variables.constants)
+            names = ", ".join(law.terms.variables.parameters)
             raise CommonlawError("parameters-not-found", structure=law.structure, names=names)
         free = [usual_of_best(each) for each in fits]
         return replace(
@@ -172,7 +172,7 @@ def with_constants_found(
         )
 
 
-def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
+def outcomes_of_parameters(law: Law) -> tuple[Outcome, ...]:
     """Return that trials tell a combination of coefficients alone, where a term shows nothing of what is inside.
 
     As of V s/(K + s), where s is always small beside K: both could be of any size.
@@ -187,7 +187,7 @@ def outcomes_of_constants(law: Law) -> tuple[Outcome, ...]:
             for letter, there, value, error in zip(parameters.names, bent, own, known, strict=True)
             if there and settings.SIGNIFICANT * error > abs(value)
         ]
-        if len(lost) > 1 and {*lost} & {*law.terms.variables.constants}:
+        if len(lost) > 1 and {*lost} & {*law.terms.variables.parameters}:
             found.setdefault(" and ".join(lost), []).append(name)
     return tuple(
         note("parameters-not-separable", ", ".join(objects), parameters=letters, limit=settings.SIGNIFICANT)
@@ -225,7 +225,7 @@ def _of_integrals(problem: SearchProblem) -> list[_Profile]:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Values of each constant of a law within their bounds, and combinations of them, shape (values, constants)."""
+    """Values of each parameter of a law within their bounds, and combinations of them, shape (values, parameters)."""
 
     law: Law
     bounds: Sequence[Bound]
@@ -238,10 +238,10 @@ class _Grid:
     ) -> "_Grid":
         """Return guesses or the values that terms suggest, with more, evenly spaced, where bounds are close."""
         first, inside = profiles[0].values.shape[1], np.argwhere(profiles[0].inside)[:, 1]
-        columns = [first + law.terms.constants.index(k) for k in inside]
+        columns = [first + law.terms.parameters.index(k) for k in inside]
         tried = values_of_each(law.terms, np.concatenate([each.values for each in profiles]), columns)
         banks = list[Floats]()
-        for name, bank in zip(law.terms.variables.constants, tried, strict=True):
+        for name, bank in zip(law.terms.variables.parameters, tried, strict=True):
             low, high = limits_of(name, bounds)
             within = bank[(bank > low) & (bank < high)]
             if len(within) < settings.PER_CYCLE and np.isfinite(high - low):
@@ -252,7 +252,7 @@ class _Grid:
     def starts(self, profiles: Sequence[_Profile], deviances: Floats) -> list[Floats]:
         """Return coefficients to begin with, each of shape (objects, equations, terms), by deviances of all values.
 
-        First with constants that are best for all objects together, then with others for all of them that differ, then
+        First with parameters that are best for all objects together, then with others for all of them that differ, then
         with those that are best for each.
         """
         swept, swept_alone = list[Floats](), [list[Floats]() for _ in profiles]
@@ -265,21 +265,21 @@ class _Grid:
             lambda each, own, more: self._best([each], own, [*swept, *more])[:1], profiles, deviances, swept_alone
         )
         if not all(alone):
-            raise CommonlawError("terms-nowhere-finite", parameters=self.law.terms.variables.constants)
+            raise CommonlawError("terms-nowhere-finite", parameters=self.law.terms.variables.parameters)
         starts = [*([each] * len(profiles) for each in together), [each for (each,) in alone]]
         return [
             np.array([each.coefficients(own) for each, own in zip(profiles, start, strict=True)]) for start in starts
         ]
 
     def _swept(self, profiles: Sequence[_Profile], begin: Floats) -> Floats:
-        """Return the constants that leave least of all values of one of them, given the others, one after the other.
+        """Return the parameters that leave least of all values of one of them, given the others, one after the other.
 
         Of several frequencies this is the periodogram of what the others leave, again and again (the relaxation of Li
         and Stoica 1996), where their combinations are too many to be tried.
         """
 
-        def deviance(constants: Floats) -> float:
-            return sum(each.deviance(constants) for each in profiles)
+        def deviance(parameters: Floats) -> float:
+            return sum(each.deviance(parameters) for each in profiles)
 
         now, value = begin, deviance(begin)
         for _ in range(settings.MAX_SWEEPS):
@@ -296,25 +296,25 @@ class _Grid:
         return now
 
     def _best(self, profiles: Sequence[_Profile], deviances: Floats, swept: Sequence[Floats]) -> list[Floats]:
-        """Return the constants that leave least of some objects, from values that differ, and those found by sweeps.
+        """Return the parameters that leave least of some objects, from values that differ, and those found by sweeps.
 
         Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has
         a name is above zero, and then the smaller ones.
         """
         letters = {each.name: each for each in named_parameters(self.law).definitions}
 
-        def holds(constants: Floats) -> bool:
-            coefficients = [each.coefficients(constants) for each in profiles] if self.bounds else []
+        def holds(parameters: Floats) -> bool:
+            coefficients = [each.coefficients(parameters) for each in profiles] if self.bounds else []
             return all(bound.holds(letters[bound.name].of(own)) for bound in self.bounds for own in coefficients)
 
-        def unusual(constants: Floats) -> tuple[int, float]:
-            named = [each.of(profile.coefficients(constants)) for profile in profiles for each in letters.values()]
-            return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(constants)))
+        def unusual(parameters: Floats) -> tuple[int, float]:
+            named = [each.of(profile.coefficients(parameters)) for profile in profiles for each in letters.values()]
+            return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(parameters)))
 
         listed = [self.values[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
         first = islice(filter(holds, listed), settings.MAX_REFINED)
         begun = [*filter(holds, swept), *first, *_different(listed, holds)]
-        limits = np.array([limits_of(name, self.bounds) for name in self.law.terms.variables.constants])
+        limits = np.array([limits_of(name, self.bounds) for name in self.law.terms.variables.parameters])
         found = [*begun, *filter(holds, (_refined(profiles, each, limits.reshape(-1, 2).T) for each in begun))]
         values = [sum(each.deviance(own) for each in profiles) for own in found]
         ordered = [found[k] for k in np.argsort(values, kind="stable")]
@@ -323,7 +323,7 @@ class _Grid:
 
 
 def _different(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambda _: True) -> list[Floats]:
-    """Return the first few of some constants that differ, by their signs or a step of the grid."""
+    """Return the first few of some parameters that differ, by their signs or a step of the grid."""
     found = list[Floats]()
     for each in listed:
         if len(found) == settings.MAX_REFINED:
@@ -336,7 +336,7 @@ def _different(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambd
 
 
 def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Floats:
-    """Return the constants that leave least of the rates near some values, between limits, shape (2, constants)."""
+    """Return the parameters that leave least of the rates near some values, between limits, shape (2, parameters)."""
     from scipy.optimize import least_squares
 
     tiny = np.finfo(float).tiny
@@ -354,10 +354,10 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
     )
 
 
-def _check_identifiable(law: Law, profiles: Sequence[_Profile], constants: Sequence[Floats]) -> None:
+def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequence[Floats]) -> None:
     """Refuse what no trial could tell: coefficients of which only a combination matters."""
     listed = []
-    for each, own in zip(profiles, constants, strict=True):
+    for each, own in zip(profiles, parameters, strict=True):
         _, sizes, directions = np.linalg.svd(each.derivatives(own, law.order), full_matrices=False)
         if len(sizes) == len(directions) and sizes[-1] > settings.MIN_SINGULAR_VALUE:
             return

@@ -1,4 +1,4 @@
-"""The search for laws that have terms with constants inside, from a law that has none.
+"""The search for laws that have terms with parameters inside, from a law that has none.
 
 Sets of terms that may explain each equation are proposed along curves that are near, see `term_sets`; those of
 all equations are fitted to the trajectories, one equation's after the other, and the law of largest evidence gives

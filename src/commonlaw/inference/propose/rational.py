@@ -308,11 +308,11 @@ class _Ranked:
         scaled = score.below / score.below[:, [ratio.reference]]
         objects, starts = len(self.problem.models), list[Start]()
         for below in (scaled, np.tile(np.median(scaled, axis=0), (len(scaled), 1)))[: len(scaled)]:
-            constants = [ratio.values_of_constants(own) for own in below]
-            if any(each is None for each in constants):
+            parameters = [ratio.values_of_parameters(own) for own in below]
+            if any(each is None for each in parameters):
                 continue
             fits = [side.fitted(shape.below, own, terms)[0] for side, own in zip(self.sides, below, strict=True)]
             ordered = np.roll(np.array(fits), len(shape.beside), axis=1)
-            starts.append(Start(for_all(ordered, objects), (for_all(np.array(constants), objects),)))
+            starts.append(Start(for_all(ordered, objects), (for_all(np.array(parameters), objects),)))
         beside = tuple(plain.index(self.offered.beside[k]) for k in shape.beside)
         return TermSet(beside, (ratio,), tuple(starts)) if starts else None

@@ -27,7 +27,7 @@ from commonlaw.inference.result.predictive_choice import best_forecaster
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, PlausibleLaw, Provenance
-from commonlaw.law.alignment import with_constants_of
+from commonlaw.law.alignment import with_parameters_of
 from commonlaw.law.law import with_other_laws
 from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind
 from commonlaw.runtime.progress import ProgressCallback
@@ -202,7 +202,7 @@ def with_rivals(
         share = own * float(np.exp(-max(0.0, above) / 2))
         if share <= settings.MIN_PROBABILITY or len(found) == settings.MAX_MODELS - 1:
             break
-        rival = with_constants_of(_beside(law, fitted_law(fit.problem.law, fit)), law)
+        rival = with_parameters_of(_beside(law, fitted_law(fit.problem.law, fit)), law)
         if rival.schema == law.schema and rival.structure not in said:
             said.add(rival.structure)
             found.append(PlausibleLaw(share, rival))

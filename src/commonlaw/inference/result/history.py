@@ -25,7 +25,7 @@ difference of log scores where forecasts chose."""
 
 
 def names_in(law: Law, support: Bools) -> tuple[str, ...]:
-    """Return the names of the terms of a support, but not of constants inside of them."""
+    """Return the names of the terms of a support, but not of parameters inside of them."""
     return tuple(law.terms.names[k] for k in np.flatnonzero(support & law.terms.is_factor))
 
 
@@ -60,7 +60,7 @@ def inclusion_probabilities(law: Law, compared: Sequence[Compared]) -> Floats:
         inside, outside = weights @ supports, weights @ ~supports
         rows.append(inside / (inside + outside))
     found, terms = np.array(rows), law.terms
-    for place in terms.constants:
+    for place in terms.parameters:
         of = [k for k in np.flatnonzero(terms.is_factor) if terms.terms[k].columns() >= terms.terms[place].columns()]
         found[:, place] = found[:, of].max(axis=1)
     return found

@@ -82,7 +82,7 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
     reach = float(fitted.uncertainty.reach(len(law.schema.states), level)[equation])
     known = fitted.uncertainty.degrees_of_freedom
     degrees = np.inf if known is None else float(known[equation])
-    plain = replace(law.terms.variables, constants=())
+    plain = replace(law.terms.variables, parameters=())
     expression = wider.terms.terms[index].expression(law.terms.variables.names)
     sizes = np.abs(parse_terms([expression], plain).evaluate(values))
     left = left_hand_sides(law)[equation]
@@ -111,7 +111,7 @@ def _with_term(law: Law, name: str) -> Law:
     )
     if name in law.terms.names:
         return bare
-    own, constants = law.terms.terms, len(law.terms.constants)
-    at = len(own) - constants
+    own, parameters = law.terms.terms, len(law.terms.parameters)
+    at = len(own) - parameters
     terms = Terms(law.terms.variables, (*own[:at], parse_term(name, law.terms.variables), *own[at:]))
     return replace(bare, terms=terms, coefficients=np.insert(law.coefficients, at, 0.0, axis=2))

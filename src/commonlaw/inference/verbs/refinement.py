@@ -131,10 +131,10 @@ class _Fit:
     seed: int
 
     def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback) -> Law:
-        """Return a law fitted to trials; objects may be alike, and say where constants inside of terms begin."""
+        """Return a law fitted to trials; objects may be alike, and say where parameters inside of terms begin."""
         setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_between, self.positive)
         progress("estimating noise, smoothing, fitting coefficients")
-        if alike and setup.law.terms.constants and not trials.schema.starts:  # There `known_starts` does so
+        if alike and setup.law.terms.parameters and not trials.schema.starts:  # There `known_starts` does so
             setup = replace(setup, priors=priors_from(setup.problem(), setup.law.coefficients))
         pool, steps = begin_search(
             lambda own, _: fit_terms(replace(setup, trials=own)),
@@ -172,8 +172,8 @@ class _Fit:
 
 def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallback) -> Law:
     """Return the law of the objects of a stream, fitted part by part."""
-    if law.terms.constants or law.schema.starts:
-        what = "nonlinear parameters" if law.terms.constants else "latent states"
+    if law.terms.parameters or law.schema.starts:
+        what = "nonlinear parameters" if law.terms.parameters else "latent states"
         raise CommonlawError("not-refined-file-by-file", what=what)
     parts, known = stream.parts or (stream,), {*law.objects}
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
