@@ -3,7 +3,7 @@
 The catalogue is ``diagnostics.toml``: a sentence for each code, with the parameters as fields of `str.format`. Of lists
 ``{names:, }`` joins the items by commas, ``{names:or}`` and ``{names:and}`` by a word, and ``{names:repr or}`` quotes
 them; ``{n:count trial}`` writes "1 trial", "2 trials". What stands between backticks is Python; a front end writes it
-in its own way, see `Dialect`. Beside sentences the catalogue has topics, which say what the errors of a field have in
+in its own way, see `Dialect`. Besides sentences the catalogue has topics, which say what the errors of a field have in
 common, and the meaning of each kind of note.
 """
 

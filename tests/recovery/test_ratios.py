@@ -52,7 +52,7 @@ def test_a_text_names_ratios_of_two_libraries_alone_or_in_a_sum():
     assert parse_library(QUADRATIC) == RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))
     library = parse_library("poly:1 + ratio(poly:2 + terms:s**3, poly:1)")
     (ratios,) = library.ratios(S)
-    named = [tuple(each.text(("s", "t")) for each in side) for side in (ratios.above, ratios.below, ratios.beside)]
+    named = [tuple(each.text(("s", "t")) for each in side) for side in (ratios.above, ratios.below, ratios.added)]
     assert named == [("1", "s", "s^2", "s^3"), ("1", "s"), ("1", "s")]
     (ratios,) = parse_library("poly:1 * ratio(poly:1, poly:1)").ratios(S)
     assert [each.text(("s", "t")) for each in ratios.above] == ["1", "s", "s^2"]

@@ -80,7 +80,7 @@ class _Systems:
     bands
         Of the changes of slope alone, shape (7, 2 n).
     diagonal, off_diagonal
-        The Gram matrix of the hat functions, times -3 on its diagonal and times -6 beside it.
+        The Gram matrix of the hat functions, times -3 on its diagonal and times -6 next to it.
     """
 
     bands: Floats

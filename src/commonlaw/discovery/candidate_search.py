@@ -1,4 +1,4 @@
-"""The search for the law of one order, and what is tried beside plain terms: the steps that the pipeline takes."""
+"""The search for the law of one order, and what is tried besides plain terms: the steps that the pipeline takes."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -155,7 +155,7 @@ class CandidateSearch:
         plain
             The search among plain terms, if it is done, or but for those that were left out and finer meshes.
         richer
-            Whether terms are sought, too, that are offered beside plain ones.
+            Whether terms are sought, too, that are offered besides plain ones.
         """
 
         def begin(trials: Trials, progress: ProgressCallback) -> Pool:

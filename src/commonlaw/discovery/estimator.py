@@ -123,7 +123,7 @@ class LawDiscovery:
         method, instead = (self.method, ()) if self.method else _default(trials, self.order)
         method = with_unmeasured(method, self.unmeasured)
         library = parse_library(self.library) if isinstance(self.library, str) else self.library
-        trials, possible, told, rates = possible_orders(trials, self.order)
+        trials, possible, steps, rates = possible_orders(trials, self.order)
         known = self.known or {}
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
@@ -160,7 +160,7 @@ class LawDiscovery:
             outcomes = (*outcomes, *outcomes_of_stand_ins(trials, law.order, library))
             if self.order == "auto" and law.order != 0:
                 outcomes = (*outcomes, *outcomes_of_generations(law, trials))
-        history = (*told, *law.history)
+        history = (*steps, *law.history)
         provenance = replace(law.provenance, calls=made, domain=domain, outcomes=outcomes, history=history)
         law = replace(law, provenance=provenance)
         if isinstance(trials, Trials):

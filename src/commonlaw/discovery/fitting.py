@@ -49,7 +49,7 @@ _UNMEASURED = "as given, for a latent state"
 """Why a state starts where it does."""
 
 _OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
-"""Stages of a history that say which errors a law has beside white noise."""
+"""Stages of a history that say which errors a law has besides white noise."""
 
 
 def fit(
@@ -89,14 +89,14 @@ def fit(
         follow from these, their standard errors to first order. There have to be as many terms as coefficients, which
         determine them one by one.
 
-        Coefficients inside of functions, powers and sums below a line are parameters of their terms and fitted as such:
+        Coefficients inside functions, powers and sums below a line are parameters of their terms and fitted as such:
         ``"s' = -V s/(K + s)"``, ``"x'' = -k abs(v)^p sign(v)"``, ``"i' = a (exp(u/U) - 1) - b i"``,
-        ``"x'' = -k x + A cos(w t + p)"``. The fit begins from a bank of values about the sizes of what they stand
-        beside, within bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``. A coefficient whose
+        ``"x'' = -k x + A cos(w t + p)"``. The fit begins from a bank of values about the sizes of what they are
+        added to, within bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``. A coefficient whose
         best value is outside is at its bound, which an outcome says with a one-sided interval.
     trials
         What was measured. Each object has its own coefficients. A stream is fitted file by file, see `refine`; such a
-        law has no parameters inside of terms, and no states that nobody measured.
+        law has no parameters inside terms, and no states that nobody measured.
     starts
         Of states that nobody measured, where each trial has them in its first sample, by name: a number, the name of a
         property of the objects, such as a dose, a number for each object, or None (the text ``"free"``) where the
@@ -115,7 +115,7 @@ def fit(
         object's own. Their common value is the mean that is weighted by the information
         of each object's trials (generalised least squares), which a fit of all objects together gives to first order.
     guesses
-        Where the fit begins with parameters inside of terms, by their letters, ``guesses={"w": 0.3}``, in place of the
+        Where the fit begins with parameters inside terms, by their letters, ``guesses={"w": 0.3}``, in place of the
         values that are tried. Coefficients that stand before terms need none, as they follow by least squares.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
         Settings of the fit, see `FitOptions`. With `doses` inputs are on lines between samples by default.

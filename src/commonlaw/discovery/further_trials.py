@@ -151,5 +151,5 @@ def _exchange(law: Law, rival: Law) -> str:
 
 
 def _names(law: Law) -> list[list[str]]:
-    """Return the terms of each equation, without the parameters inside of them."""
+    """Return the terms of each equation, without the parameters inside them."""
     return [[law.terms.names[k] for k in np.flatnonzero(own & law.terms.is_factor)] for own in law.support]

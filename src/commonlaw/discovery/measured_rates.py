@@ -1,4 +1,4 @@
-"""Which measured columns are the rates of others, told by what was measured."""
+"""Which measured columns are the rates of others, by what was measured."""
 
 from collections.abc import Collection, Container, Iterator
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from commonlaw.trials.trial import with_typical
 
 _FEWEST_WEIGHTS, _SAMPLES_A_WEIGHT = 8, 10
 """Smooth weightings of a trial: its steps from sample to sample are compared in so many sums, the fastest of which goes
-up and down in 20 samples, as fast as motion is whose noise can be told."""
+up and down in 20 samples, as fast as motion is whose noise can be estimated."""
 
 _FEWEST = 20
 """Samples of a trial that tell both its noise and its motion; a state with fewer than `_LEAST` is not measured."""
@@ -26,7 +26,7 @@ _MOST_TRIALS, _MOST_SAMPLES = 20, 2000
 """Trials that are looked at, spread over all, and samples of each, from its start."""
 
 _ACCURACY = 0.1
-"""Standard error that the slope must have at most: it is then told from zero by ten of them."""
+"""Standard error that the slope must have at most: it then differs from zero by ten of them."""
 
 _CHANCE, _NOISE = 1e-3, 2.0
 """How often a rate may be taken for none, and by which factor the variance of noise may be more than estimated."""

@@ -32,7 +32,7 @@ class AbstractMethod(ABC):
     """Whether it heeds standard deviations of single measurements."""
 
     takes_parameters: ClassVar[bool] = False
-    """Whether it finds parameters inside of terms."""
+    """Whether it finds parameters inside terms."""
 
     @abstractmethod
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:

@@ -1,4 +1,4 @@
-"""The order of a law as it is asked for, or where none is given told by measured rates and by evidence."""
+"""The order of a law as it is asked for, or where none is given found by measured rates and by evidence."""
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -113,7 +113,7 @@ def of_best_order(
     Parameters
     ----------
     find
-        Finds the law of an order; on a coarse mesh, if that may do beside a law that is simple.
+        Finds the law of an order; on a coarse mesh, if that may do besides a simple law.
     possible
         The orders that each state may have, from low to high.
 

@@ -39,7 +39,7 @@ def discrepancy(
     noise: Mapping[str, float] | None = None,
     huber_threshold: float = HUBER_THRESHOLD,
 ) -> Discrepancy[Law]:
-    """Return the smooth function of a coordinate that all objects share beside a law, see `Law.discrepancy`."""
+    """Return the smooth function of a coordinate that all objects share in addition to a law, see `Law.discrepancy`."""
     called = call(discrepancy, locals(), "law.discrepancy", "trials") + ".law"
     if law.terms.parameters:
         inside = ", ".join(law.terms.variables.parameters)
@@ -78,7 +78,7 @@ def discrepancy(
 
 
 def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: CandidateFunction, called: str) -> Law:
-    """Return the law with coefficients as they are beside the function, which it carries."""
+    """Return the law with coefficients as they are with the function, which it carries."""
     own, posterior = law.select(setting.problem.trials.objects), found.posterior
     whole = _whole(law, setting, found)
     size, wide = setting.law.terms, found.model.terms

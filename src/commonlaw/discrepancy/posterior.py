@@ -1,4 +1,4 @@
-"""A function that objects share, beside each object's own coefficients: its evidence and its posterior.
+"""A function that objects share, in addition to object-specific coefficients: its evidence and its posterior.
 
 All rows are linear in both, with Gaussian errors; whatever can be integrated is, by formulas, and amplitude and length
 of the function on a grid (O'Hagan 1978; Kennedy and O'Hagan 2001).

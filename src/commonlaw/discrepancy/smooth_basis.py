@@ -128,7 +128,7 @@ class Meaning(NamedTuple):
 
 
 def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | None) -> Meaning:
-    """Return the constraints that leave a law's coefficients identifiable beside a function of a coordinate.
+    """Return the constraints that leave a law's coefficients identifiable with a function of a coordinate.
 
     Both can represent functions of the coordinate that are combinations of the law's terms on each object. At `zero_at`
     the law alone holds, and the function is orthogonal, over the samples, to such combinations that vanish there too;

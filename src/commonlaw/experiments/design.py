@@ -97,7 +97,7 @@ def design(
     seed
         Of random numbers.
     points
-        How many experiments are examined over the ranges, beside their corners.
+        How many experiments are examined over the ranges, besides their corners.
     progress
         Takes the text of each step.
 

@@ -1,4 +1,4 @@
-"""The experiments that are worth most: each given those before it, then each beside all others."""
+"""The experiments that are worth most: each given those before it, then each given all others."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -73,7 +73,7 @@ class Search:
     """All that experiments are chosen by.
 
     For `settings`, `limits` of states and rates, where trials end, `prices` and `start_std` see `design`. The seed is
-    that of the draws and of the places that are examined, `points` all over the ranges, beside their corners.
+    that of the draws and of the places that are examined, `points` all over the ranges, besides their corners.
     """
 
     law: Law
@@ -128,7 +128,7 @@ class Search:
         return self.candidates(self.settings.spread(self.points, self.seed))
 
     def _best(self, chosen: Chosen, budget: float, first: Candidate | None = None) -> Candidate | None:
-        """Return the experiment of most information for its cost, beside others and within a budget.
+        """Return the experiment of most information for its cost, given others and within a budget.
 
         In place of a first one its cost counts only as a limit.
         """

@@ -1,4 +1,4 @@
-"""Forecasts of trials beside what was measured: what `Law.predict` gives."""
+"""Forecasts of trials and what was measured: what `Law.predict` gives."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -56,7 +56,7 @@ class Forecast(ShownInNotebooks):
         When forecasts begin, if that is not at the first sample. Measurements before it determined the initial states,
         and are not in tables, errors and scores.
     error_model
-        Errors of measurements beside that noise.
+        Errors of measurements besides that noise.
     at_more_times
         Makes the same forecasts at more times, see `smooth`; None if they cannot be made again.
     followed

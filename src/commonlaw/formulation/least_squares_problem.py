@@ -57,7 +57,7 @@ _MAX_SQUARED_NORM = 1e4
 is that much times rounding, at most; the first rows last for ten thousand times as many of their kind."""
 
 _COLLINEAR = 1e-12
-"""A column of which so little is left beside those before it, relative to its norm, depends on them."""
+"""A column of which so little is left of those before it, relative to its norm, depends on them."""
 
 
 @dataclass

@@ -72,13 +72,13 @@ MAX_SCREENED_TERMS = 40
 MAX_NUMBERS = 7
 """Coefficients and nonlinear parameters of an equation with parametric or rational terms."""
 MAX_SUM_TERMS = (4, 3, 4, 2)
-"""Terms without parameters of such an equation; in the numerator, in the denominator of a ratio, and beside it."""
+"""Terms without parameters of such an equation; in the numerator, in the denominator of a ratio, and added to it."""
 MAX_VARIABLES = 8
 """Variables whose subsets are all compared."""
 
 # Rankings on integrals along curves
 MAX_SETS = (1500, 60, 400)
-"""Sets of terms compared, smaller ones first: beside at most one parametric term, beside two, and with each
+"""Sets of terms compared, smaller ones first: with at most one parametric term, with two, and with each
 denominator."""
 MAX_LINEARIZED = 80
 """Sets of as many numbers that are compared to first order about values of a grid."""
@@ -132,7 +132,7 @@ STRONG = 6.0
 MIN_PROBABILITY = 0.01
 """Posterior probability of a model that is kept, and of differences by chance from which these are reported."""
 MAX_MODELS = 12
-"""Models that are kept beside the best, and fitted in vain before a search ends."""
+"""Models that are kept besides the best, and fitted in vain before a search ends."""
 MAX_PROPOSED = 4
 """Supports or sets of terms that one source proposes, and that are fitted by each kind of errors."""
 MAX_RIVALS = 2

@@ -30,7 +30,7 @@ from commonlaw.library.grammar import Algebra, evaluate
 from commonlaw.outcomes import Outcome
 
 _FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")
-"""Functions that have Taylor series wherever they are defined, beside arctan; abs and sign have none at 0."""
+"""Functions that have Taylor series wherever they are defined, besides arctan; abs and sign have none at 0."""
 
 
 class UnsupportedError(Exception):

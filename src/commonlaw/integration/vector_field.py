@@ -101,7 +101,7 @@ class VectorField:
     Its methods take the values of the variables (states, inputs, time) at n points, shape (n, variables). Called with
     one time and state, as integrators do, it gives what it gives at the one point. States that the variables call
     logarithmic are given, and followed, by their logarithms: for x' = f(x) it is ``z' = f(exp(z)) / exp(z)``.
-    Parameters inside of terms have the values of their coefficients, and are parameters like these.
+    Parameters inside terms have the values of their coefficients, and are parameters like these.
 
     Parameters
     ----------

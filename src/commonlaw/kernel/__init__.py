@@ -108,7 +108,7 @@ def address(array: NDArray[Any]) -> int:
 
 @cache
 def _loaded() -> ctypes.CDLL | None:
-    """Return the library beside this file, if there is one that has the same structures."""
+    """Return the library next to this file, if there is one that has the same structures."""
     folder = Path(__file__).parent
     for path in (folder / name for name in _FILES):
         if not path.exists():

@@ -55,7 +55,7 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
 
 
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:
-    """Return times that were given beside trials, in the unit of their time, in that of the law."""
+    """Return times that were given with trials, in the unit of their time, in that of the law."""
     own, time = trials.schema.units.get(trials.schema.time), law.schema.units.get(law.schema.time)
     turn = Conversion.between(trials.schema.time, own, time)
     return times if times is None or not turn else turn.of(as_numbers(times))

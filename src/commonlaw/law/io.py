@@ -131,7 +131,7 @@ class OtherDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, om
 
 
 class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """See `Law`; terms are expressions, coefficients lists by object, constants the names of those inside of terms."""
+    """See `Law`; terms are expressions, coefficients lists by object, constants the names of those inside terms."""
 
     format: Literal["commonlaw law"] = "commonlaw law"
     version: Literal[4] = 4

@@ -32,7 +32,7 @@ class Coefficient(NamedTuple):
     """A coefficient by the name that a user knows it by, as a product of powers of coefficients of terms.
 
     In ``x'' = -2 x/m`` it is -2 over that of x. In ``T' = -k (T - a)``, multiplied out ``-k T + k a``, a is the
-    coefficient of 1 over minus that of T. A parameter inside of terms is the coefficient of its own, see
+    coefficient of 1 over minus that of T. A parameter inside terms is the coefficient of its own, see
     `Terms.parameters`.
     """
 

@@ -41,17 +41,17 @@ def pooled(law: Law, universal: Bools | None, others: bool) -> Law:
     if len(law.objects) == 1 or not free.any() or not (others or shared.any()):
         return unchanged
     indices = np.argwhere(support)[free].T
-    told: Bools = np.ones(len(law.objects), dtype=np.bool_)
+    informed: Bools = np.ones(len(law.objects), dtype=np.bool_)
     if not shared.any():
         variances = np.diagonal(covariance, axis1=1, axis2=2)[:, free]
-        told = np.asarray(informative(coefficients[:, *indices], variances).any(axis=1))
-    if told.sum() < 2:
+        informed = np.asarray(informative(coefficients[:, *indices], variances).any(axis=1))
+    if informed.sum() < 2:
         return unchanged
     variances = np.where(shared[support][free], 0.0, np.nan if others else np.inf)
-    found = shrink(coefficients[told][:, *indices], covariance[told][:, free][:, :, free], variances)
+    found = shrink(coefficients[informed][:, *indices], covariance[informed][:, free][:, :, free], variances)
     drawn, errors, factor = coefficients.copy(), covariance.copy(), np.zeros_like(covariance)
-    inner = np.ix_(told, free, free)
-    drawn[np.flatnonzero(told)[:, np.newaxis], *indices] = found.estimates
+    inner = np.ix_(informed, free, free)
+    drawn[np.flatnonzero(informed)[:, np.newaxis], *indices] = found.estimates
     errors[inner], factor[inner] = found.covariances, found.shared_factors
     shrinkage = np.zeros(support.shape)
     shrinkage[*indices] = found.shrinkage
@@ -63,8 +63,8 @@ def pooled(law: Law, universal: Bools | None, others: bool) -> Law:
         choices.append(f"{law.terms.names[k]} in {lefts[j]}: {how} ({share:.2f})")
     reason = "shrinkage of each object's coefficient to the mean, by the between-object variance"
     diagnostics = law.diagnostics
-    if not told.all():
-        apart = [name for name, is_told in zip(law.objects, told, strict=True) if not is_told]
+    if not informed.all():
+        apart = [name for name, is_informative in zip(law.objects, informed, strict=True) if not is_informative]
         diagnostics = (*diagnostics, note("not-pooled", objects=shown(apart, "object")))
     history = (*law.history, Step("pooling", "; ".join(choices), reason))
     uncertainty = replace(

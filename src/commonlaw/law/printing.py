@@ -131,7 +131,7 @@ class _Values(NamedTuple):
         return dict(zip(known.names, pairs, strict=True))
 
     def inner_parameters(self, law: Law) -> list[tuple[float, float]]:
-        """Return the value and the error of each parameter inside of terms."""
+        """Return the value and the error of each parameter inside terms."""
         coefficients, pairs = law.coefficients[self.position], []
         for k in law.terms.parameters:
             j = int(np.argmax(coefficients[:, k] != 0))

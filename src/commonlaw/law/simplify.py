@@ -31,7 +31,7 @@ def symbolic() -> Any:
 
 
 def symbol(name: str) -> "sympy.Symbol":
-    """Return the symbol of a variable, a parameter inside of terms or a letter."""
+    """Return the symbol of a variable, a parameter inside terms or a letter."""
     return symbolic().Symbol(quoted(name), real=True)
 
 
@@ -439,7 +439,7 @@ def _candidates(law: Law, found: _Estimates, constraints: Sequence[_Constraint])
 
 
 def _powers(law: Law, letter: str) -> list[int]:
-    """Return the powers with which a letter stands before terms; none for a parameter inside of them."""
+    """Return the powers with which a letter stands before terms; none for a parameter inside them."""
     found = [power for each in named_parameters(law).products for name, power in each.coefficients if name == letter]
     return [0] if letter in law.terms.variables.parameters else found
 

@@ -42,7 +42,7 @@ MEANINGS = {
     LOG_SCORE: f"{LOG_SCORE}: how much less probable held-out data are by forecasts of a law, in logarithms; none if "
     "they diverge",
 }
-"""What stands beside a table with one of these measures."""
+"""What is printed with a table with one of these measures."""
 
 
 def readable(frame: pd.DataFrame) -> pd.DataFrame:

@@ -89,7 +89,7 @@ class PlausibleLaw(NamedTuple, Generic[LawType]):
     probability
         Between 0 and 1, among all that remains plausible.
     law
-        Of the same objects and states. Terms, and parameters inside of them, that both laws have are of the same name.
+        Of the same objects and states. Terms, and parameters inside them, that both laws have are of the same name.
     """
 
     probability: float
@@ -150,7 +150,7 @@ class Uncertainty:
     inclusion_probabilities
         Probability that a term is in the law, shape (equations, terms).
     error_model
-        Errors beside white noise, of the measurements and of the law itself.
+        Errors besides white noise, of the measurements and of the law itself.
     unpooled
         Each object's own estimates, where partial pooling or `Law.explain` has drawn them to others.
     pooled

@@ -76,7 +76,7 @@ class Equation:
         are refused.
 
         Raises `CommonlawError` if the text cannot be read, with the character, and `InsideError` if another name stands
-        inside of a term.
+        inside a term.
         """
         return _Reader(self, variables, dict(state_rates), meanings or Meanings()).summands()
 

@@ -35,7 +35,7 @@ def check_count(what: str, count: int) -> None:
 
 @dataclass(frozen=True)
 class Offer:
-    """What is offered beside plain terms of a law: terms with nonlinear parameters, and ratios of sums of terms."""
+    """What is offered besides plain terms of a law: terms with nonlinear parameters, and ratios of sums of terms."""
 
     terms: tuple[ParametricTerm, ...]
     ratios: tuple[Ratios, ...] = ()
@@ -134,8 +134,8 @@ class SumLibrary(AbstractLibrary):
 
 
 def _with_plain(ratios: Sequence[Ratios], terms: Terms) -> tuple[Ratios, ...]:
-    """Return ratios with more terms beside them."""
-    return tuple(replace(each, beside=tuple(dict.fromkeys((*each.beside, *terms.terms)))) for each in ratios)
+    """Return ratios with more terms added to them."""
+    return tuple(replace(each, added=tuple(dict.fromkeys((*each.added, *terms.terms)))) for each in ratios)
 
 
 @dataclass(frozen=True)
@@ -437,7 +437,7 @@ class ExpressionLibrary(AbstractLibrary):
 class ParametricLibrary(AbstractLibrary):
     """Functions with nonlinear parameters that go by a name, such as saturation: see `FAMILIES`.
 
-    A law takes few of them, beside plain terms; the parameters are found with the law, object-specific.
+    A law takes few of them, besides plain terms; the parameters are found with the law, object-specific.
 
     Parameters
     ----------

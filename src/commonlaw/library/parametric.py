@@ -81,7 +81,7 @@ class Ratio:
 
     @property
     def degree(self) -> int:
-        """The power of a constant beside one term below: 2 in ``K^2 + s^2``, so that K is a value of s."""
+        """The power of a parameter added to one term below: 2 in ``K^2 + s^2``, so that K is a value of s."""
         other = self.below[self.reference]
         pure = other.exponents is not None and len(other.columns()) == 1 and len(self.below) == 2
         return int(other.complexity()) if pure else 1
@@ -118,11 +118,11 @@ class Ratio:
 
 @dataclass(frozen=True)
 class Ratios:
-    """Ratios of sums of terms `above` over sums of terms `below`, with plain terms `beside` them."""
+    """Ratios of sums of terms `above` over sums of terms `below`, with plain terms `added`."""
 
     above: tuple[Term, ...]
     below: tuple[Term, ...]
-    beside: tuple[Term, ...] = ()
+    added: tuple[Term, ...] = ()
 
     def ratio(
         self, above: Sequence[int], below: Sequence[int], variables: Variables, sizes: Floats | None = None
@@ -147,7 +147,7 @@ class Ratios:
 
 
 def parameters_in(expression: str, variables: Variables) -> tuple[str, ...]:
-    """Return the names inside of a term that are no variables: parameters.
+    """Return the names inside a term that are no variables: parameters.
 
     >>> parameters_in("s/(K + s)", Variables(("s",)))
     ('K',)

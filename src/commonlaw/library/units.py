@@ -1,4 +1,4 @@
-"""The unit of a term, and of parameters inside of terms."""
+"""The unit of a term, and of parameters inside terms."""
 
 import ast
 from collections.abc import Mapping

@@ -148,7 +148,7 @@ SHORTEST = 1e-4
 """Steps shorter than this share of the Gauss-Newton step are not tried."""
 
 GAIN = 1e-3
-"""A step that gains less than this in twice the log-likelihood, beside the relative gain, is the last."""
+"""A step that gains less than this in twice the log-likelihood, besides the relative gain, is the last."""
 
 
 class Prior(NamedTuple):

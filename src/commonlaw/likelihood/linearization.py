@@ -58,8 +58,8 @@ class Regression:
         stacked, columns = np.concatenate(parts), np.concatenate(states)
         scales = column_scales(stacked)
         basis, factor = np.linalg.qr(stacked / scales)
-        told = np.abs(np.diagonal(factor))[:size] > 0
-        leverage += np.bincount(columns, np.sum(basis[:, :size][:, told] ** 2, axis=1), minlength=d + 1)
+        determined = np.abs(np.diagonal(factor))[:size] > 0
+        leverage += np.bincount(columns, np.sum(basis[:, :size][:, determined] ** 2, axis=1), minlength=d + 1)
         return cls(np.vstack([factor * scales, np.zeros((size + 1 - len(factor), size + 1))]), leverage[:d])
 
 

@@ -29,7 +29,7 @@ class LatentSteps:
 
 @dataclass(frozen=True, eq=False)
 class LatentProcesses:
-    """Processes beside white noise: errors of measured states, forces on the equations, rates of the forces.
+    """Processes besides white noise: errors of measured states, forces on the equations, rates of the forces.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def _joined(blocks: list[Floats]) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """Standard deviations of errors beside white noise, in units of states and time; None without errors of a kind.
+    """Standard deviations of errors besides white noise, in units of states and time; None without errors of a kind.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Fitted curves and forecasts beside measurements."""
+"""Fitted curves and forecasts with measurements."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -62,7 +62,7 @@ def plot_relations(law: Law) -> Figure:
 
     Coefficients are object-specific estimates before pooling. Relations of a power law have logarithmic axes, and of
     several properties also a panel on which objects collapse onto one line. The grey band holds 95 % of the objects by
-    their scatter. Shared and object-specific coefficients stand beside the objects' names, which more than forty
+    their scatter. Shared and object-specific coefficients stand next to the objects' names, which more than forty
     objects do not have.
 
     Parameters

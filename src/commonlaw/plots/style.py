@@ -172,7 +172,7 @@ def key(label: str, **settings: Any) -> Line2D:
 
 
 def add_legend(figure: Figure, keys: Sequence[Line2D], above: bool = False) -> None:
-    """Put a legend beside or above all panels."""
+    """Put a legend next to or above all panels."""
     if not keys:
         return
     if above:

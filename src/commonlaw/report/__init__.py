@@ -1,4 +1,4 @@
-"""Reports: what was asked, done and found, as one self-contained page with its figures and numbers beside it."""
+"""Reports: what was asked, done and found, as one self-contained page, with its figures and numbers as files."""
 
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Report, Section, Table, Text, Verdict, to_json
 from commonlaw.report.law_report import law_page, law_report

@@ -1,4 +1,4 @@
-"""The parts of a law's report with measurements beside curves: the fit, and forecasts from first samples."""
+"""The parts of a law's report with measurements and curves: the fit, and forecasts from first samples."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _DRAWN, _IN_OVERVIEW = 50, 36
 
 
 def fit(case: LawCase) -> Section:
-    """Return the part on trials as measured beside solutions of the law through them."""
+    """Return the part on trials as measured, with solutions of the law through them."""
     title, fit = "Fit", case.findings.fit
     if fit is None:
         why = (
@@ -43,7 +43,7 @@ def fit(case: LawCase) -> Section:
 
 
 def forecasts(case: LawCase) -> Section:
-    """Return the part on trials as measured beside forecasts from their first samples."""
+    """Return the part on trials as measured, with forecasts from their first samples."""
     title, forecast = "Forecasts from the first samples", case.forecast
     if forecast is None:
         return Section("forecasts", title, (Text(listed([case.said(each) for each in case.findings.lacking])),))

@@ -264,7 +264,7 @@ def coefficients(case: LawCase) -> Section:
 
 
 def values(law: Law) -> tuple[Block, ...]:
-    """Return the numbers that stand beside the formula of a law: its coefficients, by object, with intervals."""
+    """Return the numbers that follow the formula of a law: its coefficients, by object, with intervals."""
     if not named_parameters(law).names:
         return ()
     ends = "" if law.uncertainty.covariance is None else " with 95 % intervals"

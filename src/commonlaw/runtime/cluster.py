@@ -187,7 +187,7 @@ class Cluster:
         return CommonlawError("cluster-lost", address=self._address)
 
     def _failure(self, future: Any) -> Exception | None:
-        """Return what a piece of work raised, if it did; a worker that ended is told of in words."""
+        """Return what a piece of work raised, if it did; or that a worker ended."""
         from distributed.scheduler import KilledWorker
 
         if future.status in ("cancelled", "lost"):

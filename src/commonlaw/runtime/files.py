@@ -40,7 +40,7 @@ def write_whole(path: AnyPath, content: bytes) -> None:
 
 
 def write_all(contents: Mapping[P, bytes]) -> None:
-    """Write several files: all of them are complete beside their targets before the first is put in place.
+    """Write several files: all of them are complete next to their targets before the first is put in place.
 
     What a process that was killed has left half-written in these folders is removed.
 
@@ -290,7 +290,7 @@ def _lock(opened: int, wait: bool) -> None:
 
 
 def _stage(part: Path, content: bytes, old: os.stat_result | None) -> None:
-    """Write a new file beside its target, with owner and permissions of the `old` one that it is to replace."""
+    """Write a new file next to its target, with owner and permissions of the `old` one that it is to replace."""
     opened = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600 if old else 0o666)
     with os.fdopen(opened, "wb") as file:
         file.write(content)

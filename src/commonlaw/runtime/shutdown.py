@@ -21,11 +21,11 @@ _TURN = 0.1
 
 
 class EndedError(BaseException):
-    """This process was told to end."""
+    """This process was asked to end."""
 
 
 class Ending:
-    """Whether this process was told to end while something has to be put away first."""
+    """Whether this process was asked to end while something has to be put away first."""
 
     def __init__(self) -> None:
         self.told_by = 0
@@ -43,7 +43,7 @@ class Ending:
             self._is_waiting = False
 
     def check(self) -> None:
-        """Break off here if this process was told to end."""
+        """Break off here if this process was asked to end."""
         if self.told_by:
             raise EndedError
 

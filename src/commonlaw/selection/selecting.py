@@ -124,7 +124,7 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
 
 
 def fitted_law(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Law:
-    """Return the law with the coefficients of a solver beside fixed ones, and its outcomes."""
+    """Return the law with the coefficients of a solver and fixed ones, and its outcomes."""
     found = replace(law, coefficients=_with(law, candidates))
     outcomes = tuple(_outcomes(found, candidates, solver))
     return replace(found, provenance=replace(found.provenance, outcomes=outcomes))

@@ -82,7 +82,7 @@ class BestSubset(AbstractSolver):
 class _Node:
     """All supports with the terms `inside` and some open ones, of which `bound` is the residual with all.
 
-    `entering` is what open terms explain beside those inside, `leaving` what their leaving costs, in the same order.
+    `entering` is what open terms add to those inside, `leaving` what their leaving costs, in the same order.
     """
 
     inside: Indices

@@ -85,7 +85,7 @@ class StandardizedProblem:
         return self.rest + float(self._explained(indices)[-1])
 
     def best_entering(self, inside: Sequence[int] | Indices) -> int:
-        """Return which of the other terms explains most when it enters beside those inside."""
+        """Return which of the other terms explains most when it enters in addition to those inside."""
         found = self._explained(inside)[:-1]
         found[np.asarray(inside, dtype=np.intp)] = -np.inf
         return int(np.argmax(found))
@@ -108,7 +108,7 @@ class Directions:
 
     @classmethod
     def of(cls, vectors: Floats, left: Floats, indices: Indices) -> "Directions":
-        """Scale vectors to unit norm; what is rounding beside a unit becomes zero."""
+        """Scale vectors to unit norm; what is rounding compared with a unit becomes zero."""
         norms = np.sqrt(np.einsum("otp,otp->ot", vectors, vectors))
         scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > _MIN_NORM)
         return cls(vectors * scale[..., np.newaxis], left, indices)

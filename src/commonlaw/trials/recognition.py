@@ -46,7 +46,7 @@ _MEASURAND = _vocabulary("variable quantity parameter signal channel measurand a
 _INPUT = _vocabulary("input setpoint command control stimulus forcing dose amt")
 _DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
 _VELOCITIES = _vocabulary("v w")
-"""Beside which u is another velocity, and not an input."""
+"""Names next to which u is another velocity, and not an input."""
 _MEAN = _vocabulary("mean avg average")
 _ROW_NUMBER = _vocabulary("no nr number index row record line obs observation point")
 

@@ -313,7 +313,7 @@ class _TrialsOfFile:
             yield trial
 
     def _batches(self, read: list[TrialData] | None) -> Iterator[TrialData]:
-        """Yield what batches of rows make; what is beside the trials is kept in a list, if there is one."""
+        """Yield what batches of rows make; what comes with the trials is kept in a list, if there is one."""
         for each in self.file.tables(_ROWS):
             data = read_rows(each, "object", self.roles).data
             if read is not None:

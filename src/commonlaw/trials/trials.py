@@ -133,7 +133,7 @@ class Trials(ShownInNotebooks):
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> "Trials":
-        """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, told by the content.
+        """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, by its content.
 
         Parameters
         ----------
@@ -339,8 +339,8 @@ class Trials(ShownInNotebooks):
         tolerance
             How far a step may be from the median step before `clip_irregular` would clip there.
         order
-            Of the laws for which variables are to be told apart; 0 looks for none. Default: 2 for a single state, and 1
-            for several.
+            Of the laws for which variables are to be distinguished; 0 looks for none. Default: 2 for a single state,
+            and 1 for several.
         library
             Their candidate terms, see `discover`. Default: polynomials of degree 3, or of a lower one where trials have
             few samples.

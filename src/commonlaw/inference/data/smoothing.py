@@ -54,7 +54,7 @@ def terms_and_rates(
 ) -> tuple[Floats, Floats]:
     """Return terms, shape (n, terms), and the highest derivatives, shape (n, states), on the curves of some trials.
 
-    Parameters inside of terms have the values of their coefficients, shape (equations, terms). Samples of which no
+    Parameters inside terms have the values of their coefficients, shape (equations, terms). Samples of which no
     state was measured are left out: smoothed rates know nothing of the moments in which doses are given.
 
     Raises

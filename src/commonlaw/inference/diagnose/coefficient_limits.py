@@ -18,7 +18,7 @@ class Bound:
     equation, term, object
         Whose coefficient.
     coefficient, error
-        As it is fitted beside the terms of the law, and its standard error.
+        As it is fitted with the terms of the law, and its standard error.
     low, high
         The ends of its interval.
     at_most
@@ -50,9 +50,9 @@ class Bound:
 class Bounds(ShownInNotebooks):
     """How large coefficients of absent terms could be, without the trials showing it; it prints as sentences.
 
-    Each term is fitted beside those of the law, with free starts and all errors, and objects learn from each other as
+    Each term is fitted with those of the law, with free starts and all errors, and objects learn from each other as
     in `commonlaw.refine`. A coefficient stays below its bound with the probability `level`, if beforehand all values
-    were as probable; beside it stands what the term then adds to the equation at most, over the trajectories of the
+    were as probable; next to it stands what the term then adds to the equation at most, over the trajectories of the
     trials.
 
     Parameters

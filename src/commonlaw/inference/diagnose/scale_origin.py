@@ -43,7 +43,7 @@ def _of_scales(law: Law) -> Iterator[Outcome]:
 def _changes(law: Law, column: int) -> list[list[str]]:
     """Return the terms of each equation that are not linear in a variable, and that no others make up for if it shifts.
 
-    A sum of powers with all lower powers, for instance, is such a sum whatever the zero. Parameters inside of terms
+    A sum of powers with all lower powers, for instance, is such a sum whatever the zero. Parameters inside terms
     make up for it where their derivatives do, as K in ``1/(K + x)``.
     """
     terms = law.terms

@@ -51,7 +51,7 @@ def _probability(fit: Fit, name: str) -> float:
 
 
 def _factors(fit: Fit, index: int) -> tuple[list[Floats], int]:
-    """Return the triangular factor of each trial's problem, and the measurements beside initial states of all."""
+    """Return the triangular factor of each trial's problem, and the measurements and initial states of all."""
     problem = fit.problem
     group = problem.trials.of_object(problem.trials.objects[index])
     alone = [replace(trial, object=f"{i}", name="1") for i, trial in enumerate(group)]

@@ -119,7 +119,7 @@ def factors(fit: Fit) -> list[Floats]:
 
 
 def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:
-    """Return the errors beside white noise, a model error relative to it as a random walk, none if it is zero."""
+    """Return the errors besides white noise, a model error relative to it as a random walk, none if it is zero."""
     if not model_error:
         return problem.errors
     step = np.median(np.concatenate([np.diff(trial.times) for trial in problem.trials]))

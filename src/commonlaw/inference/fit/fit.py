@@ -28,7 +28,7 @@ ANY_ERROR = (*settings.MODEL_ERRORS, NO_ERROR)
 """Model errors that are compared, and none."""
 
 PLAUSIBLE = float(-2 * np.log(settings.MIN_PROBABILITY))
-"""2 log B up to which a law is as probable as that beside the best."""
+"""2 log B up to which a law is as probable as the best."""
 
 
 class Status(StrEnum):
@@ -235,7 +235,7 @@ class Fit:
 
     @property
     def reason_for_errors(self) -> str:
-        """Why errors beside white noise are to be estimated with the law, in words; nothing if they are not."""
+        """Why errors besides white noise are to be estimated with the law, in words; nothing if they are not."""
         reason = in_words(self.departures) or self.lack_of_fit
         if reason or not self.problem.errors:
             few = self.has_few_measurements and not self.problem.noise_is_fixed
@@ -303,7 +303,7 @@ def restricted(
 ) -> tuple[Estimate, ...] | None:
     """Return the estimates with the coefficients that the linearized likelihood gives for supports.
 
-    Parameters inside of terms, in which it is not linear, stay. None if it is not finite.
+    Parameters inside terms, in which it is not linear, stay. None if it is not finite.
     """
     if not all(np.isfinite(each.factor).all() for each in evidence.problems):
         return None
@@ -334,7 +334,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
 
 
 def _in_ratios(problem: SearchProblem, estimates: Sequence[Estimate]) -> Floats | None:
-    """Return the values of parameters inside of terms, and of what such terms are multiplied by; zero of all others.
+    """Return the values of parameters inside terms, and of what such terms are multiplied by; zero of all others.
 
     And of those whose signs differ between objects, shape (objects, equations x terms); nothing without parameters.
     """

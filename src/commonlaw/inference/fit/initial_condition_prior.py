@@ -22,7 +22,7 @@ from commonlaw.likelihood import Estimate, NotPositiveError, whitened_from_start
 
 @dataclass(frozen=True, eq=False)
 class AlikeStarts:
-    """What the starts of trials say of laws, beside a law of reference, in minus twice the log-evidence.
+    """What the starts of trials say of laws, compared with a law of reference, in minus twice the log-evidence.
 
     Nothing of few trials, of very many samples, of errors that have a memory, and of states that nobody measured; nor
     where starts are known much better than they scatter.
@@ -54,7 +54,7 @@ class AlikeStarts:
 
     @property
     def _tell(self) -> bool:
-        """Whether there are enough trials, each of one segment, without other processes beside their states."""
+        """Whether there are enough trials, each of one segment, without other processes besides their states."""
         problem = self.reference.problem
         trials, models = problem.trials, problem.models
         segments = sum(int(mesh.first.sum()) for model in models for mesh in model.meshes)

@@ -2,7 +2,7 @@
 
 If ``x' = f(x)``, measurements of x are a start, plus the integral of f along the true curve, plus noise. With states
 near the true ones in f, coefficients are found by least squares on integrals, without a derivative (Dattner and
-Klaassen 2015), and parameters inside of terms from a bank of values.
+Klaassen 2015), and parameters inside terms from a bank of values.
 """
 
 from collections.abc import Callable, Sequence

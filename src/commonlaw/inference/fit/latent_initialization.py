@@ -41,7 +41,7 @@ def unmeasured_in_words(trials: Trials) -> str:
 
 
 def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
-    """Return trials whose known starts have standard deviations that are small beside the scale of their states.
+    """Return trials whose known starts have standard deviations that are small compared with the scale of their states.
 
     Starts that nobody knows are zero, with standard deviations that say next to nothing. Scales are those of starts, or
     follow from the equations. Coefficients that are known have the shape (equations, terms), NaN where they are to be
@@ -218,7 +218,7 @@ class _Guesses:
         return scales
 
     def relative_speed(self, coefficients: Floats) -> float:
-        """Return how fast unmeasured states change, beside changes by their scales within a trial."""
+        """Return how fast latent states change, besides changes by their scales within a trial."""
         parameters = coefficients[:, list(self.terms.parameters)].sum(axis=0)
         rates = np.abs(coefficients) * self._sizes(self.scales, parameters) / self.scales[:, np.newaxis]
         return self._duration * float(np.sum(rates[self.trials.schema.unmeasured]))
@@ -226,9 +226,9 @@ class _Guesses:
     def draws(self, guess: Floats) -> list[Draw]:
         """Return coefficients that are known with those that are tried, and starts.
 
-        Tried are parameters inside of terms, and coefficients in equations of unmeasured states. By them a state
+        Tried are parameters inside terms, and coefficients in equations of unmeasured states. By them a state
         changes by its scale within a trial at the slowest, and within the shortest step at the fastest. Parameters that
-        are no factors, such as K in ``s/(K + s)``, are about the size of what they stand beside. Signs are those of a
+        are no factors, such as K in ``s/(K + s)``, are about the size of what they are added to. Signs are those of a
         guess.
         """
         trials, terms, schema = self.trials, self.terms, self.trials.schema

@@ -1,6 +1,6 @@
-"""Fits of several objects to one law: the best of several beginnings, and what is told by other objects alone.
+"""Fits of several objects to one law: the best of several beginnings, and what other objects alone determine.
 
-An object in whose trials a term does not bend tells no constant inside of it, which would leave for infinity. How the
+An object in whose trials a term does not bend tells no constant inside it, which would leave for infinity. How the
 parameters of the others scatter says where it may be.
 """
 
@@ -40,7 +40,7 @@ def best_fits(
     problem
         What was measured, and the terms.
     estimates
-        States near the true ones, of each object; other processes beside them begin at zero.
+        States near the true ones, of each object; other processes begin at zero.
     begun
         Coefficients, each of shape (objects, equations, terms).
     way
@@ -76,7 +76,7 @@ def drawn_together(
     free
         The fit of each object by itself.
     begun
-        Coefficients, each of shape (objects, equations, terms), that say what is typical beside those of these fits.
+        Coefficients, each of shape (objects, equations, terms), that say what is typical, besides those of these fits.
         The likeliest say it.
 
     Returns
@@ -105,7 +105,7 @@ def drawn_together(
 
 
 def priors_from(problem: SearchProblem, begun: Floats) -> tuple[Prior | None, ...]:
-    """Return what the others say of the coefficients of each object, beside some that are near.
+    """Return what the others say of the coefficients of each object, besides some that are near.
 
     Nothing for laws without parameters, of few objects, or whose solutions cannot be fitted. Coefficients have the
     shape (objects, equations, terms).

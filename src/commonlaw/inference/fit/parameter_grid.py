@@ -1,4 +1,4 @@
-"""Grids of nonlinear parameters, by where they stand and how large what stands beside them is; and terms on them.
+"""Grids of nonlinear parameters, by where they stand and how large what they are added to is; and terms on them.
 
 In ``s/(K + s)`` K is tried about the size of s, in ``exp(u/U)`` U about the size of u, in ``cos(w*t + p)`` w at all
 frequencies that samples tell apart and p around the circle, and exponents from -3 to 6.

@@ -341,7 +341,7 @@ def prepare(
     most_samples
         Samples that are fitted at most, see `as_many_as_are_carried`; all of them tell the noise.
     guess
-        Coefficients, shape (objects, equations, terms): what those parameters inside of terms begin with that are to be
+        Coefficients, shape (objects, equations, terms): what those parameters inside terms begin with that are to be
         found, and likely signs of those in equations of unmeasured states.
 
     Raises

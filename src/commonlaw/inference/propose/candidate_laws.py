@@ -1,6 +1,6 @@
 """Laws whose equations have given sets of terms: fitted to the trajectories once, the likeliest first.
 
-One whose parameters inside of terms are not identifiable, or whose denominators vanish, is no law to choose.
+One whose parameters inside terms are not identifiable, or whose denominators vanish, is no law to choose.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +27,7 @@ from commonlaw.runtime.parallel import in_parallel
 
 @dataclass(frozen=True, eq=False)
 class LawsOfSets:
-    """What was fitted so far, by the terms of all equations, beside the law among `plain` terms.
+    """What was fitted so far, by the terms of all equations, besides the law among `plain` terms.
 
     And of the short way: what is `near`, along the same curves, and what a `typical` object loses. Equations of a law
     that noise explains have more than the `fewest` numbers if they may be simpler by what is offered. All that the
@@ -115,7 +115,7 @@ class LawsOfSets:
                     yield replace(less, starts=tuple(_with_opposite(each, place, m) for each in less.starts))
 
     def together(self, rows: tuple[TermSet, ...]) -> list[tuple[TermSet, ...]]:
-        """Return laws of what is best in each equation beside these terms of the others.
+        """Return laws of what is best in each equation with these terms of the others.
 
         None of it may improve a law alone, as where the terms of two equations make up for each other's errors.
         """
@@ -134,7 +134,7 @@ class LawsOfSets:
     ) -> list[tuple[TermSet, ...]]:
         """Return laws that were not fitted yet, those first that fit a typical object best for their numbers.
 
-        By a short way, which may get stuck in single objects; without those that are hopeless beside what was fitted.
+        By a short way, which may get stuck in single objects; without those that are hopeless next to fitted ones.
         """
         new, ranked = [each for each in dict.fromkeys(listed) if each not in self.fitted], list[tuple[float, int]]()
         short = [each for each in new if each not in self.near]
@@ -316,10 +316,10 @@ def terms_of_sets(problem: SearchProblem, rows: Sequence[TermSet]) -> TermsOfSet
 def are_parameters_identifiable(fit: Fit) -> bool:
     """Return whether measurements tell the parameters of a law apart from what stands before their terms.
 
-    Of ``V s/(K + s)`` for instance they tell V/K alone where s is small beside K. There the likelihood is nothing like
-    the one that is linearised about a fit, and evidence that is computed from that means nothing. And of a drive that
-    no trial has a whole cycle of they do not tell that it repeats itself, nor of one with less than two samples a cycle
-    (Nyquist) its frequency, as slower ones have the same values there.
+    Of ``V s/(K + s)`` for instance they tell V/K alone where s is small compared with K. There the likelihood is
+    nothing like the one that is linearised about a fit, and evidence that is computed from that means nothing. And of a
+    drive that no trial has a whole cycle of they do not tell that it repeats itself, nor of one with less than two
+    samples a cycle (Nyquist) its frequency, as slower ones have the same values there.
     """
     terms, trials = fit.problem.terms, fit.problem.trials
     first, times = len(terms.variables.measured), [trial.times for trial in trials]

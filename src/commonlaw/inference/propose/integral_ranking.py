@@ -238,21 +238,21 @@ class _Ranked:
         self,
         columns: Sequence[Floats],
         sets: Sequence[tuple[int, ...]],
-        beside: tuple[int, ...],
+        added: tuple[int, ...],
         more: Sequence[tuple[int, ...]],
     ) -> list[_Compared]:
-        """Return what sets leave with the others `beside`, whose columns are the last ones, and one more or none."""
+        """Return what sets leave with the others `added`, whose columns are the last ones, and one more or none."""
         found = list[_Compared]()
-        last = range(columns[0].shape[1] - len(beside), columns[0].shape[1])
+        last = range(columns[0].shape[1] - len(added), columns[0].shape[1])
         for size, group in groupby(sets, len):
             listed = list(group)
-            few = [each for each in more if size + self._numbers(((), (*beside, *each))) <= self.at_most]
+            few = [each for each in more if size + self._numbers(((), (*added, *each))) <= self.at_most]
             if few:
                 indices = np.array([(*each, *last) for each in listed], dtype=int)
                 sums = partial(_left_by_one, indices, [a for each in few for a in each])
                 squares = np.sum(in_parallel(sums, self.matches, columns), axis=0)
                 for each, own in zip(few, squares.T if () in few else squares.T[1:], strict=True):
-                    found.append(_Compared(listed, tuple(sorted((*beside, *each))), own))
+                    found.append(_Compared(listed, tuple(sorted((*added, *each))), own))
         return found
 
     def _numbers(self, key: _Key) -> int:

@@ -361,7 +361,7 @@ def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> b
 
 
 def _without_needless_terms(fit: Fit) -> Fit:
-    """Return a law with parameters inside of terms without plain terms that its evidence is larger without."""
+    """Return a law with parameters inside terms without plain terms that its evidence is larger without."""
     terms = fit.problem.terms
     plain = terms.is_factor & ~np.array(terms.have_parameters, dtype=bool)
     while fit.problem.solver is None:

@@ -1,4 +1,4 @@
-"""Where parameters inside of terms begin: a coarse bank of values, compared along smooth curves, then fitted.
+"""Where parameters inside terms begin: a coarse bank of values, compared along smooth curves, then fitted.
 
 Of ``V s/(K + s)``, say, V is found by least squares once K is given (variable projection; Golub and Pereyra 1973). So
 values of K are compared by what they leave of the rates of smooth curves through the measurements; from the best of
@@ -124,7 +124,7 @@ def with_parameters_found(
     progress: ProgressCallback | None = None,
     **_: Any,
 ) -> Law:
-    """Return a law with the parameters inside of its terms near where they fit best, for refinement to begin with.
+    """Return a law with the parameters inside its terms near where they fit best, for refinement to begin with.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def with_parameters_found(
 def outcomes_of_parameters(law: Law) -> tuple[Outcome, ...]:
     """Return that trials tell a combination of coefficients alone, where a term shows nothing of what is inside.
 
-    As of V s/(K + s), where s is always small beside K: both could be of any size.
+    As of V s/(K + s), where s is always small compared with K: both could be of any size.
     """
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors

@@ -58,7 +58,7 @@ def with_parametric_terms_under_errors(
 ) -> Pool:
     """Return a pool with laws that have some of what is offered, sought under errors of the measurements, too.
 
-    Beside white noise, if there are any: under noise in proportion small values say more, where such terms may bend.
+    Besides white noise, if there are any: under noise in proportion small values say more, where such terms may bend.
     Parameters are those of `with_parametric_terms`; the law is found with its errors, and such terms were sought under
     those `before`.
     """
@@ -145,7 +145,7 @@ def _searched(
 ) -> "tuple[Fit, tuple[TermSet, ...], _Known]":
     """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known.
 
-    And the sets of terms that were proposed, beside those that are known.
+    And the sets of terms that were proposed, besides those that are known.
     """
     departs = search.plain.has_model_error  # Which makes up for what one equation lacks while another has it
     best, left = search.plain, list(curves)
@@ -255,7 +255,7 @@ def _most(best: Fit, rows: Sequence[TermSet]) -> list[int]:
 def _proposed(
     search: LawsOfSets, best: Fit, rows: Sequence[TermSet], estimates: Sequence[Estimate]
 ) -> Iterator[list[list[TermSet]]]:
-    """Yield sets of terms of each equation beside the best law so far and its terms, the most promising first.
+    """Yield sets of terms of each equation besides the best law so far and its terms, the most promising first.
 
     With others, and with ratios of sums. Where noise explains the law, equations that may not be simpler keep their
     terms.

@@ -62,7 +62,7 @@ def matching_ratios(
 
 @dataclass(frozen=True, eq=False)
 class _Sides:
-    """Terms above, below and beside along the curves of an object, and its measurements of a state.
+    """Terms above, below and added along the curves of an object, and its measurements of a state.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class _Sides:
         What was measured, relative to its noise, without what free starts explain, shape (m,).
     integrals
         How rates are integrated.
-    beside
+    added
         Integrals of plain terms, shape (m, terms).
     above, below
         Values of terms along the curves, shape (n, terms).
@@ -80,7 +80,7 @@ class _Sides:
 
     target: Floats
     integrals: Integrals
-    beside: Floats
+    added: Floats
     above: Floats
     below: Floats
     between: Floats
@@ -90,25 +90,25 @@ class _Sides:
         """Return the terms of ratios along the curves of an object, for an equation."""
         match, values = course.match(equation), course.banks.values
         variables = course.problem.models[course.index].terms.variables
-        beside, above, below = (Terms(variables, each) for each in (offered.beside, offered.above, offered.below))
+        added, above, below = (Terms(variables, each) for each in (offered.added, offered.above, offered.below))
         return cls(
             match.target,
             match.integrals,
-            match.integrals.of(beside.evaluate(values)),
+            match.integrals.of(added.evaluate(values)),
             above.evaluate(values),
             below.evaluate(values),
             below.evaluate(with_points_between(values)),
         )
 
     def columns(self, below: Sequence[int], coefficients: Floats) -> Floats:
-        """Return integrals of all terms above and beside, shape (values, m, terms), at some coefficients below.
+        """Return integrals of all terms above and added, shape (values, m, terms), at some coefficients below.
 
         These have the shape (values, terms below).
         """
         with np.errstate(all="ignore"):
             rates = self.above[:, np.newaxis, :] / (self.below[:, below] @ coefficients.T)[:, :, np.newaxis]
         ratios = self.integrals.of(rates.reshape(len(rates), -1)).reshape(-1, *rates.shape[1:]).transpose(1, 0, 2)
-        return np.concatenate([ratios, np.broadcast_to(self.beside, (len(ratios), *self.beside.shape))], axis=2)
+        return np.concatenate([ratios, np.broadcast_to(self.added, (len(ratios), *self.added.shape))], axis=2)
 
     def whole(self, below: Sequence[int], coefficients: Floats) -> Bools:
         """Return at which coefficients a denominator does not vanish, shape (values,)."""
@@ -132,7 +132,7 @@ class _Sides:
         return np.asarray(np.maximum(left, np.finfo(float).tiny))
 
     def fitted(self, below: Sequence[int], coefficients: Floats, terms: Sequence[int]) -> tuple[Floats, Floats]:
-        """Return coefficients of terms above and beside, and what is left: all where the denominator vanishes."""
+        """Return coefficients of terms above and added, and what is left: all where the denominator vanishes."""
         if not self.whole(below, coefficients[np.newaxis]).all():
             return np.zeros(len(terms)), self.target
         return solved(self.columns(below, coefficients[np.newaxis])[0][:, terms], self.target)
@@ -150,15 +150,15 @@ class _Sides:
 
 
 class _Shape(NamedTuple):
-    """Which terms are above, below and beside, by their indices."""
+    """Which terms are above, below and added, by their indices."""
 
     above: tuple[int, ...]
     below: tuple[int, ...]
-    beside: tuple[int, ...]
+    added: tuple[int, ...]
 
     @property
     def numbers(self) -> int:
-        return len(self.above) + len(self.below) - 1 + len(self.beside)
+        return len(self.above) + len(self.below) - 1 + len(self.added)
 
 
 class _Score(NamedTuple):
@@ -263,22 +263,22 @@ class _Ranked:
                 found[shape] = _Score(float(squares[k]), best)
 
     def _terms(self, shape: _Shape) -> list[int]:
-        """Return the columns of the terms above and beside."""
-        return [*shape.above, *(len(self.offered.above) + k for k in shape.beside)]
+        """Return the columns of the terms above and added."""
+        return [*shape.above, *(len(self.offered.above) + k for k in shape.added)]
 
     @cached_property
     def _by_size(self) -> list[Indices]:
-        """The sets of terms above and beside, shape (sets, size) for each size."""
+        """The sets of terms above and added, shape (sets, size) for each size."""
         plain, count = self.problem.models[0].terms.terms, len(self.offered.above)
         free = self.problem.allowed[self.equation]
-        beside = [count + k for k, each in enumerate(self.offered.beside) if each in plain and free[plain.index(each)]]
+        added = [count + k for k, each in enumerate(self.offered.added) if each in plain and free[plain.index(each)]]
         found, total = list[Indices](), 0
         for size in range(1, settings.MAX_SUM_TERMS[1] + settings.MAX_SUM_TERMS[3] + 1):
             own = [
                 (*above, *others)
                 for many in range(max(1, size - settings.MAX_SUM_TERMS[3]), min(size, settings.MAX_SUM_TERMS[1]) + 1)
                 for above in combinations(range(count), many)
-                for others in combinations(beside, size - many)
+                for others in combinations(added, size - many)
             ]
             total += len(own)
             if not own or (size > 1 and total > settings.MAX_SETS[2]):
@@ -312,7 +312,7 @@ class _Ranked:
             if any(each is None for each in parameters):
                 continue
             fits = [side.fitted(shape.below, own, terms)[0] for side, own in zip(self.sides, below, strict=True)]
-            ordered = np.roll(np.array(fits), len(shape.beside), axis=1)
+            ordered = np.roll(np.array(fits), len(shape.added), axis=1)
             starts.append(Start(for_all(ordered, objects), (for_all(np.array(parameters), objects),)))
-        beside = tuple(plain.index(self.offered.beside[k]) for k in shape.beside)
-        return TermSet(beside, (ratio,), tuple(starts)) if starts else None
+        added = tuple(plain.index(self.offered.added[k]) for k in shape.added)
+        return TermSet(added, (ratio,), tuple(starts)) if starts else None

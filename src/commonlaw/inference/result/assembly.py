@@ -144,7 +144,7 @@ def _ends(fit: Fit) -> Floats:
 
 
 def compared_terms(pool: Pool) -> list[Compared]:
-    """Return for each equation the terms that were chosen and those beside them, the other equations' being the same.
+    """Return for each equation the terms that were chosen and their rivals, the other equations' being the same.
 
     Of terms that are given, these are those of rivals alone. What ranks ahead of the law could not be fitted, or its
     solutions do not follow the steps of the likelihood: it was no law to choose from, and is left out.
@@ -184,7 +184,7 @@ def other_laws(chosen: Fit, law: Law) -> tuple[PlausibleLaw[Law], ...]:
 def with_rivals(
     others: Sequence[PlausibleLaw[Law]], law: Law, rivals: Sequence[tuple[float, Fit]]
 ) -> tuple[PlausibleLaw[Law], ...]:
-    """Return what else a law could be, with laws of other terms that were fitted beside it.
+    """Return what else a law could be, with laws of other terms that were fitted too.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def with_rivals(
 
 
 def _beside(law: Law, other: Law) -> Law:
-    """Return another law as it is kept beside a law: without a record, its bands as much wider."""
+    """Return another law as it is kept with a law: without a record, its bands as much wider."""
     uncertainty = replace(other.uncertainty, inclusion_probabilities=None, widening=law.uncertainty.widening)
     return replace(other, provenance=Provenance(), uncertainty=uncertainty)
 

@@ -25,7 +25,7 @@ difference of log scores where forecasts chose."""
 
 
 def names_in(law: Law, support: Bools) -> tuple[str, ...]:
-    """Return the names of the terms of a support, but not of parameters inside of them."""
+    """Return the names of the terms of a support, but not of parameters inside them."""
     return tuple(law.terms.names[k] for k in np.flatnonzero(support & law.terms.is_factor))
 
 
@@ -51,7 +51,7 @@ def _measures(difference: float, probability: float, chosen_by: str) -> dict[str
 def inclusion_probabilities(law: Law, compared: Sequence[Compared]) -> Floats:
     """Return the probability that a term is in its equation, among the sets compared, shape (equations, terms).
 
-    A constant is in it with the terms that it is inside of.
+    A constant is in it with the terms that it is inside.
     """
     rows = []
     for listed in compared:
@@ -115,7 +115,7 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
 
 
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
-    """Return a word on coefficients of a law of states that nobody measured that are not told, or fit as well."""
+    """Return a word on coefficients of a law of states that nobody measured not identifiable, or that fit as well."""
     found = _not_told(law) if problem.trials.schema.starts else ()
     if not problem.as_good:
         return found
@@ -222,7 +222,7 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
 
 
 def fit_steps(fit: Fit) -> tuple[Step, ...]:
-    """Return what errors there are beside noise, how the coefficients were found, and what the trajectories leave."""
+    """Return what errors there are besides noise, how the coefficients were found, and what the trajectories leave."""
     problem, schema = fit.problem, fit.problem.trials.schema
     names, errors = schema.states, problem.errors
     time = f" {schema.units.get(schema.time, '')}".rstrip()

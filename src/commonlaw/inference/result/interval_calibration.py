@@ -32,7 +32,7 @@ class StandardizedErrors:
     Parameters
     ----------
     ahead
-        How far ahead of what told the initial state, shape (n,).
+        How far ahead of what determined the initial state, shape (n,).
     sizes
         In units of what 95 % intervals reach, shape (n, states); NaN where nothing was measured, and for all of a
         forecast that does not say what they reach; infinite for all of one that diverges.
@@ -62,7 +62,7 @@ def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
     the level L (1 + 1/n) that holds for one more of n observations (Lei and others 2018): n is what the errors are
     worth, from as many as there are trials to as many as errors, L (1 - L) over the variance of the share within the
     quantile L, which is by that of the trials' shares. Where fewer were, the mean square of the
-    errors, beside which what the law says of itself counts as two trials. Intervals are not made narrower: later
+    errors, next to which what the law says of itself counts as two trials. Intervals are not made narrower: later
     times, and other starts, are seldom forecast better than what was learned from; nor are they widened less where they
     are farther ahead.
     """
@@ -122,8 +122,8 @@ def standardized_errors(fit: Fit, pooled: Callable[[Law], Law], *, both_ways: bo
             law = _fitted_to(fit, kept)
             own, law = law, pooled(law)
             for listed, start in left_out:
-                if told := _told(listed, kept, own, whole):
-                    for key, errors in _standardized_errors(law, trials.with_trials(told), start):
+                if determined := _well_determined(listed, kept, own, whole):
+                    for key, errors in _standardized_errors(law, trials.with_trials(determined), start):
                         found.setdefault(key, []).append(errors)
         except CommonlawError:  # Trials that are too few or too short for the law forecast nothing
             continue
@@ -135,7 +135,7 @@ def standardized_errors(fit: Fit, pooled: Callable[[Law], Law], *, both_ways: bo
     ]
 
 
-def _told(left_out: Sequence[Trial], kept: Sequence[Trial], law: Law, whole: Law) -> list[Trial]:
+def _well_determined(left_out: Sequence[Trial], kept: Sequence[Trial], law: Law, whole: Law) -> list[Trial]:
     """Return the parts of trials that were left out, and whole ones of which others tell what all trials tell.
 
     Of two species whose trial together is left out, trials of each alone say nothing of how they compete: forecasts by
@@ -143,8 +143,8 @@ def _told(left_out: Sequence[Trial], kept: Sequence[Trial], law: Law, whole: Law
     """
     errors, own = np.nan_to_num(standard_errors(law)), [object_index(whole, name) for name in law.objects]
     sizes = np.hypot(whole.coefficients, np.nan_to_num(standard_errors(whole)))[own]
-    told = np.all(errors <= settings.MAX_RELATIVE_ERROR * sizes, axis=(1, 2))
-    objects = {name for name, known in zip(law.objects, told, strict=True) if known}
+    determined = np.all(errors <= settings.MAX_RELATIVE_ERROR * sizes, axis=(1, 2))
+    objects = {name for name, known in zip(law.objects, determined, strict=True) if known}
     cut = {(trial.object, trial.name) for trial in kept}
     return [trial for trial in left_out if trial.object in objects or (trial.object, trial.name) in cut]
 

@@ -165,17 +165,17 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
     if not np.linalg.cond(information.sum(axis=0)) < _worst_condition(len(columns)):
         return np.inf
-    told = np.abs(np.diagonal(columns, axis1=1, axis2=2)).min(axis=1) > _MIN_COLUMN
+    determined = np.abs(np.diagonal(columns, axis1=1, axis2=2)).min(axis=1) > _MIN_COLUMN
     estimates = np.empty(columns.shape[:2])
-    estimates[told] = np.linalg.solve(columns[told], targets[told])[..., 0]
+    estimates[determined] = np.linalg.solve(columns[determined], targets[determined])[..., 0]
     ridge = _MIN_COLUMN**2 * np.eye(columns.shape[1])
-    projected = np.matmul(columns[~told].transpose(0, 2, 1), targets[~told])
-    estimates[~told] = np.linalg.solve(information[~told] + ridge, projected)[..., 0]
+    projected = np.matmul(columns[~determined].transpose(0, 2, 1), targets[~determined])
+    estimates[~determined] = np.linalg.solve(information[~determined] + ridge, projected)[..., 0]
     return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)), common)
 
 
 def _worst_condition(objects: int) -> float:
-    """Return the worst condition of the information on coefficients that are told."""
+    """Return the worst condition of the information on identifiable coefficients."""
     return WORST_CONDITION if objects > 1 else MIN_SINGULAR_VALUE**-2
 
 

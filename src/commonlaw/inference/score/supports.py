@@ -32,7 +32,7 @@ class SupportEvidence:
     Problems are of unit variance, one for each object: columns are all terms of the first equation, then of the second,
     ... Which terms may enter which equation has shape (equations, terms). Supports have a prior, see `Prices`. The
     offsets are parts of the score of all supports, for a comparison with those of other problems. Equations that are
-    stated, shape (equations,), keep all terms that may enter. Parameters inside of terms, and what such terms are
+    stated, shape (equations,), keep all terms that may enter. Parameters inside terms, and what such terms are
     multiplied by, scatter over objects in ratios: where the value of one is given, and not zero, shape (objects,
     columns), it is its logarithm that scatters.
     """
@@ -127,7 +127,7 @@ class SupportEvidence:
     def coefficients(self, supports: Bools, held: Floats | None = None) -> Floats:
         """Return each object's least-squares coefficients, shape (objects, equations, terms).
 
-        Beside those of the supports, some may be held at values, of the same shape, that are not zero.
+        Besides those of the supports, some may be held at values, of the same shape, that are not zero.
         """
         fixed = np.zeros((len(self.problems), *supports.shape)) if held is None else held
         pairs = zip(self.problems, fixed, strict=True)

@@ -96,7 +96,7 @@ class _Levels:
 
     @property
     def starts(self) -> list[Floats]:
-        """Where to begin: some levels that errors may have beside the noise, and some times."""
+        """Where to begin: some levels that errors may have besides the noise, and some times."""
         noise, (low, high) = np.log(self.before.noise), self.bounds
         d = len(noise)
         if self.kind == "white":

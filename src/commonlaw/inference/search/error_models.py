@@ -43,7 +43,7 @@ def choose_errors(
     pool
         By `begin_search`.
     errors
-        Those beside white noise, ``"auto"`` for the kind of largest evidence where white noise does not explain the
+        Those besides white noise, ``"auto"`` for the kind of largest evidence where white noise does not explain the
         measurements.
     propose
         Returns supports that are compared too then, shape (equations, terms), if there are any, by the best fit among

@@ -175,7 +175,7 @@ def begin_search(
 def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
     """Return a pool whose best is on a mesh that is fine enough.
 
-    Plain terms are chosen again there, beside all that is plausible.
+    Plain terms are chosen again there, together with all that is plausible.
     """
 
     def again(fit: Fit) -> Fit:

@@ -1,4 +1,4 @@
-"""Laws beside each other: the evidence for each of them, from the same measurements and with the same noise."""
+"""Laws compared: the evidence for each of them, from the same measurements and with the same noise."""
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace

@@ -131,7 +131,7 @@ class _Fit:
     seed: int
 
     def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback) -> Law:
-        """Return a law fitted to trials; objects may be alike, and say where parameters inside of terms begin."""
+        """Return a law fitted to trials; objects may be alike, and say where parameters inside terms begin."""
         setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_between, self.positive)
         progress("estimating noise, smoothing, fitting coefficients")
         if alike and setup.law.terms.parameters and not trials.schema.starts:  # There `known_starts` does so
