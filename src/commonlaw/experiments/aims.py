@@ -89,7 +89,8 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
     named = {law.terms.names[own.term]: own for own in parameters.definitions} | named
     if name not in named:
         raise unknown("coefficient of this law", name, named)
-    parts = [part._replace(term=_index(law.terms.names[part.term], terms)) for part in named[name].parts]
+    columns = {term: k for k, term in enumerate(terms)}
+    parts = [part._replace(term=columns.get(law.terms.names[part.term], -1)) for part in named[name].parts]
     there = [part.term >= 0 and bool(each.law.support[part.equation, part.term]) for part in parts]
     if not all(there):
         return 0.0, np.zeros(each.unknowns)
@@ -99,10 +100,6 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
     for part, gradient in zip(parts, coefficient.gradient(own).T, strict=True):
         slopes[:, places.index([part.equation, part.term])] = gradient
     return float(coefficient.of(own).mean()), _by_unknowns(slopes, each, names)
-
-
-def _index(name: str, names: Sequence[str]) -> int:
-    return names.index(name) if name in names else -1
 
 
 def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:

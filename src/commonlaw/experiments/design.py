@@ -130,7 +130,11 @@ def design(
     check_prices(prices, settings.options, first)
     hypotheses = tuple(Hypothesis.of(each.law, settings.objects) for each in plausible)
     aim = Aim.of(about, prior, hypotheses)
-    known = _start_std(start_std or {}, first)
+    known = start_std or {}
+    for name, value in known.items():
+        if name not in first.terms.variables.states:
+            raise unknown("state", name, first.terms.variables.states)
+        check_amount(f"the start of {name} is off by", value)
     limits = _limits(within or {}, first)
     if trials is not None:
         limits = _visited(first, trials, settings) | limits
@@ -191,15 +195,6 @@ def _limits(within: Mapping[str, object], law: Law) -> dict[str, Range]:
             raise CommonlawError("design-range", name=name, value=value)
         found[name] = own
     return found
-
-
-def _start_std(given: Mapping[str, float], law: Law) -> Mapping[str, float]:
-    """Refuse errors of starts that are none."""
-    for name, value in given.items():
-        if name not in law.terms.variables.states:
-            raise unknown("state", name, law.terms.variables.states)
-        check_amount(f"the start of {name} is off by", value)
-    return given
 
 
 def usual(law: Law, trials: Trials) -> dict[str, Options]:

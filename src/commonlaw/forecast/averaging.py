@@ -69,16 +69,13 @@ def remarks_on(found: Forecast) -> tuple[str, ...]:
 def _weights(parts: Sequence[Part], trial: int) -> Floats:
     """Return what each forecast of a trial counts, shape (parts,)."""
     shares: Floats = np.array([each.probability for each in parts])
-    whole = np.array([_is_whole(each.forecast, trial) for each in parts])
+    whole = np.zeros(len(parts), dtype=np.bool_)
+    for k, (forecast, trajectory) in enumerate((each.forecast, each.forecast.trajectories[trial]) for each in parts):
+        std = 0.0 if forecast.std is None else forecast.std[trial]
+        whole[k] = trajectory.outcome is None and np.isfinite(trajectory.states).all() and np.isfinite(std).all()
     if not whole.any():
         return np.asarray(np.eye(len(parts))[0])
     return np.asarray(shares * whole / shares[whole].sum())
-
-
-def _is_whole(forecast: Forecast, trial: int) -> bool:
-    std = None if forecast.std is None else forecast.std[trial]
-    found = forecast.trajectories[trial]
-    return found.outcome is None and bool(np.isfinite(found.states).all() and (std is None or np.isfinite(std).all()))
 
 
 def _moments(parts: Sequence[Part], trial: int, weights: Floats) -> tuple[Trajectory, Floats]:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.array_types import Floats, Indices
 from commonlaw.diagnostics import Diagnostic, marked
 from commonlaw.differentiation import AbstractDifferentiator, ForwardDifference, RobustSpline, noise_level
 from commonlaw.errors import CommonlawError
@@ -106,8 +106,12 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         lacks = "has no noise estimate" if law.uncertainty.noise is None else "has zero noise for a state"
         raise CommonlawError("initial-values-without-noise", lacking=lacks)
     noise = law.uncertainty.noise
-    unmeasured = _unmeasured(law, trial)
-    trial = _with_exact_zeros(trial.cut(count), noise)
+    measured = np.isfinite(trial.states).any(axis=0)
+    # States that were never measured where others were follow from the law
+    unmeasured = [law.schema.states[j] for j in np.flatnonzero(~measured)] if measured.any() else []
+    trial = trial.cut(count)
+    if trial.absent.any():  # A species that is absent is exactly zero, with next to no noise
+        trial = replace(trial, noise=np.where(trial.absent, _ZERO_NOISE * noise, trial.noise))
     _check_measured(law, trial, unmeasured)
     # An unmeasured state begins in the middle of its range in the training data
     states, visited = trial.states.copy(), law.provenance.domain.visited
@@ -137,13 +141,6 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     return FittedInitialState(start, trial, observation_model)
 
 
-def _with_exact_zeros(trial: Trial, noise: Floats) -> Trial:
-    """Return a trial in which states that are exactly zero, such as a species that is absent, have next to no noise."""
-    return (
-        replace(trial, noise=np.where(trial.absent, _ZERO_NOISE * noise, trial.noise)) if trial.absent.any() else trial
-    )
-
-
 def _not_finite(trial: Trial) -> CommonlawError:
     return CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
 
@@ -166,12 +163,6 @@ def with_weights(law: Law, trials: Trials) -> Law:
     levels += [noise_level(each.times, each.states) for each in trials if each.complete]
     noise = np.where(known > 0, known, np.max(levels, axis=0))
     return replace(law, uncertainty=replace(law.uncertainty, noise=noise))
-
-
-def _unmeasured(law: Law, trial: Trial) -> list[str]:
-    """Return the states that were never measured in a trial in which others were: by these the law tells them."""
-    measured: Bools = np.asarray(np.isfinite(trial.states).any(axis=0))
-    return [name for name, own in zip(law.schema.states, measured, strict=True) if not own] if measured.any() else []
 
 
 def _curve(times: Floats, states: Floats, second: Indices) -> Floats:

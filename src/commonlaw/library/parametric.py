@@ -254,25 +254,16 @@ def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | Non
     found = [_of(text, variables, (u, "")) for u in names for text in family.functions]
     tied = [[_of(text, variables, (u, "")) for text in texts] for u in names for texts in family.tied]
     of_pairs = [_of(text, variables, pair) for pair in pairs for text in family.of_pairs]
-    of_vectors = [term for each in _vectors(variables, names, asked) for term in _central(family, each, variables)]
-    return (*found, *(replace(whole, tied=tuple(parts)) for whole, *parts in tied), *of_pairs, *of_vectors)
-
-
-def _vectors(variables: Variables, names: Sequence[str], asked: bool) -> list[Sequence[str]]:
-    """Return the components of each vector, at least two."""
     half, rest = divmod(len(variables.states), 2)
-    listed: list[Sequence[str]] = [names] if asked else [variables.states]
+    vectors: list[Sequence[str]] = [names] if asked else [variables.states]
     if not asked and half > 1 and not rest:
-        listed = [variables.states[:half], variables.states[half:]]
-    return [each for each in listed if len(each) > 1]
-
-
-def _central(family: Family, components: Sequence[str], variables: Variables) -> list[ParametricTerm]:
-    """Return the functions of a vector."""
-    squared = "(" + " + ".join(f"{quoted(each)}^2" for each in components) + ")"
-    free = free_name("p", variables.measured)
-    texts = (text.format(u=quoted(u), s=squared, p=free) for u in components for text in family.of_vectors)
-    return [parametric_term(each, variables) for each in texts]
+        vectors = [variables.states[:half], variables.states[half:]]
+    of_vectors, free = [], free_name("p", variables.measured)
+    for components in (each for each in vectors if len(each) > 1):
+        squared = "(" + " + ".join(f"{quoted(each)}^2" for each in components) + ")"
+        texts = (text.format(u=quoted(u), s=squared, p=free) for u in components for text in family.of_vectors)
+        of_vectors += [parametric_term(each, variables) for each in texts]
+    return (*found, *(replace(whole, tied=tuple(parts)) for whole, *parts in tied), *of_pairs, *of_vectors)
 
 
 _LETTERS = "KLMNPQRSTUVW"

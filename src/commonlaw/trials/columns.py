@@ -246,8 +246,10 @@ def filled_table(
     empty = [_missing(column) for column in columns]
     used = [i for i, header in enumerate(headers) if header.strip() or not empty[i].all()]
     titles = [headers[i] for i in used]
-    if len(used) > 1 and not titles[0].strip() and _names_rows(columns[used[0]]):
-        titles[0] = _NAMELESS
+    if len(used) > 1 and not titles[0].strip():
+        first = numerals(columns[used[0]], Notation())
+        if isinstance(first, Unreadable) or _counts(first.values):  # Words, or numbers of rows
+            titles[0] = _NAMELESS
     names, units = split_headers(source, titles)
     blank = np.logical_and.reduce([empty[i] for i in used]) if used else np.ones(0, dtype=bool)
     rows = np.flatnonzero(~blank)
@@ -255,12 +257,6 @@ def filled_table(
     loosely = frozenset(name for name, i in zip(names, used, strict=True) if i in loose)
     where = lambda row: locate(int(rows[row])), lambda row: number(int(rows[row]))
     return Table(source, arrays, units, *where, loosely)
-
-
-def _names_rows(column: Column) -> bool:
-    """Say whether a column counts the rows, or has words in them."""
-    found = numerals(column, Notation())
-    return isinstance(found, Unreadable) or _counts(found.values)
 
 
 def _counts(values: Column) -> bool:
@@ -276,7 +272,9 @@ def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
         return column_of([None if isinstance(cell, Decimal) and cell.is_snan() else cell for cell in cells])
     column[empty] = np.nan
     present = column[~empty]
-    kinds = {_family(type(cell)) for cell in present}
+    families = (bool, np.bool_), (numbers.Real, Decimal), (str,), (date,)
+    types = {type(cell) for cell in present}
+    kinds = {next((each[0] for each in families if issubclass(kind, each)), kind) for kind in types}
     if len(kinds) > 1:
         column[~empty] = [str(cell) for cell in present]
         return column, True
@@ -331,17 +329,12 @@ def _series_column(series: "nw.Series[Any]") -> tuple[Column, bool]:
         if values.dtype.kind in "iuf":
             return values, False
     if series.dtype == nw.Categorical and series.implementation.is_pyarrow():
-        return column_of(_shared(series.to_native()))
+        cells: list[object] = []  # Those that are the same are one object
+        for chunk in series.to_native().chunks:
+            words = [*chunk.dictionary.to_pylist(), None]
+            cells += map(words.__getitem__, chunk.indices.fill_null(len(words) - 1).to_pylist())
+        return column_of(cells)
     return column_of(series.to_list())
-
-
-def _shared(column: Any) -> list[object]:
-    """Return the cells of a dictionary of Arrow, those that are the same as one object."""
-    cells: list[object] = []
-    for chunk in column.chunks:
-        values = [*chunk.dictionary.to_pylist(), None]
-        cells += map(values.__getitem__, chunk.indices.fill_null(len(values) - 1).to_pylist())
-    return cells
 
 
 def _collected(frame: "nw.LazyFrame[Any]", source: str) -> "nw.DataFrame[Any]":
@@ -350,12 +343,6 @@ def _collected(frame: "nw.LazyFrame[Any]", source: str) -> "nw.DataFrame[Any]":
     except Exception as error:  # Whatever the engine of the frame raises, in computing what the user asked of it
         text = " ".join(str(error).split())
         raise CommonlawError("frame-not-computed", source=source, problem=type(error).__name__, text=text) from error
-
-
-def _family(kind: type) -> type:
-    """Return the class that cells of this class can share a column under."""
-    shared = (bool, np.bool_), (numbers.Real, Decimal), (str,), (date,)
-    return next((each[0] for each in shared if issubclass(kind, each)), kind)
 
 
 def _missing(column: Column) -> Bools:

@@ -89,7 +89,14 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
         table = replace(table, columns={key: own for key, own in table.columns.items() if key != partner})
         note = f"{days} and {clock}: taken together as time in"
     elif is_clock(column):
-        return _with_clock(table, name, order)
+        values = _durations(table, name, order)
+        kept = np.flatnonzero(np.isfinite(values))
+        after_midnight = np.cumsum(np.diff(values[kept], prepend=-np.inf) < -_HALF_A_DAY)
+        note = f"{name}: taken as time in seconds since 0:00:00"
+        if len(kept) and after_midnight[-1] and np.max(values[kept]) < _DAY:
+            values[kept] += _DAY * after_midnight
+            note += ", a day later after each midnight"
+        return _with_times(table, name, values, "s", note)
     elif (counted := _epochs(table, name)) is not None:
         stamps, note = counted, f"{name}: counted since 1970, taken as time in"
     elif holds_dates(column):
@@ -165,18 +172,6 @@ def is_clock(column: Column) -> bool:
     if isinstance(first, str):
         return (_MINUTES.fullmatch(first) or _DURATION.fullmatch(first)) is not None
     return isinstance(first, time | timedelta)
-
-
-def _with_clock(table: Table, name: str, order: DateOrder | None) -> Table:
-    """Return the table with times of day, or durations, as seconds since 0:00:00; a day later after midnight."""
-    values = _durations(table, name, order)
-    kept = np.flatnonzero(np.isfinite(values))
-    days = np.cumsum(np.diff(values[kept], prepend=-np.inf) < -_HALF_A_DAY)
-    goes_on = bool(len(kept) and days[-1] and np.max(values[kept]) < _DAY)
-    if goes_on:
-        values[kept] += _DAY * days
-    after = ", a day later after each midnight" if goes_on else ""
-    return _with_times(table, name, values, "s", f"{name}: taken as time in seconds since 0:00:00{after}")
 
 
 def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:

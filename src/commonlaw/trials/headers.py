@@ -37,10 +37,13 @@ def label(value: object) -> str:
     >>> label(1.0), label(" 1.0"), label("Golf Ball"), label("v1.0"), label(None)
     ('1', '1', 'Golf Ball', 'v1.0', '')
     """
-    if not isinstance(value, str) and _is_missing(value):
+    if value is None or type(value).__name__ in ("NAType", "NaTType"):  # Of pandas
         return ""
-    if isinstance(value, float | np.floating) and float(value).is_integer():
-        return str(int(value))
+    if isinstance(value, float | np.floating):
+        if math.isnan(value):
+            return ""
+        if float(value).is_integer():
+            return str(int(value))
     return _text_label(str(value))
 
 
@@ -57,12 +60,6 @@ def several_spellings(what: str, spellings: dict[str, list[str]]) -> tuple[str, 
         for name, ways in spellings.items()
         if len(ways) > 1
     )
-
-
-def _is_missing(value: object) -> bool:
-    """Say whether a value is None, NaN, or one of those of pandas, which are named after what they are."""
-    is_nan = isinstance(value, float | np.floating) and math.isnan(value)
-    return value is None or is_nan or type(value).__name__ in ("NAType", "NaTType")
 
 
 # Names, signs of degree, percent, powers and products. All else, and towers of powers, would only keep pint busy.
@@ -215,25 +212,18 @@ def joined_units(
     return {name: units[name] for name in used if name in units}
 
 
-def _with_brackets(headers: Sequence[str]) -> list[str]:
-    """Return headers such as ``U/V``, a quantity over its unit, as ``U [V]`` if that of the time, ``t/s``, is one."""
-    times = [known_unit(found[1]) for header in headers if (found := _TIME_PER_UNIT.fullmatch(header.strip()))]
-    if not any(unit is not None and dict(unit.dimensionality) == {"[time]": 1} for unit in times):
-        return list(headers)
-    return [_in_brackets(header) for header in headers]
-
-
-def _in_brackets(header: str) -> str:
-    found = _PER_UNIT.fullmatch(header.strip())
-    return f"{found[1]} [{found[2]}]" if found and known_unit(found[2]) is not None else header
-
-
 def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the names of columns and units by name; names that differ in units alone are whole headers."""
     blank = [number for number, header in enumerate(headers, 1) if not header.strip()]
     if blank:
         raise CommonlawError("header-missing", where=source, number=blank[0])
-    parts = [split_header(header) for header in _with_brackets(headers)]
+    titles = list(headers)
+    times = [known_unit(found[1]) for header in headers if (found := _TIME_PER_UNIT.fullmatch(header.strip()))]
+    if any(unit is not None and dict(unit.dimensionality) == {"[time]": 1} for unit in times):
+        for j, header in enumerate(headers):  # As that of the time, t/s, others may be quantities over units: U/V
+            found = _PER_UNIT.fullmatch(header.strip())
+            titles[j] = f"{found[1]} [{found[2]}]" if found and known_unit(found[2]) is not None else header
+    parts = [split_header(title) for title in titles]
     short = Counter(name for name, _ in parts)
     names = [name if short[name] == 1 else plain(header) for (name, _), header in zip(parts, headers, strict=True)]
     numbers: dict[str, int] = {}

@@ -115,28 +115,23 @@ def given_properties(given: Any, key: str, objects: Sequence[str]) -> Properties
     """
     if given is None:
         return Properties()
-    found = Properties(_mapped(given)) if isinstance(given, Mapping) else _tabled(given, key)
+    if isinstance(given, Mapping):
+        for name, values in given.items():
+            if not isinstance(values, Mapping):
+                raise CommonlawError("properties-not-by-name", object=name, value=values)
+        found = Properties({label(name): dict(values) for name, values in given.items()})
+    else:
+        is_file = isinstance(given, str | os.PathLike)
+        table = read_table(given) if is_file else frame_table(given, "the table of properties")
+        if key not in table.columns:
+            error = unknown("column", key, table.columns)
+            raise CommonlawError("properties-without-objects", where=table.source, error=error, key=key)
+        codes, names, notes = object_codes(table, key)
+        known = column_properties(table, [name for name in table.columns if name != key], codes, names)
+        found = replace(known, notes=notes)
     without = [name for name in objects if name not in found.values]
     note = f"no properties are given for {', '.join(without)}"
     return replace(found, notes=(*found.notes, note)) if without else found
-
-
-def _mapped(given: Mapping[Any, Any]) -> dict[str, dict[str, Property]]:
-    for name, values in given.items():
-        if not isinstance(values, Mapping):
-            raise CommonlawError("properties-not-by-name", object=name, value=values)
-    return {label(name): dict(values) for name, values in given.items()}
-
-
-def _tabled(given: Any, key: str) -> Properties:
-    is_file = isinstance(given, str | os.PathLike)
-    table = read_table(given) if is_file else frame_table(given, "the table of properties")
-    if key not in table.columns:
-        error = unknown("column", key, table.columns)
-        raise CommonlawError("properties-without-objects", where=table.source, error=error, key=key)
-    codes, names, notes = object_codes(table, key)
-    known = column_properties(table, [name for name in table.columns if name != key], codes, names)
-    return replace(known, notes=notes)
 
 
 def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, list[str], tuple[str, ...]]:

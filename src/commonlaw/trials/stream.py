@@ -75,7 +75,16 @@ class TrialStream:
         if isinstance(self.source, _TrialsOfFile | _Kept):
             return self.source.read()
         if self.parts:
-            return as_one(list(self._read_parts()))
+            read, size = list[Trials](), 0
+            for part in self.parts:
+                trials = part.read()
+                size += sum(
+                    own.times.nbytes + own.states.nbytes + own.inputs.nbytes + own.noise.nbytes for own in trials
+                )
+                remedy = "take some of them, or stream.select(object=...)"
+                check_memory(counted(len(self.parts), "file"), size, remedy)
+                read.append(trials)
+            return as_one(read)
         found = self.source()
         return found if isinstance(found, Trials) else Trials(tuple(found), self.schema)
 
@@ -127,14 +136,6 @@ class TrialStream:
         """Return the stream of the trials of this one and then of another with the same variables."""
         return self._of([*(self.parts or (self,)), *(other.parts or (other,))])
 
-    def _read_parts(self) -> Iterator[Trials]:
-        size = 0
-        for each in self.parts:
-            trials = each.read()
-            size += sum(own.times.nbytes + own.states.nbytes + own.inputs.nbytes + own.noise.nbytes for own in trials)
-            check_memory(counted(len(self.parts), "file"), size, "take some of them, or stream.select(object=...)")
-            yield trials
-
     def _divided(self, name: object, trial: object) -> tuple["TrialStream", "TrialStream"]:
         """Return the streams of the trials that have these names, and of the others."""
         asked = {"object": name, "trial": trial}
@@ -182,7 +183,10 @@ class TrialStream:
             trials are gone through, a value cannot be used, a state was measured in too few samples, or the rows of a
             trial do not follow each other.
         """
-        files = [_File(each, _partition(each)) for each in _files(path)]
+        files = []
+        for each in _files(path):
+            pairs = (part.split("=", 1) for part in each.parent.parts if "=" in part)
+            files.append(_File(each, {name: unquote(value) for name, value in pairs if name}))
         _, kept = opened(files[0].path)
         known = cast(Reading, {"properties": [], "noise_columns": {}, **kept, **checked(roles)})
         if not isinstance(known["properties"], list | tuple):
@@ -335,12 +339,6 @@ def _files(path: str | os.PathLike[str]) -> list[Path]:
     if not files:
         raise CommonlawError("no-parquet-file", path=str(path))
     return files
-
-
-def _partition(file: Path) -> dict[str, str]:
-    """Return the values by column that the folders of a file are named after."""
-    pairs = (part.split("=", 1) for part in file.absolute().parent.parts if "=" in part)
-    return {name: unquote(value) for name, value in pairs if name}
 
 
 def _held(path: Path, group: Iterable[tuple[Trial, tuple[str, ...]]]) -> Iterator[tuple[Trial, tuple[str, ...]]]:

@@ -174,10 +174,17 @@ def without_rates(trials: Trials, rates: Mapping[str, str]) -> Trials:
     if len(kept) == len(schema.states):
         return trials
     gone = {name for name in schema.states if name in left_out}
-    states = tuple(schema.states[j] for j in kept)
+    states, changed = tuple(schema.states[j] for j in kept), []
+    for trial in trials:
+        seen, measured = np.isfinite(trial.states[:, kept]).any(axis=1), np.isfinite(trial.states).any(axis=1)
+        if not seen.any():
+            raise CommonlawError("state-not-in-trial", where=trial.label, names=states)
+        part = trial.rows(np.asarray(seen | ~measured))  # Without samples in which only rates were measured
+        repeats = part.repeats and part.repeats.taken((slice(None), kept))
+        changed.append(replace(part, states=part.states[:, kept], noise=part.noise[:, kept], repeats=repeats))
     return replace(
         trials,
-        trials=tuple(_with_columns(trial, kept, states) for trial in trials),
+        trials=tuple(changed),
         schema=replace(
             schema,
             states=states,
@@ -196,17 +203,6 @@ def rates_in_words(rates: Mapping[str, str]) -> str:
     'omega is the rate of theta'
     """
     return ", ".join(f"{rate} is the rate of {state}" for state, rate in rates.items())
-
-
-def _with_columns(trial: Trial, kept: list[int], names: tuple[str, ...]) -> Trial:
-    """Return a trial with some of its states, without samples in which only others were measured."""
-    states, measured = trial.states[:, kept], np.isfinite(trial.states).any(axis=1)
-    rows = np.asarray(np.isfinite(states).any(axis=1) | ~measured)
-    if not np.isfinite(states).any():
-        raise CommonlawError("state-not-in-trial", where=trial.label, names=names)
-    found = trial.rows(rows)
-    repeats = found.repeats and found.repeats.taken((slice(None), kept))
-    return replace(found, states=found.states[:, kept], noise=found.noise[:, kept], repeats=repeats)
 
 
 def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:

@@ -93,7 +93,13 @@ def long_table(
     Given are the column of times; those of the objects, and of standard deviations by them, which go to the column
     named by `deviations_of`; and the name of the state. Rows ahead of the first time are conditions of the objects.
     """
-    name, unit = _state(table, columns, wide)
+    if not isinstance(wide, bool | str) or not wide:
+        raise CommonlawError("wide-not-a-name", value=wide)
+    name, unit = split_header(quantity(columns, wide))
+    units = {table.units.get(each, "") for each in columns}
+    if not unit and len(units) > 1:
+        raise CommonlawError("wide-units", where=table.source, units=sorted(units))
+    unit = unit or next(iter(units), "")
     repeated = [each for each in table.columns if each not in (time, *columns, *noise.values())]
     if name in (time, *repeated, "object"):
         raise CommonlawError("wide-name-taken", where=table.source, name=name)
@@ -109,15 +115,19 @@ def long_table(
         if without := [each for each in columns if each not in noise]:
             raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
         made[deviations_of(name)] = np.concatenate([measured.numbers(noise[each], missing=True) for each in columns])
-    conditions = _conditions(table, time, columns, first)
+    conditions = {
+        label.strip(): column_of([table.columns[each][row] for each in columns])[0]
+        for row, label in enumerate(table.columns[time][:first])
+        if isinstance(label, str)
+    }
     if twice := conditions.keys() & made.keys():
         raise CommonlawError("wide-name-twice", where=table.source, name=min(twice))
     made |= {key: np.repeat(values, len(rows)) for key, values in conditions.items()}
-    units = {each: table.units[each] for each in (time, *repeated) if each in table.units}
+    kept_units = {each: table.units[each] for each in (time, *repeated) if each in table.units}
     long = replace(
         measured,
         columns=made,
-        units=units | ({name: unit} if unit else {}),
+        units=kept_units | ({name: unit} if unit else {}),
         loose=frozenset((table.loose - set(columns)) | conditions.keys()),
         locate=lambda row: f"{measured.locate(row % len(rows))}, column {columns[row // len(rows)]!r}",
         number=lambda row: measured.number(row % len(rows)),
@@ -131,30 +141,12 @@ def deviations_of(state: str) -> str:
     return f"{state} noise"
 
 
-def _state(table: Table, columns: Sequence[str], wide: object) -> tuple[str, str]:
-    """Return the name and the unit of what stands in the columns."""
-    if not isinstance(wide, bool | str) or not wide:
-        raise CommonlawError("wide-not-a-name", value=wide)
-    name, unit = split_header(quantity(columns, wide))
-    units = {table.units.get(each, "") for each in columns}
-    if not unit and len(units) > 1:
-        raise CommonlawError("wide-units", where=table.source, units=sorted(units))
-    return name, unit or next(iter(units), "")
-
-
 def quantity(columns: Sequence[str], wide: bool | str) -> str:
     """Return the name of what was measured: if nobody names it, what the names of wells begin with."""
     if isinstance(wide, str):
         return wide
     begins = {found[1] or "" if (found := _WELL.fullmatch(name)) else "" for name in columns}
     return begins.pop().strip(" _-.:") or _DEFAULT if len(begins) == 1 else _DEFAULT
-
-
-def _conditions(table: Table, time: str, columns: Sequence[str], rows: int) -> dict[str, Column]:
-    """Return the values of the objects in so many first rows, by what stands in place of the time."""
-    cells = ([table.columns[each][row] for each in columns] for row in range(rows))
-    names = (table.columns[time][row] for row in range(rows))
-    return {name.strip(): column_of(own)[0] for name, own in zip(names, cells, strict=True) if isinstance(name, str)}
 
 
 def shown_columns(names: Sequence[str]) -> str:
