@@ -98,6 +98,8 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         choose(page, "library", "poly:1")
         choose(page, "hold_out", "trial")
         choose(page, "held", "2")
+        choose(page, "setting_errors", "white")
+        choose(page, "setting_noise", "x=0.05")
         page.find_element("id", "start").click()
         wait(page, "$('going_done').textContent.includes('reading the table: ')")
         wait(page, "!$('result').hidden")
@@ -113,7 +115,8 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert law.structure == ("x'' = a + b v",)
         assert law.assess(trials, trials.select(trial=1)).sentences[0] in text(page, "verdict")
         assert text(page, "command").startswith("commonlaw discover drops.csv --order 2")
-        assert "--hold-out trial=2" in text(page, "command")
+        assert "--set noise=x=0.05 --set errors=white --hold-out trial=2" in text(page, "command")
+        np.testing.assert_allclose(law.uncertainty.noise, 0.05)
         rows = list(csv.DictReader(io.StringIO(taken["coefficients.csv"])))
         assert [(each["object"], each["term"]) for each in rows] == [
             (name, term) for name in law.objects for term in "1v"
@@ -133,8 +136,8 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert len(pressed(page)) == 1
         (term,) = pressed(page)
         assert (
-            text(page, "command")
-            == f"commonlaw fit drops.csv \"x'' = {'a' if term == '1' else f'a {term}'}\" --hold-out trial=2"
+            text(page, "command") == f"commonlaw fit drops.csv \"x'' = {'a' if term == '1' else f'a {term}'}\" "
+            "--set noise=x=0.05 --set errors=white --hold-out trial=2"
         )
         assert "candidate shown" in text(page, "taken")
         assert "law.py" not in text(page, "files")
@@ -192,10 +195,11 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
 
 def check_question(page):
     """Check that the question is the one that was asked."""
-    asked = {
-        name: page.find_element("id", name).get_attribute("value") for name in ("order", "library", "hold_out", "held")
-    }
-    assert asked == {"order": "2", "library": "poly:1", "hold_out": "trial", "held": "2"}
+    expected = {
+        "order": "2", "library": "poly:1", "hold_out": "trial", "held": "2", "setting_errors": "white",
+        "setting_noise": "x=0.05",
+    }  # fmt: skip
+    assert {name: page.find_element("id", name).get_attribute("value") for name in expected} == expected
     assert "x" in text(page, "formula")
 
 

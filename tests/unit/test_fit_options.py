@@ -2,20 +2,29 @@
 
 import inspect
 import re
+from dataclasses import dataclass, field
 from typing import get_args
 
+import click
 import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.app.question import Question, in_page, settings_form
+from commonlaw.cli.method_options import setting_options
+from commonlaw.cli.options import SettingsOption, with_options
+from commonlaw.discovery.kept_laws import digest
+from commonlaw.law.script import written
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
     ErrorKind,
     FitOptions,
     changed_settings,
+    documented,
     read_settings,
     setting_rows,
     settings_of,
+    shown,
 )
 from tests.refusals import refused
 
@@ -27,8 +36,8 @@ def test_a_function_takes_its_settings_by_name_in_order_and_with_their_defaults(
     known = settings_of(FitOptions, name)
     taken = {each.name: each for each in inspect.signature(FUNCTIONS[name]).parameters.values() if each.name in known}
     assert list(taken) == list(known)
-    for setting, (field, about) in known.items():
-        assert taken[setting].default == about.default_of(name, field.default), setting
+    for setting, (own, about) in known.items():
+        assert taken[setting].default == about.default_of(name, own.default), setting
         assert taken[setting].kind is inspect.Parameter.KEYWORD_ONLY, setting
 
 
@@ -104,3 +113,51 @@ def test_a_table_of_settings_has_their_defaults():
     assert defaults["partial_pooling"] == "true"
     assert defaults["noise"] == ""
     assert {name: default for name, default, _ in setting_rows(FitOptions, "refine")}["partial_pooling"] == "false"
+
+
+@documented
+@dataclass(frozen=True, kw_only=True)
+class Extended(FitOptions):
+    """Settings, and one more.
+
+    Parameters
+    ----------
+    {parameters}
+    """
+
+    gain: float = field(
+        default=2.0, metadata=shown(label="Gain", text="Gain of the amplifier.", metavar="RATIO", everyday=True)
+    )
+
+
+Extended.__module__ = FitOptions.__module__
+
+
+@pytest.mark.parametrize("function", ["discover", "fit", "refine"])
+def test_a_new_setting_is_an_option_of_commands(function):
+    made = click.command()(with_options(lambda **_: None, setting_options(function, Extended)))
+    (option,) = [each for each in made.params if each.name == "gain"]
+    assert (option.opts, option.metavar) == (["--gain"], "RATIO")
+    assert "Gain of the amplifier." in option.help
+    (take,) = [each for each in made.params if isinstance(each, SettingsOption)]
+    assert any(("gain", "Gain of the amplifier.  [default: 2.0]") in rows for rows in take.groups().values())
+    assert read_settings(Extended, {"gain": ["3"]}) == {"gain": 3.0}
+
+
+def test_a_new_setting_is_in_the_form_the_program_the_key_and_the_tables():
+    assert settings_form(Extended)[-1] == {
+        "name": "gain", "label": "Gain", "text": "Gain of the amplifier", "choices": {}, "default": "2.0",
+        "example": "RATIO", "of_fit": True,
+    }  # fmt: skip
+    assert written(Extended(gain=3.0)) == "cl.Extended(gain=3.0)"
+    assert digest(Extended()) != digest(Extended(gain=3.0))
+    assert digest(Extended()) == digest(Extended(n_jobs=2))
+    assert [*setting_rows(Extended)][-1] == ("gain", "2.0", "Gain of the amplifier.")
+    assert "gain\n    Gain of the amplifier. Default: 2.0." in inspect.getdoc(Extended)
+
+
+def test_the_page_asks_for_the_method_with_its_settings():
+    assert Question("table").method is None
+    asked = Question("table", settings={"noise": ("x=0.1",), "errors": ("white",)})
+    assert asked.method == cl.TrajectoryLikelihood(noise={"x": 0.1}, errors="white")
+    assert in_page("noise=...") == "'Measurement noise' under More choices"

@@ -3,12 +3,13 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import msgspec
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law.script import Source
+from commonlaw.runtime.fit_options import FitOptions, read_settings, settings_of, shown_value
 from commonlaw.trials import Trials
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.columns import Table as Cells
@@ -18,6 +19,9 @@ from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.roles import ColumnRoles, Reading, named_roles
 from commonlaw.trials.tables import Rows, column_roles_of, rows_of
 from commonlaw.trials.wide import quantity
+
+if TYPE_CHECKING:
+    from commonlaw.discovery import TrajectoryLikelihood
 
 _COLUMNS = {
     "object": "object",
@@ -62,6 +66,9 @@ def in_page(code: str) -> str:
         return f"{_COLUMNS[name]!r} under Columns" if value in ("...", "[...]") else f"{_COLUMNS[name]} {value}"
     if name in _READING:
         return f"{_READING[name]} under Columns" if value == "..." else f"{value} as {_READING[name]} under Columns"
+    if name in (known := settings_of(FitOptions)):
+        label = f"{known[name][1].label!r} under More choices"
+        return label if value == "..." else f"{value} as {label}"
     return code
 
 
@@ -73,6 +80,26 @@ def text_in_page(text: str) -> str:
 def message(error: CommonlawError) -> str:
     """Return an error in the words of the page, with its code, which the page shows as a link to its explanation."""
     return f"{error.sentence(in_page)} [{error.code}]"
+
+
+def settings_form(options: type = FitOptions) -> list[dict[str, Any]]:
+    """Return what the page shows of each setting of a fit that may change a law, in the order of the form."""
+    fitted = settings_of(options, "fit")
+    return [
+        {
+            "name": name,
+            "label": about.label,
+            "text": about.text.partition(". ")[0].rstrip(".").replace("`", ""),
+            "choices": {"true": "yes", "false": "no"}
+            if each.type is bool
+            else {value: f"{value}: {meaning}" for value, meaning in about.choices.items()},
+            "default": shown_value(each.default),
+            "example": about.metavar,
+            "of_fit": name in fitted,
+        }
+        for name, (each, about) in settings_of(options).items()
+        if each.compare
+    ]
 
 
 class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -160,8 +187,23 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     hold_out: HoldOut = HoldOut()
     known: Mapping[str, float] = {}
     explain: bool = False
+    settings: Mapping[str, tuple[str, ...]] = {}
+    """Texts of settings of the fit, by name, see `settings_form`."""
     law: str | None = None
     """A saved law, which is then shown with these trials, and nothing is learned."""
+
+    @property
+    def method(self) -> "TrajectoryLikelihood | None":
+        """The method with these settings, None without any.
+
+        Raises
+        ------
+        CommonlawError
+            If a text is no value of its setting.
+        """
+        from commonlaw.discovery import TrajectoryLikelihood
+
+        return TrajectoryLikelihood(**read_settings(FitOptions, self.settings)) if self.settings else None
 
     def source(self, table: "Table") -> Source:
         """Return where a program finds the trials of its law in a table."""

@@ -18,7 +18,7 @@ from starlette.routing import Route
 
 from commonlaw.app.access import TooLargeError, TooSlowError
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
-from commonlaw.app.question import Columns, Question, message, named, text_in_page
+from commonlaw.app.question import Columns, Question, message, named, settings_form, text_in_page
 from commonlaw.app.result import Found
 from commonlaw.app.sessions import Search, Sessions
 from commonlaw.app.working import prepare
@@ -89,6 +89,7 @@ def application(sessions: Sessions) -> Starlette:
         ("/tables", "POST", _add_table),
         ("/datasets", "POST", _add_data_set),
         ("/previews", "POST", _preview),
+        ("/settings", "GET", _settings),
         ("/searches", "POST", _search),
         ("/searches/{name}", "GET", _state),
         ("/searches/{name}", "DELETE", _cancel),
@@ -166,6 +167,10 @@ async def _preview(sessions: Sessions, request: Request) -> Response:
     asked = read_json(await request.body(), _Recognised)
     await run_in_threadpool(prepare)  # A search will be next
     return _json(await run_in_threadpool(preview, sessions.tables.get(asked.table), asked.columns))
+
+
+async def _settings(_: Sessions, __: Request) -> Response:
+    return _json(settings_form())
 
 
 async def _search(sessions: Sessions, request: Request) -> Response:
@@ -276,7 +281,7 @@ def _given(found: Found, curves: Forecast | None) -> Forecast:
     return curves
 
 
-_LIGHT = (_first, _message, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
+_LIGHT = (_first, _message, _settings, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
 """What is answered at once, whatever else goes on."""
 
 _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {

@@ -11,6 +11,7 @@ from commonlaw.app.question import Question, Table
 from commonlaw.app.result import SEARCHED, Found, ShownLaw, of_terms, results, support_of
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.fit_options import FitOptions, read_settings
 from commonlaw.runtime.progress import part
 
 
@@ -109,6 +110,7 @@ def answer(question: Question, table: Table, show: Callable[[str], None]) -> Ite
             training,
             order=question.order,
             library=question.library,
+            method=question.method,
             known=dict(question.known.items()),
             progress=part(show, 0.0, SEARCHED),
         )
@@ -178,8 +180,9 @@ class Sessions:
         Raises
         ------
         CommonlawError
-            If its table is not there, or too many searches run.
+            If its table is not there, a setting does not fit, or too many searches run.
         """
+        FitOptions(**read_settings(FitOptions, question.settings))  # Refuses those that do not fit
         with self._beginning:
             table = self.tables.get(question.table)
             self._check_room(())

@@ -39,7 +39,7 @@ class Setting:
     label
         Names it in a form.
     text
-        Documents it.
+        Documents it; a form shows the first sentence.
     metavar
         Stands for a value in the help of a command.
     choices
@@ -204,7 +204,7 @@ class FitOptions:
                 "linear": "on lines",
                 "cubic": "on a cubic spline",
             },
-            text="Interpolation of inputs between samples, see `Law.predict`. `refine` keeps that of the law by "
+            text="Interpolation of inputs between samples. See `Law.predict`; `refine` keeps that of the law by "
             "default.",
         ),
     )
@@ -262,8 +262,8 @@ class FitOptions:
         metadata=shown(
             label="Partial pooling",
             of_given_law=False,
-            text="Whether forecasts shrink coefficients to their mean over objects as far as these are alike, see "
-            "`Law.pool`. The law itself has those of each object's own trials.",
+            text="Whether forecasts shrink coefficients to their mean over objects as far as these are alike. The law "
+            "itself has those of each object's own trials, see `Law.pool`.",
         ),
     )
     solver: "AbstractSolver | str | None" = field(
@@ -283,9 +283,9 @@ class FitOptions:
             metavar="NUMBER",
             functions=("discover",),
             check=lambda name, value: check_whole_number(name, value, 100, 10**9),
-            text="Of more samples so many are fitted, and the law says so: thinned as far as these still distinguish "
-            "noise from motion, and if that is not enough, in segments spread over the trials of each object. The "
-            "noise is estimated from all.",
+            text="Largest number of samples that are fitted. More are thinned as far as these still distinguish noise "
+            "from motion, and if that is not enough, fitted in segments spread over the trials of each object; the law "
+            "says so, and the noise is estimated from all.",
         ),
     )
     unmeasured: int = field(
@@ -295,9 +295,9 @@ class FitOptions:
             metavar="0|1",
             functions=("discover",),
             check=lambda name, value: check_whole_number(name, value, 0, 1),
-            text="1 to search for a latent state, too: a depot or a drive that decays, a pool that is used up, one "
-            "that keeps what it gets, a compartment; in laws with an equation of second order a drive. The law without "
-            "it is one of the hypotheses.",
+            text="Number of latent states that are searched for, 0 or 1. A depot or a drive that decays, a pool that "
+            "is used up, one that keeps what it gets, a compartment; in laws with an equation of second order a drive. "
+            "The law without it is one of the hypotheses.",
         ),
     )
     seed: int = field(

@@ -6,7 +6,7 @@ import { openFile, openSample, recognise, takeColumns } from "./measurements.js"
 import { showBudget, suggest } from "./next.js";
 import { forecastOwn } from "./own.js";
 import { findPanels } from "./panels.js";
-import { showHeld, showLibraries, showQuestion, showSearch, start } from "./question.js";
+import { makeSettings, showHeld, showLibraries, showQuestion, showSearch, start } from "./question.js";
 import { take } from "./take.js";
 
 const drop = $("drop");
@@ -37,6 +37,7 @@ $("saved").addEventListener("change", async () => $("saved").files[0] && start(a
 // Coming back after a reload, or in another window; or with a table that the command named
 const kept = new URLSearchParams(location.hash.slice(1)), last = kept.size ? Object.fromEntries(kept) : await ask("first");
 await trying("failure", async () => {
+  await makeSettings();
   Object.assign(state, { table: last.table ?? null, search: last.search ?? null });
   const asked = state.search && await ask(`searches/${state.search}/question`);
   if (asked) Object.assign(state, { table: asked.table, columns: asked.columns });

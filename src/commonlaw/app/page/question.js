@@ -26,6 +26,26 @@ export function showHeld() {
   $("held").replaceChildren(...names.map(name => element("option", name, { value: name })));
 }
 
+/** Make a field for each setting of the fit, as the server describes them. */
+export async function makeSettings() {
+  state.settings = await ask("settings");
+  $("settings").append(...state.settings.flatMap(({ name, label, text, choices, default: usual, example }) => {
+    const id = `setting_${name}`, said = { id, "aria-describedby": `${id}_text` }, options = Object.entries(choices);
+    const field = options.length ? element("select", "", said) : element("input", "", { ...said, placeholder: usual || example });
+    field.append(...options.map(([value, meaning]) => element("option", meaning, { value })));
+    if (options.length) field.value = usual;
+    const shown = element("span");
+    shown.append(field, " ", element("span", text, { id: `${id}_text`, class: "soft" }));
+    return [element("label", label, { for: id }), shown];
+  }));
+}
+
+/** The settings that differ from their defaults, each with its texts: commas stand between several. */
+function settings() {
+  const given = state.settings.map(({ name, default: usual }) => [name, $(`setting_${name}`).value.trim(), usual]);
+  return Object.fromEntries(given.filter(([, text, usual]) => text && text !== usual).map(([name, text]) => [name, text.split(",").map(each => each.trim())]));
+}
+
 function known() {
   const pairs = $("known").value.split(",").map(each => each.trim()).filter(Boolean).map(each => each.split("="));
   const wrong = pairs.find(([name, value]) => !name || value === undefined || !Number.isFinite(Number(value)));
@@ -37,12 +57,12 @@ function question(law = null) {
   const kind = $("hold_out").value, order = $("order").value;
   return {
     table: state.table, columns: state.columns, order: order === "auto" ? order : Number(order), library: $("own_library").value.trim() || $("library").value,
-    hold_out: { kind, value: kind === "after" ? $("after").value : $("held").value }, known: known(), explain: $("explain").checked, law,
+    hold_out: { kind, value: kind === "after" ? $("after").value : $("held").value }, known: known(), explain: $("explain").checked, settings: settings(), law,
   };
 }
 
 /** Put what was asked before into the form. */
-export function showQuestion({ order, library, hold_out, known, explain }) {
+export function showQuestion({ order, library, hold_out, known, explain, settings }) {
   $("order").value = order;
   showLibraries();
   const offered = [...$("library").options].some(each => each.value === library);
@@ -53,6 +73,7 @@ export function showQuestion({ order, library, hold_out, known, explain }) {
   $(hold_out.kind === "after" ? "after" : "held").value = hold_out.value;
   $("known").value = Object.entries(known).map(pair => pair.join("=")).join(", ");
   $("explain").checked = explain;
+  for (const { name, choices, default: usual } of state.settings) $(`setting_${name}`).value = settings[name]?.join(", ") ?? (Object.keys(choices).length ? usual : "");
 }
 
 export async function start(law = null) {

@@ -58,6 +58,7 @@ function command({ chosen, text }) {
   said.push(...reading.length ? ["--schema", "schema.toml"] : roles);
   if (chosen) said.push("--order", String(asked.order), "--library", asked.library);
   for (const [name, value] of known) said.push("--known", `${name}=${value}`);
+  for (const { name, of_fit } of state.settings) if (chosen || of_fit) for (const value of asked.settings[name] ?? []) said.push("--set", `${name}=${value}`);
   const { kind, value } = asked.hold_out;
   if (kind === "after") said.push("--learn-until", value);
   else if (kind !== "nothing") said.push("--hold-out", `${preview.roles[kind]}=${value}`);
