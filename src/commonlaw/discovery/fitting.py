@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
@@ -15,8 +15,11 @@ from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.estimation import fit_model, needs_model
+from commonlaw.estimation.fitting import InitialGiven
 from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine, with_parameters_found
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
+from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.parse import GivenEquations, read_equations
@@ -56,11 +59,13 @@ def fit(
     equations: str | Sequence[str],
     trials: Trials | TrialStream,
     *,
-    starts: Mapping[str, Start] | None = None,
+    starts: Mapping[str, InitialGiven] | None = None,
     starts_at: float | None = None,
     doses: str | Sequence[str] = (),
-    universal: str | Sequence[str] = (),
+    universal: str | Sequence[str] | Mapping[str, str] = (),
     guesses: Mapping[str, float] | None = None,
+    observe: Mapping[str, str] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
     positive: Sequence[str] | None = None,
     input_between: str | None = None,
     noise: Mapping[str, float] | None = None,
@@ -144,10 +149,13 @@ def fit(
     check_settings("fit", settings)
     settings["progress"] = progress
     if isinstance(trials, TrialStream):
-        if starts or doses or universal or guesses:
+        if starts or doses or universal or guesses or observe or priors:
             raise CommonlawError("not-for-streams")
         return _of_stream(equations, trials, settings, client)
     refuse_client(client)
+    if needs_model(equations, trials, observe, starts or {}, universal, priors):
+        changed = changed_settings("fit", settings)
+        return _model(equations, trials, starts, starts_at, doses, universal, guesses, observe, priors, changed)
     asked = split_equations(equations)
     second = [each.state for each in asked if each.order == 2]
     trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
@@ -156,7 +164,7 @@ def fit(
     universal = (universal,) if isinstance(universal, str) else tuple(universal)
     resting = () if universal or starts else objects_at_rest(trials)
     trials = without_objects(trials, resting)
-    trials = _with_unmeasured(with_doses(trials, doses), asked, starts, starts_at)
+    trials = _with_unmeasured(with_doses(trials, doses), asked, cast(dict[str, Start], starts), starts_at)
     if doses and input_between is None:
         settings["input_between"] = "linear"
     given = read_equations(equations, trials.schema)
@@ -221,6 +229,62 @@ def fit(
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors)
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
+
+
+_MODEL_SETTINGS = ("positive", "input_between", "noise", "errors", "seed", "n_jobs", "progress", "partial_pooling")
+"""Settings of fits with observation equations."""
+
+
+def _model(
+    equations: str | Sequence[str],
+    trials: Trials,
+    starts: Mapping[str, InitialGiven] | None,
+    starts_at: float | None,
+    doses: str | Sequence[str],
+    universal: str | Sequence[str] | Mapping[str, str],
+    guesses: Mapping[str, float] | None,
+    observe: Mapping[str, str] | None,
+    priors: Mapping[str, tuple[float, float]] | None,
+    settings: dict[str, Any],
+) -> Law:
+    """Return the law of equations that only `commonlaw.estimation` fits: by least squares of trajectories."""
+    refused = [name for name in settings if name not in _MODEL_SETTINGS]
+    if settings.get("errors", "auto") not in ("auto", "white"):
+        refused.append("errors")
+    if refused:
+        raise CommonlawError("not-with-observation", settings=refused)
+    asked: dict[str, Any] = {
+        "observe": observe,
+        "starts": starts or None,
+        "starts_at": starts_at,
+        "doses": doses or (),
+        "universal": universal or (),
+        "guesses": guesses,
+        "priors": priors,
+    }
+    text = equations if isinstance(equations, str) else "; ".join(equations)
+    calls = (call(fit, {**asked, **settings}, "cl.fit", repr(text), "trials"),)
+    doses = (doses,) if isinstance(doses, str) else tuple(doses)
+    between = settings.get("input_between")
+    trials = with_doses(trials, doses)
+    if between not in (None, "auto"):
+        check_choice("input_between", between, BETWEEN)
+        trials = replace(trials, schema=replace(trials.schema, input_between=between))
+    return fit_model(
+        equations,
+        trials,
+        observe=observe,
+        starts=starts or {},
+        starts_at=starts_at,
+        universal=(universal,) if isinstance(universal, str) else universal,
+        guesses=guesses,
+        priors=priors,
+        positive=settings.get("positive") or (),
+        noise=settings.get("noise"),
+        seed=settings.get("seed", 0),
+        progress=settings.get("progress") or on_terminal(),
+        calls=calls,
+    )
 
 
 def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:

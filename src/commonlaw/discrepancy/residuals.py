@@ -10,7 +10,7 @@ from commonlaw.differentiation import noise_level
 from commonlaw.discrepancy.residual_tests import Residuals, patterns
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched
+from commonlaw.law.alignment import matched, measured_noise, measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import rate_names
 from commonlaw.likelihood import NO_ERRORS
@@ -20,8 +20,10 @@ from commonlaw.trials import Trials
 def residuals(law: Law, trials: Trials) -> Residuals:
     """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
     refuse_discrete_time(law)
-    found, spent = untested(law, trials, law.uncertainty.noise)
-    tested = patterns(law.schema.states, found.standardized, found.columns, law.schema.time, spent.sum(axis=0).tolist())
+    found, spent = untested(law, trials, measured_noise(law))
+    tested = patterns(
+        measured_schema(law).states, found.standardized, found.columns, law.schema.time, spent.sum(axis=0).tolist()
+    )
     return replace(found, patterns=tested)
 
 
@@ -37,6 +39,8 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
         trials = trials.with_trials([each.measured() for each in trials])
     trials = matched(law, trials)
     noise = noise_of([noise_squares(trials)]) if noise is None else noise
+    if law.observation is not None:
+        return _of_observation(law, trials, noise)
     known = replace(law.uncertainty, noise=noise, error_model=NO_ERRORS)
     longest = max(map(len, trials))
     forecast = replace(law, uncertainty=known).predict(trials, start=longest, averaged=False)
@@ -50,6 +54,23 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     found = Residuals(forecast.trials, fitted, tuple(standardized), rate_names(law), ())
     counts = np.array([[len(trials.of_object(name))] for name in trials.objects])
     return found, counts * np.array(law.order) + _spent(law, trials)
+
+
+def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals, Floats]:
+    """Return the same for a law with observation equations: initial values and parameters count alike for all."""
+    forecast = law.predict(trials)
+    fitted = tuple(each.states for each in forecast.trajectories)
+    standardized = tuple(
+        (trial.states - own) / trial.std(noise) for trial, own in zip(forecast.trials, fitted, strict=True)
+    )
+    assert law.observation is not None
+    counts = np.array(
+        [np.sum([each.counts.sum(axis=0) for each in trials.of_object(name)], axis=0) for name in trials.objects]
+    )
+    starts = [sum(each.object == name for each in law.observation.estimated) for name in trials.objects]
+    parameters = int(law.support.sum()) + np.array(starts)
+    spent = parameters[:, np.newaxis] * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
+    return Residuals(forecast.trials, fitted, standardized, (), ()), spent
 
 
 def _spent(law: Law, trials: Trials) -> Floats:

@@ -157,4 +157,11 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
         *(MeasuredStructure, real, real),  # measured, needed, worst condition
         *(number, address, number, address),  # relative variances, sweeps, result
     )
+    library.commonlaw_shoot.argtypes = (
+        *(ctypes.POINTER(ProgramStructure), number, number, number, address),  # states, inputs, parameters
+        *(number, address),  # times
+        *(number, number, number, address, address, address, address),  # pieces, powers, inputs; these, columns, delays
+        *(real, address, number, address, address),  # relative, absolute, steps, states, derivatives
+    )
+    library.commonlaw_shoot.restype = number
     return library

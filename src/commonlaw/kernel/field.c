@@ -8,8 +8,6 @@ enum {
     ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, NEGATE, ABS, SQRT, EXP, LOG, SIN, COS, TAN, SINH, COSH, TANH, ARCTAN, SIGN
 };
 
-#define EACH_LANE for (int l = 0; l < LANES; ++l)
-
 static double sign(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : x; }
 
 /* Mark what the terms of these coefficients need: those that are not zero, and if wanted those that are free. */
@@ -44,8 +42,8 @@ void plan_terms(Workspace *work, Plan *plan, const double *coefficients, bool wi
 }
 
 /* Fill the value of an operation and, by its operands, its slopes: of the left one, and of the right one. */
-static void compute(int64_t operation, const double *x, const double *y, double *restrict out, double *restrict left,
-                    double *restrict right, bool sloped) {
+void operate(int64_t operation, const double *x, const double *y, double *restrict out, double *restrict left,
+             double *restrict right, bool sloped) {
     switch (operation) {
     case ADD: EACH_LANE { out[l] = x[l] + y[l]; left[l] = 1; right[l] = 1; } return;
     case SUBTRACT: EACH_LANE { out[l] = x[l] - y[l]; left[l] = 1; right[l] = -1; } return;
@@ -113,7 +111,7 @@ static void run(const Workspace *work, const Plan *plan, bool linear) {
             if (sloped) differentiate(work, code, into, y, x);
             continue;
         }
-        compute(code[0], x, y, out, left, right, sloped);
+        operate(code[0], x, y, out, left, right, sloped);
         if (sloped) differentiate(work, code, into, left, right);
     }
 }

@@ -16,6 +16,8 @@
 #define EXPORTED __attribute__((visibility("default")))
 #endif
 
+#define EACH_LANE for (int l = 0; l < LANES; ++l)
+
 #if defined(__GNUC__)
 #define INLINED static inline __attribute__((always_inline))
 #else
@@ -119,6 +121,9 @@ bool open_workspace(Workspace *work, const Model *model, const uint8_t *free, co
 void plan_terms(Workspace *work, Plan *plan, const double *coefficients, bool with_free);
 void field(Workspace *work, const Plan *plan, bool linear, int64_t n, const double *states, int64_t stride,
            const double *inputs, const double *times, const double *coefficients, Values *out);
+
+void operate(int64_t operation, const double *x, const double *y, double *restrict out, double *restrict left,
+             double *restrict right, bool sloped);
 
 /* collocation.c */
 void collocate(Workspace *work, const Mesh *mesh, const double *states, const double *coefficients, bool linear);

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law
 from commonlaw.library.parametric import free_name
@@ -40,18 +41,29 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
     CommonlawError
         If the variables are not those of the law, or a unit cannot be converted.
     """
-    trials = without_rates(trials, law.schema.rates)
+    schema = measured_schema(law)
+    trials = without_rates(trials, schema.rates)
     if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
         trials = without_objects(trials, tuple(name for name in objects_at_rest(trials) if name in resting))
-    starts = {name: start for name, start in law.schema.starts.items() if name not in trials.schema.states}
-    measured = tuple(name for name in law.schema.states if name not in starts)
+    starts = {name: start for name, start in schema.starts.items() if name not in trials.schema.states}
+    measured = tuple(name for name in schema.states if name not in starts)
     kinds = [("states", measured, trials.schema.states)]
-    kinds += [("inputs", law.schema.inputs, trials.schema.inputs)] if inputs == "same" else []
+    kinds += [("inputs", schema.inputs, trials.schema.inputs)] if inputs == "same" else []
     for kind, wanted, given in kinds:
         if wanted != given:
             raise CommonlawError("columns-differ", kind=kind, expected=wanted or ["none"], given=given or ["none"])
-    converted = with_doses(in_units(trials, _units(law, trials.schema)), law.schema.doses)
-    return with_starts(converted, starts, law.schema.starts_at)
+    converted = with_doses(in_units(trials, _units(law, trials.schema)), schema.doses)
+    return with_starts(converted, starts, schema.starts_at)
+
+
+def measured_schema(law: Law) -> Schema:
+    """Return names and units of what was measured: the states, or what an observation says."""
+    return law.schema if law.observation is None else law.observation.measured
+
+
+def measured_noise(law: Law) -> Floats | None:
+    """Return the standard deviation of the noise of what was measured, shape (columns,); None if it is not known."""
+    return law.uncertainty.noise if law.observation is None else law.observation.noise_levels
 
 
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:
@@ -76,7 +88,7 @@ def matched_noise(law: Law, trials: Trials, noise: Mapping[str, float] | None) -
 
 def _units(law: Law, given: Schema) -> dict[str, str]:
     """Return the units of what a law takes, properties among them, by the names that trials have for it."""
-    own, wider = law.schema, law.provenance.with_discrepancy
+    own, wider = measured_schema(law), law.provenance.with_discrepancy
     used = {*own.states, *own.inputs, *(law.uncertainty.explanation.properties if law.uncertainty.explanation else ())}
     used |= {*wider.schema.inputs} if wider else set()
     used |= {start for start in own.starts.values() if isinstance(start, str)}

@@ -18,6 +18,7 @@ from commonlaw.differentiation import format_differentiation, parse_differentiat
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.law import Law, with_other_laws
+from commonlaw.law.observation import Observation
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative, Domain, Provenance, Step
 from commonlaw.law.uncertainty import Explanation, ObjectEstimates, PlausibleLaw, Uncertainty, Widening
@@ -147,6 +148,7 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     with_discrepancy: "LawDocument | None" = None
     other_laws: list[OtherDocument] = []
     constants: list[str] = []
+    observation: Observation | None = None
 
 
 _BAYES_FACTOR = "2 log B"
@@ -252,6 +254,7 @@ def document_of(law: Law) -> LawDocument:
         explanation=_saved_explanation(law.uncertainty.explanation),
         with_discrepancy=None if wider is None else document_of(wider),
         other_laws=[_saved_other(each.probability, each.law, terms) for each in law.uncertainty.other_laws],
+        observation=law.observation,
     )
 
 
@@ -434,7 +437,17 @@ def _read_law(document: LawDocument) -> Law:
     ):
         # Before 0.2 what stood before several terms was a constant of each: such laws are as their terms say
         provenance = replace(provenance, equations=())
-    return Law(terms, schema, document.order, objects, coefficients, uncertainty, provenance, document.properties)
+    return Law(
+        terms,
+        schema,
+        document.order,
+        objects,
+        coefficients,
+        uncertainty,
+        provenance,
+        document.properties,
+        document.observation,
+    )
 
 
 def _read_uncertainty(

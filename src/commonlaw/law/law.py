@@ -16,6 +16,7 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.integration import Event, Trajectory
 from commonlaw.law import text
 from commonlaw.law.deprecated import Structure, deprecated_member
+from commonlaw.law.observation import Observation
 from commonlaw.law.parse import Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.simplification import Simplification
@@ -69,6 +70,8 @@ class Law(ShownInNotebooks):
         How the law was found.
     properties
         Of the objects, by object and name; the units stand in ``schema.units``.
+    observation
+        How the states were measured, if not directly, see `commonlaw.fit`.
 
     Raises
     ------
@@ -85,6 +88,7 @@ class Law(ShownInNotebooks):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     provenance: Provenance = field(default_factory=Provenance)
     properties: ObjectProperties = field(default_factory=dict)
+    observation: Observation | None = None
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -229,7 +233,8 @@ class Law(ShownInNotebooks):
         law = cl.fit("x'' = -g - c v", trials)
         """
         equations = self.structure if self._shares_terms else ()
-        return cast(str, _call("law.script:script", self.provenance.calls, equations, self.schema, path))
+        schema = self.schema if self.observation is None else self.observation.measured
+        return cast(str, _call("law.script:script", self.provenance.calls, equations, schema, path))
 
     # Parameters and their uncertainty
 
@@ -466,6 +471,9 @@ class Law(ShownInNotebooks):
         """
         options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
+        if self.observation is not None:
+            del options["input_between"]
+            return cast("Forecast", _call("estimation:predict_observed", self, trials, times=times, **options))
         return cast("Forecast", _call("forecast:predict", self, trials, times=times, **options, **how))
 
     # Comparison with measurements

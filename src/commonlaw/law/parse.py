@@ -116,7 +116,7 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
     _check_states(tuple(by_state), schema)
     ordered = tuple(by_state[state] for state in schema.states)
     order = one_order([each.order for each in ordered])
-    meanings = _meanings(schema, order)
+    meanings = meanings_of(schema, order)
     if variables is not None:  # Those of a law that was read before, perhaps by an earlier version
         meanings = meanings._replace(unclear={})
     variables = variables or law_variables(schema, order)
@@ -166,7 +166,7 @@ def latex_summands(
 ) -> tuple[tuple[tuple[bool, str], ...], ...]:
     """Return the summands of the equations of a law in LaTeX, as they are written, and whether they are subtracted."""
     equations = split_equations(given)
-    meanings = _meanings(schema, one_order([each.order for each in equations]))._replace(unclear={})
+    meanings = meanings_of(schema, one_order([each.order for each in equations]))._replace(unclear={})
     return tuple(each.latex(variables, state_rates, meanings) for each in equations)
 
 
@@ -177,7 +177,7 @@ def _owners_of_parameters(rows: Sequence[Sequence[Summand]], variables: Variable
     return {name: next((j for j, own in enumerate(used) if i in own), 0) for name, i in columns.items()}
 
 
-def _meanings(schema: Schema, order: Order) -> Meanings:
+def meanings_of(schema: Schema, order: Order) -> Meanings:
     """Return what names in equations mean that are no variables, and which could mean two things."""
     others = {name: schema.time for name in ("t", "time") if name not in (schema.time, *schema.states, *schema.inputs)}
     measured, unclear = (*schema.states, *schema.inputs), dict[str, Diagnostic]()

@@ -150,8 +150,9 @@ def _has_relations(law: Law) -> bool:
 def printed(law: Law) -> str:
     """Return a law as `print` shows it: equations, what names stand for, and what a user should know."""
     known, values = named_parameters(law), list[str]()
+    observed = [] if law.observation is None else law.observation.lines
     if len(law.objects) == 1:
-        body = [*law.equations()]
+        body = [*law.equations(), *observed]
         if law.provenance.equations:
             pairs = zip(known.values[0], np.nan_to_num(known.errors[0]), strict=True)
             heads = text.with_units(known.names, known.units)
@@ -159,7 +160,7 @@ def printed(law: Law) -> str:
     elif _has_relations(law):
         body = [*law.equations(), *relation_lines(law)]
     elif shares_terms(law):
-        body = [*law.structure]
+        body = [*law.structure, *observed]
         if known.names:
             heads = text.with_units(known.names, known.units)
             body += ["", *text.coefficient_table(law.objects, heads, known.values, known.errors)]

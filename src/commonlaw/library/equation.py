@@ -86,6 +86,13 @@ class Equation:
         """Return the summands of the right-hand side in LaTeX, and whether they are subtracted, see `summands`."""
         return _Reader(self, variables, dict(state_rates), meanings or Meanings()).latex()
 
+    def expression(
+        self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
+    ) -> tuple[str, tuple[str, ...]]:
+        """Return the right-hand side over ``v<i>``, and the names that are no variables, whose columns come last."""
+        reader = _Reader(self, variables, dict(state_rates), meanings or Meanings())
+        return reader.expression(), reader.coefficients
+
     def with_numbers(self, write: Mapping[str, Callable[[bool], tuple[bool, str]]]) -> str:
         """Return the text with numbers in place of coefficients; a number that is negative turns the sign before it.
 
@@ -245,6 +252,13 @@ class _Reader:
             alike.setdefault(each.parameters or number, []).append(each)
         collected = (self._collected(each) for each in alike.values())
         return tuple(each for each in collected if each.factor)
+
+    def expression(self) -> str:
+        whole = "".join(f"{'-' if factor < 0 else '+'}({text})" for factor, _, text in self._addends())
+        try:
+            return write(read(whole, self.names, self.parameters))
+        except CommonlawError as error:
+            self._fail(self.tokens[0], error.diagnostic)
 
     def latex(self) -> tuple[tuple[bool, str], ...]:
         trees = [(factor < 0, read(text, self.names, self.parameters)) for factor, _, text in self._addends()]

@@ -137,6 +137,9 @@ class Trial:
     earlier
         Times before the first sample at which an input was not zero, from the first of them on, and the inputs there,
         shape (m, 1 + inputs), see `with_doses`. Default: none.
+    below
+        Limits of quantification, shape (n, number of states): a value there is known to be below it (left-censored),
+        and its state is NaN. NaN elsewhere. Default: no value is censored.
 
     Raises
     ------
@@ -154,13 +157,14 @@ class Trial:
     noise: Floats = field(default_factory=lambda: np.empty((0, 0)))
     repeats: Repeats | None = None
     earlier: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    below: Floats = field(default_factory=lambda: np.empty((0, 0)))
 
     def __post_init__(self) -> None:
         for name in ("object", "name"):
             object.__setattr__(self, name, label(getattr(self, name)))
         try:
             times, states = _frozen(self.times, 1), _frozen(self.states, 2)
-            inputs, noise = _frozen(self.inputs, 2), _frozen(self.noise, 2)
+            inputs, noise, below = _frozen(self.inputs, 2), _frozen(self.noise, 2), _frozen(self.below, 2)
         except CommonlawError as error:
             raise error.at(self.label) from None
         if inputs.size == 0:
@@ -168,7 +172,10 @@ class Trial:
         unknown = np.isnan(noise).all()
         if unknown:
             noise = np.broadcast_to(np.nan, states.shape)  # Takes no memory
-        for name, values in (("times", times), ("states", states), ("inputs", inputs), ("noise", noise)):
+        if np.isnan(below).all():
+            below = np.broadcast_to(np.nan, states.shape)
+        parts = ("times", times), ("states", states), ("inputs", inputs), ("noise", noise), ("below", below)
+        for name, values in parts:
             object.__setattr__(self, name, values)
         self._check()
         if not unknown:
@@ -221,7 +228,7 @@ class Trial:
 
     def rows(self, chosen: slice | Bools) -> "Trial":
         """Return the chosen samples of the trial."""
-        parts = {name: getattr(self, name)[chosen] for name in ("times", "states", "inputs", "noise")}
+        parts = {name: getattr(self, name)[chosen] for name in ("times", "states", "inputs", "noise", "below")}
         repeats = None if self.repeats is None else self.repeats.taken(chosen)
         is_whole = len(parts["times"]) > 0 and parts["times"][0] == self.times[0]
         return replace(self, **parts, repeats=repeats, earlier=self.earlier if is_whole else np.empty((0, 0)))
@@ -252,6 +259,16 @@ class Trial:
     def _merge(self) -> None:
         """Make one sample of those at one time; an input that is zero in some of them is what it is in the others."""
         first = np.flatnonzero(np.diff(self.times, prepend=-np.inf) > 0)
+        below = np.broadcast_to(np.nan, (len(first), self.states.shape[1]))
+        if np.isfinite(self.below).any():
+            seen = np.isfinite(self.below) | np.isfinite(self.states)
+            several = (np.add.reduceat(seen, first, dtype=int) > 1) & np.logical_or.reduceat(
+                np.isfinite(self.below), first
+            )
+            if several.any():
+                time = self.times[first[np.argwhere(several)[0][0]]]
+                raise CommonlawError("censored-replicates", where=self.label, time=time)
+            below = np.fmax.reduceat(self.below, first)
         rows = np.repeat(np.arange(len(first)), np.diff(first, append=len(self)))
         inputs, differ = inputs_of_times(first, rows, self.inputs, np.asarray(np.isnan(self.states).all(axis=1)))
         if differ.any():
@@ -259,8 +276,8 @@ class Trial:
             here = int(first[rows[i]])
             raise CommonlawError("inputs-differ", where=self.label, time=self.times[i], first=here + 1, second=i + 1)
         states, noise, repeats = merged(first, self.states, self.noise, self.repeats)
-        found = (self.times[first], 1), (states, 2), (inputs, 2), (noise, 2)
-        for name, values in zip(("times", "states", "inputs", "noise"), found, strict=True):
+        found = (self.times[first], 1), (states, 2), (inputs, 2), (noise, 2), (below, 2)
+        for name, values in zip(("times", "states", "inputs", "noise", "below"), found, strict=True):
             object.__setattr__(self, name, _frozen(*values))
         object.__setattr__(self, "repeats", repeats)
 
@@ -281,7 +298,9 @@ class Trial:
                 raise CommonlawError(
                     "sample-not-finite", where=self.label, quantity=what, value=values[tuple(bad[0])], place=where
                 )
-        if self.states.shape[1] and np.isnan(self.states[0]).all():
+        if self.below.shape != self.states.shape or np.any(np.isfinite(self.below) & np.isfinite(self.states)):
+            raise CommonlawError("censored-shape", where=self.label)
+        if self.states.shape[1] and np.isnan(self.states[0]).all() and np.isnan(self.below[0]).all():
             raise CommonlawError("first-sample-empty", where=self.label)
         self._check_times()
 

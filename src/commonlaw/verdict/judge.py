@@ -13,7 +13,7 @@ from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched
+from commonlaw.law.alignment import matched, measured_noise, measured_schema
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import OutcomeKind
@@ -123,8 +123,8 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
     If the law was fitted to the whole trial, and one sample is before, the start is fitted to the first fifth: that
     sample alone may be below the noise. Raises `CommonlawError` if it cannot be forecast.
     """
-    trial, origin, first, states = segment.trial, segment.origin, segment.first, len(law.schema.states)
-    fits = law.order != 0 and law.uncertainty.noise is not None
+    trial, origin, first, states = segment.trial, segment.origin, segment.first, len(measured_schema(law).states)
+    fits = law.order != 0 and measured_noise(law) is not None
     how: dict[str, Any] = {"start": _MAX_SAMPLES_BEFORE if fits and origin > _MAX_SAMPLES_BEFORE else None}
     how |= {"from_time": float(trial.times[origin])}
     if fits and segment.kind is Kind.SEEN and origin == 1:
@@ -181,7 +181,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
             continue
         judged.append(segment)
     once = list({(each.trial.object, each.trial.name): each.trial for each in judged}.values())
-    spread = _spread(once, len(law.schema.states))
+    spread = _spread(once, len(measured_schema(law).states))
     errors = _joined(found, spread)
     horizon = _horizon(errors.leads, errors.errors / spread)
     kinds = [each.kind for each in judged]

@@ -1,0 +1,10 @@
+"""Maximum likelihood of given equations: observation equations, known initial values, shared parameters, bounds.
+
+Solutions are computed from their initial values (single shooting) with exact derivatives, and parameters are found by
+nonlinear least squares from several first values.
+"""
+
+from commonlaw.estimation.fitting import fit_model, needs_model
+from commonlaw.estimation.prediction import predict_observed
+
+__all__ = ["fit_model", "needs_model", "predict_observed"]

@@ -1,0 +1,446 @@
+"""From a model and trials to a law."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.estimation.model import FREE, Model, ModelText, read_model
+from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.estimation.search import Bounds, Optimum, maximize
+from commonlaw.estimation.sizes import likely_sizes
+from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law.observation import InitialValue, Observation
+from commonlaw.law.parse import Product, read_equations
+from commonlaw.law.provenance import Domain
+from commonlaw.law.text import with_error
+from commonlaw.library import Term, Terms
+from commonlaw.library.bounds import limits_of
+from commonlaw.outcomes import Outcome, note
+from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.text import counted
+from commonlaw.trials import Trials
+from commonlaw.trials.transformations import number_of, with_logarithms
+from commonlaw.trials.trial import Start, property_names
+
+InitialGiven = Start | tuple[float, float] | Mapping[str, float | None]
+"""An initial value as users give it: a `Start`, an expression of parameters, or a mean and a standard deviation."""
+
+
+def needs_model(
+    equations: str | Sequence[str],
+    trials: Trials,
+    observe: Mapping[str, str] | None,
+    starts: Mapping[str, InitialGiven],
+    universal: Sequence[str] | Mapping[str, str],
+    priors: Mapping[str, tuple[float, float]] | None,
+) -> bool:
+    """Return whether equations are to be fitted as a model: what `commonlaw.refine` fits has none of these."""
+    text = ModelText.of(equations, observe, None)
+    names = property_names(trials.properties)
+    special = any(
+        name in trials.schema.states
+        or isinstance(start, tuple)
+        or (isinstance(start, str) and start != FREE and start not in names)
+        or (isinstance(start, Mapping) and any(each is None or isinstance(each, str) for each in start.values()))
+        for name, start in starts.items()
+    )
+    censored = any(np.isfinite(each.below).any() for each in trials)
+    return bool(not text.is_plain or special or censored or priors or isinstance(universal, Mapping))
+
+
+@dataclass(frozen=True, eq=False)
+class _Unknowns:
+    """The unknown numbers of a model: which parameter of which objects, or which initial value, each one is."""
+
+    names: list[str]
+    labels: list[str]
+    of_object: dict[str, list[int]]
+    values: dict[str, list[float]]
+    of_trial: list[list[int]]
+
+    def add(self, name: str, label: str) -> int:
+        self.names.append(name)
+        self.labels.append(label)
+        return len(self.names) - 1
+
+
+def fit_model(
+    equations: str | Sequence[str],
+    trials: Trials,
+    *,
+    observe: Mapping[str, str] | None,
+    starts: Mapping[str, InitialGiven],
+    starts_at: float | None,
+    universal: Sequence[str] | Mapping[str, str],
+    guesses: Mapping[str, float] | None,
+    priors: Mapping[str, tuple[float, float]] | None,
+    positive: Sequence[str],
+    noise: Mapping[str, float] | None,
+    seed: int,
+    progress: ProgressCallback,
+    calls: tuple[str, ...],
+) -> Law:
+    """Return the law of largest likelihood, see `commonlaw.fit`."""
+    text, fixed, expected = _with_initial(ModelText.of(equations, observe, None), starts)
+    properties = property_names(trials.properties)
+    model = read_model(text, trials.schema, (*properties, *fixed))
+    _check_initial(model, starts)
+    unknowns = _unknowns(model, trials, properties, fixed, universal)
+    measured = _with_noise(with_logarithms(trials, positive), noise)
+    problem = _problem(model, measured, unknowns, starts_at, {**expected, **(priors or {})})
+    sizes, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
+    problem = replace(problem, sizes=state_sizes)
+    bounds = _bounds(model, trials, unknowns)
+    optimum = maximize(problem, sizes, guessed, bounds, None, seed, progress)
+    _check_identified(optimum, unknowns)
+    return _law(model, trials, problem, unknowns, optimum, starts_at, calls)
+
+
+def _with_initial(
+    text: ModelText, starts: Mapping[str, InitialGiven]
+) -> tuple[ModelText, dict[str, Mapping[str, float | None]], dict[str, tuple[float, float]]]:
+    """Return the text with initial values that are given apart, those known for some objects, and those expected."""
+    initial, fixed, expected = (
+        dict(text.initial),
+        dict[str, Mapping[str, float | None]](),
+        dict[str, tuple[float, float]](),
+    )
+    for name, start in starts.items():
+        if start is None or start == FREE:
+            initial[name] = FREE
+        elif isinstance(start, str):
+            initial[name] = start
+        elif isinstance(start, Mapping):
+            own = {
+                owner: None if value is None or isinstance(value, str) else float(value)
+                for owner, value in start.items()
+            }
+            fixed[f"{name}(0)"] = own
+            initial[name] = f"`{name}(0)`"
+        elif isinstance(start, tuple):
+            expected[f"{name}(0)"] = start
+            initial[name] = f"`{name}(0)`"
+        else:
+            initial[name] = repr(float(start))
+    return replace(text, initial={name: each for name, each in initial.items() if each != FREE}), fixed, expected
+
+
+def _check_initial(model: Model, given: Mapping[str, InitialGiven]) -> None:
+    """Refuse a latent state of which nothing is said where no observation equation may tell it."""
+    for name, initial in zip(model.variables.states[: len(model.schema.states)], model.initial, strict=False):
+        if initial is None and name not in (*model.observables, *given) and not model.text.observed:
+            raise CommonlawError("equation-without-column", name=name)
+
+
+def _unknowns(
+    model: Model,
+    trials: Trials,
+    properties: Sequence[str],
+    fixed: Mapping[str, Mapping[str, float | None]],
+    universal: Sequence[str] | Mapping[str, str],
+) -> _Unknowns:
+    found = _Unknowns([], [], {name: [] for name in trials.objects}, {name: [] for name in trials.objects}, [])
+    groups = dict(universal) if isinstance(universal, Mapping) else dict.fromkeys(universal, "")
+    free = [name for name in model.parameters if name not in properties]
+    for name in groups:
+        check_choice("parameter", name, free)
+    for name in model.parameters:
+        shared = dict[object, int]()
+        for owner in trials.objects:
+            known = number_of(name, owner, trials) if name in properties else fixed.get(name, {}).get(owner)
+            if name in fixed and owner not in fixed[name]:
+                raise CommonlawError("initial-value-not-finite", state=name[:-3], value=np.nan, object=owner)
+            if known is not None:
+                index, value = -1, known
+            else:
+                by = groups.get(name)
+                key: object = owner if by is None else None if not by else _group(by, owner, trials)
+                if key not in shared:
+                    label = name if len(trials.objects) == 1 or key is None else f"{name} of {key}"
+                    shared[key] = found.add(name, label)
+                index, value = shared[key], 0.0
+            found.of_object[owner].append(index)
+            found.values[owner].append(value)
+    for trial in trials:
+        indices = [
+            found.add(f"{name}(0)", f"{name}(0) of {trial.label}") if is_free else -1
+            for name, is_free in zip(model.variables.states, model.is_free, strict=True)
+        ]
+        found.of_trial.append(indices)
+    return found
+
+
+def _group(by: str, owner: str, trials: Trials) -> object:
+    check_choice("property", by, property_names(trials.properties))
+    if by not in trials.properties.get(owner, {}):
+        raise CommonlawError("property-missing", object=owner, property=by)
+    return trials.properties[owner][by]
+
+
+def _with_noise(trials: Trials, noise: Mapping[str, float] | None) -> Trials:
+    """Return trials whose measurements have known standard deviations, where these are given."""
+    for name, value in (noise or {}).items():
+        check_choice("measured quantity", name, trials.schema.states)
+        if not 0 < value < np.inf:
+            raise CommonlawError("noise-not-positive", name=name, level=value)
+    if not noise:
+        return trials
+    columns, own = [trials.schema.states.index(name) for name in noise], list(noise.values())
+    changed = []
+    for trial in trials:
+        std = trial.noise.copy()
+        std[:, columns] = np.array(own) * (1.0 if trial.repeats is None else trial.repeats.counts[:, columns] ** -0.5)
+        changed.append(replace(trial, noise=std))
+    names = {name: f"standard deviation of {name}" for name in noise}
+    schema = replace(trials.schema, noise_columns={**names, **trials.schema.noise_columns})
+    return replace(trials, trials=tuple(changed), schema=schema)
+
+
+def _problem(
+    model: Model,
+    trials: Trials,
+    unknowns: _Unknowns,
+    start: float | None,
+    priors: Mapping[str, tuple[float, float]],
+) -> Problem:
+    data = []
+    for trial, initial in zip(trials, unknowns.of_trial, strict=True):
+        if start is not None and start > trial.times[0]:
+            raise CommonlawError("initial-time-late", trial=trial.label, time=trial.times[0], initial_time=start)
+        owner = trial.object
+        data.append(TrialData.of(trial, model, start, unknowns.of_object[owner], unknowns.values[owner], initial))
+    for name, (_, std) in priors.items():
+        check_choice("parameter", name, list(dict.fromkeys(unknowns.names)))
+        if not 0 < std < np.inf:
+            raise CommonlawError("prior-not-positive", name=name, std=std)
+    logarithmic = np.array([name in trials.schema.logarithmic for name in model.observables])
+    own = {i: priors[name] for i, name in enumerate(unknowns.names) if name in priors}
+    return Problem(model, tuple(data), len(unknowns.names), logarithmic, np.ones(model.width), own)
+
+
+def _sizes(
+    model: Model, trials: Trials, problem: Problem, unknowns: _Unknowns, guesses: Mapping[str, float]
+) -> tuple[Floats, Floats, Bools]:
+    """Return likely sizes of the unknowns, of the states and rates, and which unknowns were guessed."""
+    columns = {name: i for i, name in enumerate(model.variables.names)}
+    measured = dict[str, float]()
+    for j, name in enumerate(model.observables):
+        values = np.concatenate([np.append(each.states[:, j], each.below[:, j]) for each in trials])
+        measured[name] = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+    known = {
+        columns[name]: size
+        for name, size in measured.items()
+        if name in model.variables.states and name not in model.text.observed
+    }
+    span = max(each.times[-1] - each.times[0] for each in problem.trials) or 1.0
+    known[columns[model.variables.time]] = max(float(np.abs(each.times).max()) for each in problem.trials) or 1.0
+    for i, name in enumerate(model.schema.inputs):
+        values = np.concatenate([each.inputs[:, model.column[i]] for each in trials])
+        known[columns[name]] = float(np.abs(values).max(initial=0.0)) or 1.0
+    for i, name in enumerate(model.parameters):
+        own = [values[i] for owner, values in unknowns.values.items() if unknowns.of_object[owner][i] < 0]
+        if any(own):
+            known[columns[name]] = float(np.mean(np.abs(own)))
+        if i in model.delay:
+            known[columns[name]] = 0.1 * span
+    for name, value in guesses.items():
+        check_choice("parameter", name, [each for each in unknowns.names if each in columns])
+        if not np.isfinite(value) or value == 0:
+            raise CommonlawError("guess-out-of-bounds", name=name, value=value)
+        known[columns[name]] = abs(value)
+    for name, (mean, std) in ((unknowns.names[i], prior) for i, prior in problem.priors.items()):
+        if name in columns:
+            known.setdefault(columns[name], abs(mean) or std)
+    for i, each in enumerate(model.initial):
+        if i not in known and each is not None:
+            try:
+                known.update({i: abs(float(each))} if float(each) else {})
+            except ValueError:
+                continue
+    said: list[tuple[str, float | int]] = [(each, i) for i, each in enumerate(model.expressions[: model.width])]
+    for name, each in zip(model.observables, model.expressions[model.width :], strict=True):
+        said.append((each, measured[name]))
+    found = likely_sizes(said, known, len(columns), span)
+    starts = {f"{name}(0)": found[i] for i, name in enumerate(model.variables.states)}
+    by_name = {**{name: found[i] for name, i in columns.items()}}
+    sizes = np.array([starts[name] if name in starts else by_name[name] for name in unknowns.names])
+    guessed = np.array([name in guesses for name in unknowns.names], dtype=np.bool_)
+    for i, name in enumerate(unknowns.names):
+        if name in guesses:
+            sizes[i] = guesses[name]
+    _begin_as_measured(model, trials, unknowns, sizes, guessed)
+    return sizes, found[: model.width], guessed
+
+
+def _begin_as_measured(model: Model, trials: Trials, unknowns: _Unknowns, sizes: Floats, guessed: Bools) -> None:
+    """Begin free initial values of measured states at their first measurements."""
+    for trial, indices in zip(trials, unknowns.of_trial, strict=True):
+        for name, k in zip(model.variables.states, indices, strict=True):
+            if k >= 0 and name in model.observables and name not in model.text.observed:
+                seen = trial.states[:, model.observables.index(name)]
+                seen = seen[np.isfinite(seen)]
+                if len(seen) and seen[0] != 0:
+                    sizes[k], guessed[k] = seen[0], True
+
+
+def _bounds(model: Model, trials: Trials, unknowns: _Unknowns) -> Bounds:
+    limits = [limits_of(name, model.text.bounds) for name in unknowns.names]
+    low, high = (
+        (np.array(each, dtype=np.float64) for each in zip(*limits, strict=True)) if limits else (np.zeros(0),) * 2
+    )
+    longest = max(each.times[-1] - each.times[0] for each in trials)
+    delays = [model.parameters[each] for each in model.delay if each >= 0]
+    for i, name in enumerate(unknowns.names):
+        if name in delays:
+            low[i], high[i] = max(low[i], 0.0), min(high[i], longest)
+    return Bounds(low, high)
+
+
+def _check_identified(optimum: Optimum, unknowns: _Unknowns) -> None:
+    lost = ~np.isfinite(np.diagonal(optimum.covariance))
+    if lost.any():
+        names = [unknowns.labels[i] for i in np.flatnonzero(lost)]
+        raise CommonlawError("parameters-not-identified", names=names[:8])
+
+
+def _law(
+    model: Model,
+    trials: Trials,
+    problem: Problem,
+    unknowns: _Unknowns,
+    optimum: Optimum,
+    start: float | None,
+    calls: tuple[str, ...],
+) -> Law:
+    given = read_equations(model.text.equations, model.schema)
+    inside = {each.name for each in given.coefficients}
+    extra = [name for name in model.parameters if name not in inside]
+    variables = replace(given.terms.variables, parameters=(*given.terms.variables.parameters, *extra))
+    own = tuple(Term(parameter=variables.index(name)) for name in extra)
+    terms = Terms(variables, (*given.terms.terms, *own))
+    products = (*given.products, *(Product(0, len(given.terms) + i, 1.0, ((n, 1),)) for i, n in enumerate(extra)))
+    known = np.nan_to_num(np.pad(given.known, ((0, 0), (0, len(extra)))))
+    coefficients = np.tile(known, (len(trials.objects), 1, 1))
+    for owner, whole in zip(trials.objects, coefficients, strict=True):
+        values = _values(model, unknowns, optimum.unknowns, owner)
+        for each in products:
+            whole[each.equation, each.term] = float(each.value(values))
+    support = np.any(coefficients != 0, axis=0)
+    covariance, shared = _covariance(model, trials, unknowns, optimum, products, support)
+    noise = {
+        name: float(value)
+        for name, value, is_known in zip(model.observables, optimum.noise, problem.known_noise, strict=True)
+        if not is_known
+    }
+    errors = np.sqrt(np.diagonal(optimum.covariance))
+    estimated = tuple(
+        InitialValue(trial.object, trial.name, name, float(optimum.unknowns[k]), float(errors[k]))
+        for trial, indices in zip(trials, unknowns.of_trial, strict=True)
+        for name, k in zip(model.variables.states, indices, strict=True)
+        if k >= 0
+    )
+    initial = dict(model.text.initial)
+    schema = replace(
+        trials.schema,
+        logarithmic=tuple(n for n, own in zip(model.observables, problem.logarithmic, strict=True) if own),
+    )
+    observation = Observation(
+        schema, dict(model.text.observed), initial, start, noise, estimated, optimum.log_likelihood
+    )
+    steps = (
+        Step("equations", "; ".join(given.texts), "as given"),
+        *(Step("observation", f"{name} = {right}", "as given") for name, right in model.text.observed.items()),
+        *(Step("start", f"{name}(0) = {right}", "as given") for name, right in initial.items()),
+        Step(
+            "fit",
+            f"-log L = {-optimum.log_likelihood:.6g}",
+            f"maximum likelihood of {counted(len(unknowns.names), 'parameter')} by least squares of trajectories; "
+            f"{optimum.starts_alike} of the best starts end there",
+        ),
+    )
+    provenance = Provenance(
+        outcomes=_at_bounds(model, unknowns, optimum),
+        history=steps,
+        equations=given.texts,
+        calls=calls,
+        domain=Domain.of(trials, ()),
+    )
+    properties = {owner: values for owner, values in trials.properties.items() if owner in trials.objects}
+    return Law(
+        terms,
+        model.schema,
+        model.order,
+        trials.objects,
+        coefficients,
+        Uncertainty(covariance=covariance, shared_factor=shared),
+        provenance=provenance,
+        properties=properties,
+        observation=observation,
+    )
+
+
+def _values(model: Model, unknowns: _Unknowns, found: Floats, owner: str) -> dict[str, Floats]:
+    """Return the value of each parameter of an object."""
+    own = zip(model.parameters, unknowns.of_object[owner], unknowns.values[owner], strict=True)
+    return {name: np.asarray(value if k < 0 else found[k]) for name, k, value in own}
+
+
+def _covariance(
+    model: Model,
+    trials: Trials,
+    unknowns: _Unknowns,
+    optimum: Optimum,
+    products: Sequence[Product],
+    support: Bools,
+) -> tuple[Floats, Floats | None]:
+    """Return the covariance of each object's coefficients, and the factor of that between objects.
+
+    Given what objects share they are independent: with the shared unknowns s of covariance S, Cov(a, b) = A S B' for
+    A = Cov(a, s) inv(S).
+    """
+    place = {(j, k): i for i, (j, k) in enumerate(np.argwhere(support).tolist())}
+    size, covariance = int(support.sum()), optimum.covariance
+    uses = np.zeros(len(unknowns.names), dtype=int)
+    for indices in unknowns.of_object.values():
+        uses[[k for k in indices if k >= 0]] += 1
+    shared = np.flatnonzero((uses > 1) & ~optimum.at_bound)
+    found, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
+    root = np.linalg.cholesky(covariance[np.ix_(shared, shared)]) if len(shared) else np.zeros((0, 0))
+    for i, owner in enumerate(trials.objects):
+        values = _values(model, unknowns, optimum.unknowns, owner)
+        slopes = np.zeros((size, len(unknowns.names)))
+        index = dict(zip(model.parameters, unknowns.of_object[owner], strict=True))
+        for each in products:
+            for name, power in each.coefficients:
+                if (each.equation, each.term) in place and index[name] >= 0:
+                    others = each._replace(coefficients=tuple(c for c in each.coefficients if c[0] != name))
+                    outer = float(others.value(values))
+                    slope = outer * power * float(values[name]) ** (power - 1)
+                    slopes[place[each.equation, each.term], index[name]] += slope
+        found[i] = slopes @ covariance @ slopes.T
+        if len(shared):
+            half = np.linalg.solve(root, covariance[shared] @ slopes.T)
+            factors.append(half.T)
+    return found, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
+
+
+def _at_bounds(model: Model, unknowns: _Unknowns, optimum: Optimum) -> tuple[Outcome, ...]:
+    """Return which parameters are at a bound, each with the interval on the other side."""
+    from scipy.stats import norm
+
+    found = []
+    for i in np.flatnonzero(optimum.at_bound):
+        name, end = unknowns.names[i], float(optimum.unknowns[i])
+        value, error = (float(each[i]) for each in optimum.beyond)
+        low, _ = limits_of(name, model.text.bounds)
+        side = 1 if end == low else -1
+        reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if 0 < error < np.inf else np.nan
+        within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
+        text = next((each.text for each in model.text.bounds if each.name == name), name)
+        estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
+        where = unknowns.labels[i].removeprefix(f"{name} of ") if unknowns.labels[i] != name else ""
+        found.append(note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=text))
+    return tuple(found)

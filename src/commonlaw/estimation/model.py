@@ -1,0 +1,235 @@
+"""Equations, observation equations and initial values as programs over states, inputs, time and parameters."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.formulation import law_variables
+from commonlaw.law.parse import meanings_of
+from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
+from commonlaw.library.bounds import Bound, bounds_in, is_bound, parts_of
+from commonlaw.library.equation import Equation, split_equations
+from commonlaw.library.grammar import columns_in
+from commonlaw.library.program import Program
+from commonlaw.library.term import Factor
+from commonlaw.trials import Schema
+
+_NAME = r"`(?:[^`]|``)+`|[^\W\d]\w*"
+_DELAYED = re.compile(rf"(?P<name>{_NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{_NAME})\s*\)")
+_INITIAL = re.compile(rf"(?P<name>{_NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)")
+_OBSERVED = re.compile(rf"(?P<name>{_NAME})\s*=(?P<right>.*)")
+
+FREE = "free"
+"""The initial value of each trial that the measurements determine."""
+
+
+@dataclass(frozen=True)
+class ModelText:
+    """What is written of a model: differential equations, observation equations, initial values and bounds."""
+
+    equations: tuple[str, ...]
+    observed: Mapping[str, str]
+    initial: Mapping[str, str]
+    bounds: tuple[Bound, ...]
+
+    @classmethod
+    def of(
+        cls, texts: str | Sequence[str], observe: Mapping[str, str] | None, initial: Mapping[str, str] | None
+    ) -> "ModelText":
+        """Return what equations, in one text or several, and the two mappings say together."""
+        equations, observed, known = list[str](), dict(observe or {}), dict(initial or {})
+        for part in parts_of(texts):
+            if is_bound(part):
+                continue
+            if found := _INITIAL.fullmatch(part):
+                known[_plain(found["name"]) + (found["rate"] or "")] = found["right"].strip()
+            elif found := _OBSERVED.fullmatch(part):
+                observed[_plain(found["name"])] = found["right"].strip()
+            else:
+                equations.append(part)
+        return cls(tuple(equations), observed, known, bounds_in(texts))
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether there are differential equations and bounds alone, without delays."""
+        return not (self.observed or self.initial or any(map(_DELAYED.search, self.equations)))
+
+
+def _plain(name: str) -> str:
+    return name[1:-1].replace("``", "`") if name.startswith("`") else name
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Given equations as programs.
+
+    Parameters
+    ----------
+    text
+        What was written; in its equations delayed inputs are names of their own.
+    schema
+        States of the equations, inputs (delayed ones among them) and time.
+    order
+        Of the equations.
+    variables
+        States, rates of those of second order, inputs and time, followed by the parameters.
+    rates
+        The derivatives of states and rates, shape (n, D), of the variables.
+    observables, outputs
+        Names of what is measured, and their values.
+    initial
+        For each state and rate its initial value over the variables (of which only parameters may be in it), or None
+        for one that each trial determines.
+    column, delay
+        For each input of the schema the column of the trials, and the parameter by which it comes later, or -1.
+    """
+
+    text: ModelText
+    schema: Schema
+    order: Order
+    variables: Variables
+    rates: Program
+    observables: tuple[str, ...]
+    outputs: Program
+    initial: tuple[str | None, ...]
+    expressions: tuple[str, ...]
+    column: tuple[int, ...]
+    delay: tuple[int, ...]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return self.variables.parameters
+
+    @property
+    def width(self) -> int:
+        """The number of states and rates, D."""
+        return len(self.variables.states)
+
+    @property
+    def first_parameter(self) -> int:
+        """The column of the first parameter."""
+        return len(self.variables.measured)
+
+    @cached_property
+    def starts(self) -> Program:
+        """Initial values over the variables; zero where they are free."""
+        return Program.of([((Factor(each or "0.0"), 1),) for each in self.initial], len(self.variables.names))
+
+    @cached_property
+    def is_free(self) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+        """Which initial values each trial determines, shape (D,)."""
+        return np.array([each is None for each in self.initial])
+
+    def point(self, states: Floats, inputs: Floats, times: Floats, parameters: Floats) -> Floats:
+        """Return the variables at n times, shape (n, variables)."""
+        return np.column_stack([states, inputs, times, np.broadcast_to(parameters, (len(times), len(parameters)))])
+
+
+def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> Model:
+    """Return the model that is written for trials of a schema, whose objects have these properties.
+
+    Raises
+    ------
+    CommonlawError
+        If a text cannot be read, a name means nothing, or something measured has neither a state nor an equation.
+    """
+    delays = list[tuple[str, str, str]]()
+
+    def delayed(match: re.Match[str]) -> str:
+        name, delay = _plain(match["name"]), _plain(match["delay"])
+        check_choice("input", name, measured.inputs)
+        whole = f"{name}(t - {delay})"
+        if whole not in [each for each, *_ in delays]:
+            delays.append((whole, name, delay))
+        return f"`{whole}`"
+
+    equations = tuple(_DELAYED.sub(delayed, each) for each in text.equations)
+    text = replace(text, equations=equations)
+    left = split_equations(equations)
+    states = tuple(each.state for each in left)
+    for name in states:
+        if name in measured.inputs:
+            raise CommonlawError("equation-of-input", name=name)
+    inputs = (*measured.inputs, *(whole for whole, *_ in delays))
+    units = {name: unit for name, unit in measured.units.items() if name in (*states, *measured.inputs, measured.time)}
+    rates = {state: rate for state, rate in measured.rates.items() if state in states}
+    schema = Schema(
+        states,
+        inputs,
+        measured.object,
+        measured.trial,
+        measured.time,
+        units,
+        input_between=measured.input_between,
+        rates=rates,
+    )
+    order = one_order([each.order for each in left])
+    if order == 0:
+        raise CommonlawError("observation-of-discrete-time")
+    variables = law_variables(schema, order)
+    second = [states[j] for j in with_rates(order, len(states))]
+    state_rates = list(zip(second, variables.states[len(states) :], strict=False))
+    meanings = meanings_of(schema, order)
+
+    def equation(name: str, right: str) -> Equation:
+        whole = f"{name} = {right}"
+        return Equation(whole, name, -1, len(name) + 2)
+
+    plain = {name: f"`{name}`" for name in measured.states if name not in text.observed}
+    for name in plain:
+        if name not in variables.states:
+            raise CommonlawError("measured-without-equation", name=name, states=variables.states)
+    for name in text.observed:
+        check_choice("measured quantity", name, measured.states)
+    observed = [equation(name, text.observed.get(name, f"`{name}`")) for name in measured.states]
+    rate_of = {f"{state}'": rate for state, rate in state_rates}
+    known = {rate_of.get(name, name): right for name, right in text.initial.items()}
+    for name in known:
+        check_choice("state of the equations", name, variables.states)
+    starts = [known.get(name, FREE) for name in variables.states]
+    written = [
+        *left,
+        *observed,
+        *(equation(f"{n}(0)", s) for n, s in zip(variables.states, starts, strict=True) if s != FREE),
+    ]
+    found = dict.fromkeys(name for each in written for name in each.expression(variables, state_rates, meanings)[1])
+    found |= dict.fromkeys(delay for *_, delay in delays)
+    variables = replace(variables, parameters=tuple(found))
+    expressions = [each.expression(variables, state_rates, meanings)[0] for each in written]
+    second_order = with_rates(order, len(states)).tolist()
+    rows = [""] * len(variables.states)
+    for i, j in enumerate(second_order):
+        rows[j] = f"v{len(states) + i}"
+    for j, each in zip(highest_columns(order, len(states)), expressions, strict=False):
+        rows[j] = each
+    rest = iter(expressions[len(left) + len(observed) :])
+    initial = tuple(None if each == FREE else next(rest) for each in starts)
+    parameters, first = variables.parameters, len(variables.measured)
+    for known_value in initial:
+        if known_value is not None and min(columns_in(known_value), default=first) < first:
+            raise CommonlawError("initial-value-of-variables", states=variables.states)
+    of = len(variables.names)
+    outputs = expressions[len(left) : len(left) + len(observed)]
+    column = (*range(len(measured.inputs)), *(measured.inputs.index(name) for _, name, _ in delays))
+    delay = (*([-1] * len(measured.inputs)), *(parameters.index(each) for *_, each in delays))
+    for bound in text.bounds:
+        check_choice("parameter", bound.name, [name for name in parameters if name not in properties])
+    return Model(
+        text,
+        schema,
+        order,
+        variables,
+        Program.of([((Factor(each), 1),) for each in rows], of),
+        measured.states,
+        Program.of([((Factor(each), 1),) for each in outputs], of),
+        initial,
+        (*rows, *outputs),
+        column,
+        delay,
+    )

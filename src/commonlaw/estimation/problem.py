@@ -1,0 +1,251 @@
+"""The likelihood of a model's parameters and initial values, with its derivatives."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.estimation.model import Model
+from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, Solution, shoot
+from commonlaw.integration.vector_field import Inputs
+from commonlaw.trials import Trial
+
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class TrialData:
+    """One trial as the likelihood takes it.
+
+    Parameters
+    ----------
+    trial
+        What was measured; logarithms of `logarithmic` quantities.
+    times
+        Where solutions are wanted, from the initial time on, shape (n,), and the row of each sample in them.
+    parameter
+        The index of each parameter among the unknowns, or -1 for one that is known, and `values` what it is then.
+    initial
+        The index of each initial value among the unknowns, or -1 for one that follows from the parameters, shape (D,).
+    """
+
+    trial: Trial
+    times: Floats
+    rows: Indices
+    inputs: DelayedInputs
+    parameter: Indices
+    values: Floats
+    initial: Indices
+
+    @classmethod
+    def of(
+        cls,
+        trial: Trial,
+        model: Model,
+        start: float | None,
+        parameter: Sequence[int],
+        values: Sequence[float],
+        initial: Sequence[int],
+    ) -> "TrialData":
+        """Return a trial whose solution begins at a time, by default that of its first sample."""
+        first = trial.times[0] if start is None else start
+        times = np.union1d([first], trial.times)
+        inputs = NO_INPUTS
+        if trial.inputs.shape[1]:
+            own = Inputs.of(trial.times, trial.inputs, model.schema.input_between)
+            inputs = DelayedInputs(own, model.column, model.delay)
+        arrays = (np.array(each, dtype=np.int64) for each in (parameter, initial))
+        indices, free = arrays
+        return cls(trial, times, np.searchsorted(times, trial.times), inputs, indices, np.array(values), free)
+
+    def parameters(self, unknowns: Floats) -> Floats:
+        """Return the values of all parameters."""
+        return np.where(self.parameter < 0, self.values, unknowns[self.parameter])
+
+
+class Predicted(NamedTuple):
+    """Observables at the samples of a trial, shape (n, m), their derivatives by the unknowns, and the solution."""
+
+    values: Floats
+    slopes: Floats | None
+    states: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A model and its trials.
+
+    Parameters
+    ----------
+    unknowns
+        How many unknown numbers there are, p.
+    logarithmic
+        Which observables are measured by their logarithms, shape (m,).
+    sizes
+        How large states and rates get, shape (D,).
+    priors
+        Mean and standard deviation of unknowns by index.
+    tolerance
+        Relative error of a step of a solution.
+    """
+
+    model: Model
+    trials: tuple[TrialData, ...]
+    unknowns: int
+    logarithmic: Bools
+    sizes: Floats
+    priors: Mapping[int, tuple[float, float]]
+    tolerance: float = 1e-8
+
+    def predicted(self, data: TrialData, unknowns: Floats, slopes: bool = True) -> Predicted:
+        """Return what a trial should be."""
+        model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter
+        width, count = model.width, len(parameters)
+        unit = model.point(np.zeros((1, width)), np.zeros((1, len(model.column))), data.times[:1], parameters)
+        initial = np.where(data.initial < 0, model.starts.evaluate(unit)[0], unknowns[data.initial])
+        solution = self._solution(data, parameters, initial, slopes)
+        states = solution.states[data.rows]
+        times = data.times[data.rows]
+        point = model.point(states, data.inputs.at(times, parameters), times, parameters)
+        values = model.outputs.evaluate(point)
+        with np.errstate(all="ignore"):
+            shown = np.where(self.logarithmic, np.log(np.where(self.logarithmic, values, 1.0)), values)
+        if solution.derivatives is None:
+            return Predicted(shown, None, states)
+        by = solution.derivatives[data.rows]
+        outer = model.outputs.jacobian(point)
+        by_initial = outer[:, :, :width] @ by[:, :, count:]
+        by_parameters = outer[:, :, :width] @ by[:, :, :count] + outer[:, :, first:]
+        by_parameters += by_initial @ model.starts.jacobian(unit)[0][:, first:]
+        found = np.zeros((*values.shape, self.unknowns))
+        for i, k in enumerate(data.parameter):
+            if k >= 0:
+                found[:, :, k] += by_parameters[:, :, i]
+        for j, k in enumerate(data.initial):
+            if k >= 0:
+                found[:, :, k] += by_initial[:, :, j]
+        with np.errstate(all="ignore"):
+            found /= np.where(self.logarithmic, values, 1.0)[:, :, np.newaxis]
+        return Predicted(shown, found, states)
+
+    def _solution(self, data: TrialData, parameters: Floats, initial: Floats, slopes: bool) -> Solution:
+        if not np.isfinite(initial).all() or not np.isfinite(parameters).all():
+            shape = len(data.times), len(initial)
+            wide = np.full((*shape, len(parameters) + len(initial)), np.nan) if slopes else None
+            return Solution(np.full(shape, np.nan), wide)
+        return shoot(
+            self.model.rates,
+            parameters,
+            initial,
+            data.times,
+            self.sizes,
+            data.inputs,
+            derivatives=slopes,
+            tolerance=self.tolerance,
+        )
+
+    @cached_property
+    def known_noise(self) -> Bools:
+        """Of which observables standard deviations are known, shape (m,)."""
+        return np.asarray(np.any([each.trial.known_noise for each in self.trials], axis=0))
+
+    @cached_property
+    def counts(self) -> Floats:
+        """How many measurements of each observable there are, shape (m,)."""
+        return np.asarray(sum(each.trial.counts.sum(axis=0) for each in self.trials))
+
+    @cached_property
+    def censored(self) -> Bools:
+        """Which observables have censored measurements, shape (m,)."""
+        return np.asarray(np.any([np.isfinite(each.trial.below).any(axis=0) for each in self.trials], axis=0))
+
+    def residuals(self, unknowns: Floats, noise: Floats, slopes: bool = True) -> tuple[Floats, Floats | None]:
+        """Return standardized residuals, shape (r,), and their derivatives, shape (r, p).
+
+        A measurement is ``(h - y) / sigma``; one below a limit L is ``sqrt(-2 log Phi((L - h) / sigma))``, so that half
+        the sum of squares is the negative log-likelihood but for its constants; a prior is ``(p - mean) / std``.
+        """
+        parts, rows = list[Floats](), list[Floats]()
+        for data in self.trials:
+            own = self.predicted(data, unknowns, slopes)
+            std, trial = data.trial.std(noise), data.trial
+            seen = np.isfinite(trial.states)
+            parts.append(((own.values - trial.states) / std)[seen])
+            if own.slopes is not None:
+                rows.append((own.slopes / std[:, :, np.newaxis])[seen])
+            under = np.isfinite(trial.below)
+            if under.any():
+                z = ((trial.below - own.values) / std)[under]
+                root = np.sqrt(np.maximum(-2 * log_ndtr(z), _TINY))
+                parts.append(root)
+                if own.slopes is not None:
+                    ratio = np.exp(-z * z / 2 - log_ndtr(z)) / np.sqrt(2 * np.pi)
+                    rows.append((own.slopes / std[:, :, np.newaxis])[under] * (ratio / root)[:, np.newaxis])
+        for index, (mean, deviation) in self.priors.items():
+            parts.append(np.array([(unknowns[index] - mean) / deviation]))
+            rows.append(np.eye(self.unknowns)[index : index + 1] / deviation)
+        return np.concatenate(parts), np.concatenate(rows) if slopes else None
+
+    def noise_levels(self, unknowns: Floats, noise: Floats, freedom: float = 0.0) -> Floats:
+        """Return the standard deviation of each observable that fits best, given the last one, shape (m,).
+
+        Those that are known stay. `freedom` is how many unknowns are to be counted off, for an unbiased estimate.
+        """
+        found, squares = noise.copy(), np.zeros(len(noise))
+        tails = list[tuple[Floats, Floats]]()
+        for data in self.trials:
+            trial, values = data.trial, self.predicted(data, unknowns, False).values
+            seen = np.isfinite(trial.states)
+            squares += np.where(seen, (values - trial.states) ** 2 * trial.counts, 0.0).sum(axis=0)
+            if trial.repeats is not None:
+                squares += np.where(seen, trial.repeats.squares, 0.0).sum(axis=0)
+            tails.append((trial.below, values))
+        unknown = ~self.known_noise
+        total = self.counts[unknown].sum()
+        for k in np.flatnonzero(unknown):
+            count = self.counts[k]
+            if not count:
+                continue
+            share = freedom * count / total
+            found[k] = np.sqrt(squares[k] / max(count - share, 0.1))
+            if self.censored[k]:
+                found[k] = _with_tails(squares[k], count - share, [(a[:, k], b[:, k]) for a, b in tails], found[k])
+        return found
+
+    def log_likelihood(self, unknowns: Floats, noise: Floats) -> float:
+        """Return the log-likelihood of the measurements, without priors."""
+        total = 0.0
+        for data in self.trials:
+            trial, values = data.trial, self.predicted(data, unknowns, False).values
+            std = np.broadcast_to(trial.std(noise), values.shape)
+            seen, under = np.isfinite(trial.states), np.isfinite(trial.below)
+            z = ((values - trial.states) / std)[seen]
+            total -= 0.5 * float(z @ z) + float(np.log(std[seen]).sum()) + 0.5 * np.log(2 * np.pi) * seen.sum()
+            total += float(log_ndtr(((trial.below - values) / std)[under]).sum())
+            if trial.repeats is not None:
+                single = np.broadcast_to(noise, values.shape)[seen]
+                more = trial.repeats.counts[seen] - 1
+                total -= 0.5 * float((trial.repeats.squares[seen] / single**2).sum())
+                # The mean has the noise of one over the root of their number
+                total -= float((more * (np.log(single) + 0.5 * np.log(2 * np.pi))).sum())
+                total -= 0.5 * float(np.log(trial.repeats.counts[seen]).sum())
+        return float(total)
+
+
+def _with_tails(squares: float, count: float, tails: Sequence[tuple[Floats, Floats]], first: float) -> float:
+    """Return the standard deviation of largest likelihood where some measurements are below limits."""
+    from scipy.optimize import minimize_scalar
+
+    limits = np.concatenate([below[np.isfinite(below)] for below, _ in tails])
+    values = np.concatenate([value[np.isfinite(below)] for below, value in tails])
+
+    def deviance(log_std: float) -> float:
+        std = np.exp(log_std)
+        return float(squares / std**2 / 2 + count * log_std - log_ndtr((limits - values) / std).sum())
+
+    middle = np.log(first) if first > 0 else 0.0
+    return float(np.exp(minimize_scalar(deviance, bounds=(middle - 3, middle + 3), method="bounded").x))

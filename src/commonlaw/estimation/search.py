@@ -1,0 +1,383 @@
+"""Maximum likelihood: from likely values to the best ones, by nonlinear least squares from several first values.
+
+Starts are drawn about likely sizes (a Sobol sequence), ranked by their likelihood, and the best are improved on a
+logarithmic scale, on which parameters of all sizes move alike, then as they are, within their bounds (Raue et al. 2013,
+PLOS ONE 8, e74335).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.estimation.problem import Problem
+
+_DRAWS = 128
+"""First values whose likelihood is computed."""
+_IMPROVED = 12
+"""Of these, how many are improved roughly, and then how many to the end."""
+_FINISHED = 4
+_SPREAD = 2.0
+"""Standard deviation of the logarithm of a first value."""
+_REACH = 16.0
+"""How far from its likely size the logarithm of a parameter is looked for."""
+_ROUGH_STEPS, _BOUNDED_STEPS, _LM_STEPS = 60, 100, 200
+_NOISE_ROUNDS = 60
+_HOPELESS = 1.0
+"""How much worse in log-likelihood a start is after its first round that is given up."""
+_ROUGH_NOISE = 0.1
+"""Standard deviation of measurements, in that of all of them, while noise is not known."""
+_ROUGH_TOLERANCE, _MIDDLING_TOLERANCE = 1e-4, 1e-6
+"""Relative errors of steps while parameters are improved roughly, and within bounds; at the end it is the problem's."""
+_SAME = 1e-9
+"""Relative change of noise that ends the rounds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Lowest and highest values of the unknowns, shape (p,) each."""
+
+    low: Floats
+    high: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """Where the likelihood is largest.
+
+    Parameters
+    ----------
+    unknowns
+        Shape (p,).
+    noise
+        Standard deviation of each observable, unbiased where it is estimated, shape (m,).
+    log_likelihood
+        With the noise of maximum likelihood.
+    covariance
+        Of the unknowns, zero for those at a bound, shape (p, p).
+    at_bound
+        Which unknowns are at a bound, and `beyond` where they would be without it with its standard error.
+    """
+
+    unknowns: Floats
+    noise: Floats
+    log_likelihood: float
+    covariance: Floats
+    at_bound: Bools
+    beyond: tuple[Floats, Floats]
+    starts_alike: int
+
+
+class _Objective:
+    """Residuals and their derivatives, of the values that were asked last."""
+
+    def __init__(self, problem: Problem, noise: Floats, signs: Floats | None = None) -> None:
+        self.problem, self.noise, self.signs = problem, noise, signs
+        self.last: Floats | None = None
+
+    def _compute(self, point: Floats) -> None:
+        if self.last is None or not np.array_equal(point, self.last):
+            unknowns = point if self.signs is None else self.signs * np.exp(point)
+            self.last = point.copy()
+            self.found, slopes = self.problem.residuals(unknowns, self.noise)
+            assert slopes is not None
+            self.slopes = slopes if self.signs is None else slopes * unknowns
+
+    def residuals(self, point: Floats) -> Floats:
+        self._compute(point)
+        return self.found
+
+    def jacobian(self, point: Floats) -> Floats:
+        self._compute(point)
+        return np.asarray(np.nan_to_num(self.slopes))
+
+
+def _improved(objective: _Objective, start: Floats, bounds: Bounds, steps: int) -> tuple[Floats, float]:
+    """Return the point of least squares that is reached from a start, and half the sum."""
+    from scipy.optimize import least_squares
+
+    low, high = bounds.low, bounds.high
+    gap = 1e-10 * np.maximum(1.0, np.abs(start))
+    start = np.clip(start, np.where(np.isfinite(low), low + gap, low), np.where(np.isfinite(high), high - gap, high))
+    if not np.isfinite(objective.residuals(start)).all():
+        return start, np.inf
+    tolerance = 1e-10 if steps == _BOUNDED_STEPS else 1e-6
+    try:
+        found = least_squares(
+            objective.residuals,
+            start,
+            objective.jacobian,
+            (low, high),
+            x_scale="jac",
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=tolerance,
+            max_nfev=steps,
+        )
+    except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
+        return start, np.inf
+    return found.x, float(found.cost)
+
+
+def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds) -> Floats:
+    """Return the same after Levenberg-Marquardt searches of what is inside of the bounds, the others held at theirs.
+
+    A bounded search approaches bounds from inside, and slowly; here what the gradient pulls out is set to its bound.
+    First each number is searched by its logarithm, in which valleys of the likelihood are straighter, then as it is.
+    """
+    objective = _Objective(problem, noise)
+    held = np.zeros(len(unknowns), dtype=np.bool_)
+    for _ in range(len(unknowns) + 1):
+        gaps = np.stack([unknowns - bounds.low, bounds.high - unknowns])
+        gradient = objective.jacobian(unknowns).T @ objective.residuals(unknowns)
+        near = gaps <= np.maximum(1e-3 * np.abs(unknowns), _reach(objective, unknowns))
+        held |= (near[0] & (gradient > 0)) | (near[1] & (gradient < 0))
+        start = np.where(held, np.where(gaps[0] <= gaps[1], bounds.low, bounds.high), unknowns)
+        free = ~held
+        if not free.any() or not np.isfinite(objective.residuals(start)).all():
+            break
+        point = _by_levenberg_marquardt(objective, start, free & (start != 0), True)
+        point = _by_levenberg_marquardt(objective, point, free, False)
+        outside = (point < bounds.low) | (point > bounds.high)
+        if not outside.any():
+            return point
+        held |= outside
+        unknowns = np.clip(point, bounds.low, bounds.high)
+    return unknowns
+
+
+def _by_levenberg_marquardt(objective: _Objective, start: Floats, free: Bools, logarithms: bool) -> Floats:
+    """Return where the sum of squares is least, changing those that are free; the start if nothing is better."""
+    from scipy.optimize import least_squares
+
+    if not free.any():
+        return start
+
+    def whole(point: Floats) -> Floats:
+        found = start.copy()
+        with np.errstate(over="ignore"):
+            found[free] = start[free] * np.exp(point) if logarithms else point
+        return found
+
+    def residuals(point: Floats) -> Floats:
+        return np.nan_to_num(objective.residuals(whole(point)), nan=1e30, posinf=1e30, neginf=-1e30)
+
+    def jacobian(point: Floats) -> Floats:
+        own = whole(point)
+        slopes = objective.jacobian(own)[:, free]
+        return np.asarray(np.nan_to_num(slopes * own[free]) if logarithms else slopes)
+
+    first = np.zeros(int(free.sum())) if logarithms else start[free]
+    before = residuals(first)
+    try:
+        found = least_squares(
+            residuals,
+            first,
+            jacobian,
+            method="lm" if len(before) >= len(first) else "trf",
+            x_scale="jac",
+            ftol=1e-15,
+            xtol=1e-15,
+            gtol=1e-15,
+            max_nfev=_LM_STEPS if logarithms else _LM_STEPS // 5,
+        )
+    except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
+        return start
+    return whole(found.x) if 2 * found.cost <= float(before @ before) else start
+
+
+def _reach(objective: _Objective, unknowns: Floats) -> Floats:
+    """Return how far each unknown may be from a bound without a difference to the residuals, shape (p,)."""
+    size = np.sqrt(np.sum(objective.jacobian(unknowns) ** 2, axis=0))
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.minimum(1e-3 / size, 1e300))
+
+
+def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Floats:
+    """Return first values, shape (draws, p), the likely ones first; those that were guessed are the same in all."""
+    from scipy.special import ndtri
+    from scipy.stats import qmc
+
+    count = len(sizes)
+    draws = qmc.Sobol(2 * count, seed=seed).random(_DRAWS) if count else np.zeros((_DRAWS, 0))
+    spread = np.exp(_SPREAD * ndtri(np.clip(draws[:, :count], 1e-6, 1 - 1e-6)))
+    negative = (bounds.low < 0) & (draws[:, count:] < 0.2) & (np.arange(_DRAWS) % 2 == 1)[:, np.newaxis]
+    found = np.where(guessed, sizes, sizes * spread * np.where(negative, -1.0, 1.0))
+    found[0] = sizes
+    low, high = bounds.low, bounds.high
+    both = np.isfinite(low) & np.isfinite(high)
+    outside = (found < low) | (found > high)
+    inner = np.where(both, low + draws[:, :count] * np.where(both, high - low, 0.0), found)
+    one = np.where(np.isfinite(low), low + np.abs(found), high - np.abs(found))
+    return np.asarray(np.where(outside, np.where(both, inner, one), found))
+
+
+def rough_noise(problem: Problem) -> Floats:
+    """Return noise to begin with where it is not known: a share of how measurements scatter, shape (m,)."""
+    values = np.concatenate([each.trial.states for each in problem.trials])
+    found = np.ones(values.shape[1])
+    for k, column in enumerate(values.T):
+        seen = column[np.isfinite(column)]
+        spread = float(np.std(seen)) if len(seen) > 1 else 0.0
+        found[k] = _ROUGH_NOISE * (spread or float(np.max(np.abs(seen), initial=0.0)) or 1.0)
+    return found
+
+
+def maximize(
+    problem: Problem,
+    sizes: Floats,
+    guessed: Bools,
+    bounds: Bounds,
+    noise: Floats | None,
+    seed: int,
+    progress: Callable[[str], None],
+) -> Optimum:
+    """Return where the likelihood is largest.
+
+    Raises
+    ------
+    CommonlawError
+        If the solution is finite from none of the first values.
+    """
+    given = noise is not None
+    noise = rough_noise(problem) if noise is None else noise
+    starts = first_values(sizes, guessed, bounds, seed)
+    if not problem.unknowns:
+        starts = starts[:1]
+    progress(f"computing the likelihood of {len(starts)} first values")
+    coarse = replace(problem, tolerance=_ROUGH_TOLERANCE)
+    costs = np.array([_cost(coarse, each, noise) for each in starts])
+    if not np.isfinite(costs).any():
+        raise CommonlawError("no-finite-start", draws=len(starts))
+    ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: _IMPROVED if problem.unknowns else 1]
+    rough = list[tuple[float, Floats]]()
+    for i in ranked:
+        progress(f"improving parameters, start {len(rough) + 1} of {len(ranked)}")
+        if not np.isfinite(costs[i]):
+            continue
+        rough.append(_roughly(coarse, starts[i], noise, bounds, sizes))
+    rough = sorted((each for each in rough if np.isfinite(each[0])), key=lambda each: each[0])
+    if not rough:
+        raise CommonlawError("no-finite-start", draws=len(starts))
+    progress("fitting parameters")
+    score, unknowns, ends = np.inf, rough[0][1], list[float]()
+    first = noise
+    for _, start in rough[:_FINISHED]:
+        end, values, levels = _finished(problem, start, first, bounds, given, score + _HOPELESS)
+        ends.append(end)
+        if end < score or not np.isfinite(score):
+            score, unknowns, noise = end, values, levels
+    alike = sum(end - score < 0.01 for end in ends)
+    return _summary(problem, unknowns, noise, bounds, given, alike)
+
+
+def _cost(problem: Problem, unknowns: Floats, noise: Floats) -> float:
+    found, _ = problem.residuals(unknowns, noise, False)
+    with np.errstate(all="ignore"):
+        # A few measurements that a first value misses by far do not rank it
+        total = float(np.log1p(found**2).sum())
+    return total if np.isfinite(found).all() else np.inf
+
+
+def _roughly(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, sizes: Floats) -> tuple[float, Floats]:
+    """Return half the sum of squares and the values after a search on a logarithmic scale, signs as they are."""
+    signs = np.where(start < 0, -1.0, 1.0)
+    middle = np.log(np.maximum(np.abs(start), 1e-12 * np.abs(sizes) + 1e-300))
+    near = np.log(np.abs(sizes) + 1e-300)
+    low = np.minimum(near - _REACH, middle - 1)
+    high = np.maximum(near + _REACH, middle + 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        least = np.where(signs > 0, bounds.low, -bounds.high)
+        most = np.where(signs > 0, bounds.high, -bounds.low)
+        low = np.where(least > 0, np.log(np.maximum(least, 1e-300)), low)
+        high = np.where(np.isfinite(most) & (most > 0), np.log(np.maximum(most, 1e-300)), high)
+    low, high = np.minimum(low, high - 1e-6), high
+    point, cost = _improved(_Objective(problem, noise, signs), middle, Bounds(low, high), _ROUGH_STEPS)
+    return cost, signs * np.exp(point)
+
+
+def _finished(
+    problem: Problem, start: Floats, noise: Floats, bounds: Bounds, given: bool, hopeless: float
+) -> tuple[float, Floats, Floats]:
+    """Return the negative log-likelihood (with priors), values and noise where the likelihood is largest.
+
+    It is infinite where the first round leads to one that is larger than a hopeless one.
+    """
+    unknowns, middling = start, replace(problem, tolerance=_MIDDLING_TOLERANCE)
+    unknown = ~problem.known_noise & (problem.counts > 0)
+    fixed = given or not unknown.any()
+    # The least squares of one quantity do not depend on its noise
+    once = fixed or (int(unknown.sum()) == 1 and not problem.known_noise.any() and not problem.priors)
+    once = once and not problem.censored.any()
+    for round_ in range(_NOISE_ROUNDS):
+        unknowns, _ = _improved(_Objective(middling, noise), unknowns, bounds, _BOUNDED_STEPS)
+        if round_ == 0 and _score(problem, unknowns, noise, fixed)[0] > hopeless:
+            return np.inf, unknowns, noise
+        unknowns = _polished(problem, unknowns, noise, bounds)
+        score, levels = _score(problem, unknowns, noise, fixed)
+        done = once or np.allclose(levels, noise, rtol=_SAME)
+        noise = levels
+        if done:
+            break
+    return score, unknowns, noise
+
+
+def _score(problem: Problem, unknowns: Floats, noise: Floats, fixed: bool) -> tuple[float, Floats]:
+    """Return the negative log-likelihood with priors, and the noise of maximum likelihood."""
+    levels = noise if fixed else np.maximum(problem.noise_levels(unknowns, noise), 1e-9 * noise)
+    priors = sum(0.5 * ((unknowns[i] - mean) / std) ** 2 for i, (mean, std) in problem.priors.items())
+    score = priors - problem.log_likelihood(unknowns, levels)
+    return (float(score) if np.isfinite(score) else np.inf), levels
+
+
+def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, given: bool, alike: int) -> Optimum:
+    log_likelihood = problem.log_likelihood(unknowns, noise)
+    width = np.maximum(np.abs(unknowns), 1e-300)
+    at_bound = (unknowns - bounds.low <= 1e-6 * width) | (bounds.high - unknowns <= 1e-6 * width)
+    at_bound |= ((bounds.low == 0) | (bounds.high == 0)) & (np.abs(unknowns) < 1e-9 * _scales(problem, unknowns, noise))
+    unknowns = np.where(
+        at_bound, np.where(unknowns - bounds.low <= bounds.high - unknowns, bounds.low, bounds.high), unknowns
+    )
+    unbiased = noise if given else problem.noise_levels(unknowns, noise, float((~at_bound).sum()))
+    residuals, slopes = problem.residuals(unknowns, np.maximum(unbiased, 1e-300))
+    assert slopes is not None
+    covariance = np.zeros((len(unknowns), len(unknowns)))
+    inner = np.flatnonzero(~at_bound)
+    covariance[np.ix_(inner, inner)] = _inverse(slopes[:, inner])
+    beyond, errors = unknowns.copy(), np.zeros(len(unknowns))
+    if at_bound.any():
+        whole = _inverse(slopes)
+        beyond = unknowns - whole @ (slopes.T @ residuals)
+        errors = np.sqrt(np.maximum(np.diagonal(whole), 0.0))
+    return Optimum(unknowns, unbiased, log_likelihood, covariance, at_bound, (beyond, errors), alike)
+
+
+def _scales(problem: Problem, unknowns: Floats, noise: Floats) -> Floats:
+    """Return how much each unknown has to change for the residuals to change by one, shape (p,)."""
+    _, slopes = problem.residuals(unknowns, np.maximum(noise, 1e-300))
+    assert slopes is not None
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.minimum(1 / np.sqrt(np.sum(slopes**2, axis=0)), 1e294) * 1e6)
+
+
+def _inverse(slopes: Floats) -> Floats:
+    """Return the inverse of the information, infinite variance on the diagonal for what residuals do not depend on."""
+    if not slopes.shape[1]:
+        return np.zeros((0, 0))
+    scale = np.sqrt(np.sum(slopes**2, axis=0))
+    unseen = scale == 0
+    scale = np.where(unseen, 1.0, scale)
+    _, sizes, turned = np.linalg.svd(slopes / scale, full_matrices=True)
+    sizes = np.pad(sizes, (0, len(scale) - len(sizes)))
+    least = np.finfo(float).eps * len(slopes) * 10
+    with np.errstate(divide="ignore"):
+        inverse = np.where(sizes > least * sizes.max(initial=0.0), 1 / sizes**2, np.inf)
+    directions = turned.T
+    finite = np.isfinite(inverse)
+    found = (directions[:, finite] * inverse[finite]) @ directions[:, finite].T
+    lost = (directions[:, ~finite] ** 2).sum(axis=1) > 1e-6
+    found = found / scale / scale[:, np.newaxis]
+    found[lost, lost] = np.inf
+    return np.asarray(found)

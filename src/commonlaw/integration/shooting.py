@@ -1,0 +1,199 @@
+"""Initial value problems of given equations with derivatives by parameters and initial values, by the kernel or SciPy.
+
+The kernel has Radau IIA of order 5 with the derivatives of its own steps (Hairer and Wanner 1996, IV.8); without it the
+states and their sensitivity equations, ``S' = J S + df/dp``, are integrated together by SciPy.
+"""
+
+import ctypes
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from commonlaw.array_types import Floats
+from commonlaw.integration.vector_field import Inputs
+from commonlaw.kernel import ProgramStructure, address, kernel
+from commonlaw.library.program import Program
+
+_MOST_STEPS = 200_000
+_FAR = 1e12
+"""A state this many times its size runs away."""
+_ABSOLUTE = 1e-3
+"""The absolute tolerance by the relative one, in sizes of the states."""
+
+
+class Solution(NamedTuple):
+    """States at n times, shape (n, D), NaN where the solution was not reached, and their derivatives.
+
+    Derivatives are by the parameters, and then by the initial values, shape (n, D, P + D).
+    """
+
+    states: Floats
+    derivatives: Floats | None
+
+
+@dataclass(frozen=True, eq=False)
+class DelayedInputs:
+    """The inputs of equations: `column` says which one each is, `delay` by which parameter it comes later, or -1."""
+
+    inputs: Inputs
+    column: tuple[int, ...]
+    delay: tuple[int, ...]
+
+    @cached_property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """Knots, polynomials, columns and delays as the kernel takes them."""
+        numbers = (np.array(each, dtype=np.int64) for each in (self.column, self.delay))
+        return *map(np.ascontiguousarray, (self.inputs.knots, self.inputs.coefficients)), *numbers
+
+    def delays(self, parameters: Floats) -> Floats:
+        """Return how much later each input comes."""
+        return np.array([0.0 if each < 0 else parameters[each] for each in self.delay])
+
+    def at(self, times: Floats, parameters: Floats) -> Floats:
+        """Return the inputs at times of shape (n,), shape (n, inputs)."""
+        found = [self.inputs.at(times - d)[:, c] for c, d in zip(self.column, self.delays(parameters), strict=True)]
+        return np.column_stack(found) if found else np.empty((len(times), 0))
+
+    def rate(self, index: int, time: float, parameters: Floats) -> float:
+        """Return how fast an input changes at a time."""
+        since = time - self.delays(parameters)[index]
+        piece = self.inputs.piece(since)
+        own = self.inputs.coefficients[piece, :, self.column[index]]
+        since -= self.inputs.knots[piece]
+        return float(np.polynomial.Polynomial(own).deriv()(since)) if since >= 0 else 0.0
+
+
+NO_INPUTS = DelayedInputs(Inputs(np.zeros(1), np.zeros((1, 1, 0))), (), ())
+
+
+def shoot(
+    program: Program,
+    parameters: Floats,
+    initial: Floats,
+    times: Floats,
+    sizes: Floats,
+    inputs: DelayedInputs = NO_INPUTS,
+    *,
+    derivatives: bool = True,
+    tolerance: float = 1e-8,
+) -> Solution:
+    """Solve ``x' = f(x, u, t, p)`` from the initial values at the first of the times.
+
+    Parameters
+    ----------
+    program
+        f over the variables states, inputs, time, parameters.
+    parameters, initial, sizes
+        Values of the P parameters, of the D states at the first time, and how large states get, for the tolerance.
+    times
+        Increasing, shape (n,).
+    inputs
+        What the inputs are, if there are any.
+    """
+    states = np.full((len(times), len(initial)), np.nan)
+    states[0] = initial
+    library = kernel()
+    width = len(parameters) + len(initial)
+    slopes = np.full((len(times), len(initial), width), np.nan) if derivatives else None
+    if library is None:
+        return _by_scipy(program, parameters, times, sizes, inputs, states, slopes, tolerance)
+    values, times = (np.ascontiguousarray(each, dtype=np.float64) for each in (parameters, times))
+    absolute = np.ascontiguousarray(tolerance * _ABSOLUTE * sizes)
+    counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
+    arrays = tuple(map(np.ascontiguousarray, (program.constants, program.code, program.outputs)))
+    structure = ProgramStructure(*counts, *map(address, arrays))
+    reached = library.commonlaw_shoot(
+        ctypes.byref(structure),
+        len(initial),
+        len(inputs.column),
+        len(values),
+        address(values),
+        len(times),
+        address(times),
+        *inputs.inputs.coefficients.shape,
+        *map(address, inputs.arrays),
+        tolerance,
+        address(absolute),
+        _MOST_STEPS,
+        address(states),
+        0 if slopes is None else address(slopes),
+    )
+    states[reached:] = np.nan
+    if slopes is not None:
+        slopes[reached:] = np.nan
+    return Solution(states, slopes)
+
+
+def _by_scipy(
+    program: Program,
+    parameters: Floats,
+    times: Floats,
+    sizes: Floats,
+    inputs: DelayedInputs,
+    states: Floats,
+    slopes: Floats | None,
+    tolerance: float,
+) -> Solution:
+    """Return the same by SciPy, piece by piece between the knots of inputs."""
+    from scipy.integrate import solve_ivp
+
+    count, width = len(sizes), len(sizes) + len(parameters)
+    knots = [inputs.inputs.knots + each for each in {*inputs.delays(parameters).tolist()}]
+    inner = np.unique(np.concatenate([times[:0], *knots]))
+    edges = np.concatenate([times[:1], inner[(inner > times[0]) & (inner < times[-1])], times[-1:]])
+
+    def point(t: float, x: Floats) -> Floats:
+        return np.concatenate([x, inputs.at(np.array([t]), parameters)[0], [t], parameters])[np.newaxis]
+
+    def rates(t: float, y: Floats, first: float, last: float) -> Floats:
+        t = min(max(t, np.nextafter(first, last)), np.nextafter(last, first))
+        at = point(t, y[:count])
+        found = program.evaluate(at)[0]
+        if slopes is None:
+            return np.asarray(found)
+        jacobian = program.jacobian(at)[0]
+        by = jacobian[:, -len(parameters) :].copy() if len(parameters) else np.zeros((count, 0))
+        for u, p in enumerate(inputs.delay):
+            if p >= 0:
+                by[:, p] -= jacobian[:, count + u] * inputs.rate(u, t, parameters)
+        whole = jacobian[:, :count] @ y[count:].reshape(count, width)
+        whole[:, : len(parameters)] += by
+        return np.concatenate([found, whole.ravel()])
+
+    def crossed(t: float, y: Floats, gap: float) -> None:
+        """Add what a stop that comes later with a delay does to the derivatives."""
+        for u, p in enumerate(inputs.delay):
+            if p >= 0 and np.min(np.abs(inputs.inputs.knots + parameters[p] - t)) < gap:
+                before, after = (point(t + side * gap, y[:count]) for side in (-1, 1))
+                changed = before.copy()
+                changed[0, count + u] = after[0, count + u]
+                y[count:].reshape(count, width)[:, p] += (program.evaluate(before) - program.evaluate(changed))[0]
+
+    def near(_: float, y: Floats, *__: float) -> float:
+        return float(1 - np.max(np.abs(y[:count]) / sizes) / _FAR)
+
+    vars(near)["terminal"] = True
+    y = states[0] if slopes is None else np.concatenate([states[0], np.eye(count, width, len(parameters)).ravel()])
+    if slopes is not None:
+        slopes[0] = np.eye(count, width, len(parameters))
+    absolute = tolerance * _ABSOLUTE * (sizes if slopes is None else np.append(sizes, np.repeat(sizes, width)))
+    for first, last in pairwise(edges):
+        wanted = np.flatnonzero((times > first) & (times <= last))
+        at = np.append(times[wanted], [] if len(wanted) and times[wanted[-1]] == last else [last])
+        with np.errstate(all="ignore"):
+            how = {"rtol": tolerance, "atol": absolute, "args": (first, last), "events": near}
+            found = solve_ivp(rates, (first, last), y, "LSODA", at, **how)
+        inside = wanted[: found.y.shape[1]]
+        states[inside] = found.y[:count, : len(inside)].T
+        if slopes is not None:
+            slopes[inside] = found.y[count:, : len(inside)].T.reshape(-1, count, width)
+        if found.status != 0 or not np.isfinite(found.y).all():
+            break
+        y = found.y[:, -1].copy()
+        if slopes is not None and last < times[-1]:
+            crossed(float(last), y, 1e-9 * float(last - first))
+    return Solution(states, slopes)

@@ -1,0 +1,249 @@
+"""Fits with observation equations, known initial values, shared parameters, bounds, priors, censored values.
+
+Each is held against least squares or maximum likelihood by SciPy on the solution in closed form or by `solve_ivp`.
+"""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares, minimize
+from scipy.stats import norm
+
+import commonlaw as cl
+from tests.refusals import refused
+
+
+def trials_of(samples, names=("y",), **schema):
+    """Return trials of objects by name, each of times and values."""
+    made = [cl.Trial(name, "1", t, np.asarray(y)) for name, (t, y) in samples.items()]
+    return cl.Trials(tuple(made), cl.Schema(tuple(names), **schema))
+
+
+def estimates(law, name=None):
+    frame = law.params
+    frame = frame if name is None else frame[frame["object"] == name]
+    return {row["parameter"]: (row["estimate"], row["standard error"]) for _, row in frame.iterrows()}
+
+
+def assert_least_squares(law, expected, residuals, **tolerances):
+    """Compare a law with least squares of residuals of parameters in the order of a dictionary of guesses."""
+    found = least_squares(residuals, list(expected.values()), method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    free = len(found.fun) - len(found.x)
+    errors = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)) * 2 * found.cost / free)
+    known = estimates(law)
+    for name, value, error in zip(expected, found.x, errors, strict=True):
+        if name in known:
+            assert known[name][0] == pytest.approx(value, rel=1e-5)
+            assert known[name][1] == pytest.approx(error, rel=tolerances.get("errors", 1e-2))
+
+
+T = np.linspace(0, 6, 31)
+RANDOM = np.random.default_rng(1)
+CLEAN = 2.0 * np.exp(-0.6 * T) * (1 + np.exp(-0.6 * T)) + 0.3
+SIGNAL, OTHER = (CLEAN + 0.01 * RANDOM.standard_normal(len(T)) for _ in range(2))
+
+
+def test_a_measured_signal_is_a_function_of_the_state():
+    trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
+    law = cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"}, starts={"x": 1})
+
+    def residuals(p):
+        x = np.exp(-p[0] * T)
+        return p[1] * x * (1 + x) + p[2] - SIGNAL
+
+    assert_least_squares(law, {"k": 0.5, "c": 1.0, "b": 0.0}, residuals)
+    assert "signal = c x (1 + x) + b" in str(law)
+
+
+def test_observation_equations_and_initial_values_may_stand_among_the_equations():
+    trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
+    one = cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"}, starts={"x": 1})
+    other = cl.fit("x' = -k x; signal = c x (1 + x) + b; x(0) = 1", trials)
+    assert other.coefficients == pytest.approx(one.coefficients, rel=1e-12)
+    assert other.observation.log_likelihood == one.observation.log_likelihood
+
+
+def test_known_initial_values_of_a_measured_state():
+    times = np.linspace(0.5, 6, 12)
+    y = 5 * (1 - np.exp(-0.7 * times)) + 0.05 * np.random.default_rng(2).standard_normal(12)
+    law = cl.fit("y' = k (B - y)", trials_of({"A": (times, y)}), starts={"y": 0}, starts_at=0)
+    assert_least_squares(law, {"k": 1.0, "B": 4.0}, lambda p: p[1] * (1 - np.exp(-p[0] * times)) - y)
+
+
+def test_initial_values_may_be_parameters_that_trials_share():
+    samples, source = [], np.random.default_rng(3)
+    for i in range(3):
+        samples.append(cl.Trial("A", str(i), T, 2 * np.exp(-0.5 * T) + 0.05 * source.standard_normal(len(T))))
+    trials = cl.Trials(tuple(samples), cl.Schema(("x",)))
+    law = cl.fit("x' = -k x", trials, starts={"x": "x0"})
+    whole = np.concatenate([each.states[:, 0] for each in samples])
+    assert_least_squares(law, {"k": 1.0, "x0": 1.0}, lambda p: np.tile(p[1] * np.exp(-p[0] * T), 3) - whole)
+
+
+def test_an_initial_value_with_a_standard_deviation_is_a_prior():
+    y = 2 * np.exp(-0.5 * T) + 0.1 * np.random.default_rng(4).standard_normal(len(T))
+    law = cl.fit("x' = -k x", trials_of({"A": (T, y)}, ["x"]), starts={"x": (2.2, 0.01)}, noise={"x": 0.1})
+
+    def residuals(p):
+        return np.append((p[1] * np.exp(-p[0] * T) - y) / 0.1, (p[1] - 2.2) / 0.01)
+
+    found = least_squares(residuals, [1.0, 1.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    errors = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+    assert estimates(law)["k"] == pytest.approx((found.x[0], errors[0]), rel=1e-4)
+    assert estimates(law)["x(0)"] == pytest.approx((found.x[1], errors[1]), rel=1e-4)
+
+
+def own_and_shared():
+    source = np.random.default_rng(5)
+    return {
+        name: (T, 2 * np.exp(-k * T) + 1.0 + 0.05 * source.standard_normal(len(T)))
+        for name, k in {"A": 0.4, "B": 0.8, "C": 1.2}.items()
+    }
+
+
+def test_parameters_are_shared_by_all_objects_or_by_those_of_a_property():
+    samples = own_and_shared()
+    trials = trials_of(samples)
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, universal=["a", "b"])
+    whole = np.concatenate([y for _, y in samples.values()])
+
+    def residuals(p):
+        return np.concatenate([p[3] * np.exp(-k * T) + p[4] for k in p[:3]]) - whole
+
+    found = least_squares(residuals, [0.5, 0.5, 0.5, 1, 1], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    for i, name in enumerate(samples):
+        own = estimates(law, name)
+        assert [own[each][0] for each in "kab"] == pytest.approx([found.x[i], *found.x[3:]], rel=1e-6)
+    # The mean over objects of what they share is no better known than it is
+    errors = law.average().params.set_index("parameter")["standard error"]
+    assert errors["b"] == pytest.approx(estimates(law, "A")["b"][1], rel=1e-6)
+
+    grouped = cl.Trials(trials.trials, trials.schema, {"A": {"kind": "s"}, "B": {"kind": "t"}, "C": {"kind": "t"}})
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", grouped, universal={"a": "kind"})
+    own = [estimates(law, name)["a"][0] for name in "ABC"]
+    assert own[1] == own[2] != own[0]
+
+
+def test_a_parameter_at_its_bound_is_reported_with_a_one_sided_interval():
+    y = 2 * np.exp(-0.5 * T) + 0.05 * np.random.default_rng(6).standard_normal(len(T))
+    law = cl.fit("x' = -k x + q; q > 0.2; x(0) = a", trials_of({"A": (T, y)}, ["x"]))
+    assert estimates(law)["q"][0] == 0.2
+    (note,) = [each for each in law.diagnostics if each.code == "estimate-at-bound"]
+    assert "0.2" in note.text
+
+    def residuals(p):
+        return 0.2 / p[0] + (p[1] - 0.2 / p[0]) * np.exp(-p[0] * T) - y
+
+    found = least_squares(residuals, [0.5, 2.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    assert [estimates(law)[each][0] for each in "ka"] == pytest.approx(found.x, rel=1e-6)
+
+
+def test_priors_of_parameters_steer():
+    y = 2 * np.exp(-0.5 * T) + 0.1 * np.random.default_rng(7).standard_normal(len(T))
+    trials = trials_of({"A": (T, y)}, ["x"])
+    law = cl.fit("x' = -k x", trials, starts={"x": "a"}, priors={"k": (0.7, 0.005)}, noise={"x": 0.1})
+
+    def residuals(p):
+        return np.append((p[1] * np.exp(-p[0] * T) - y) / 0.1, (p[0] - 0.7) / 0.005)
+
+    found = least_squares(residuals, [1.0, 1.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    assert [estimates(law)[each][0] for each in "ka"] == pytest.approx(found.x, rel=1e-5)
+
+
+def test_values_below_a_limit_count_by_the_likelihood_of_the_tail():
+    source = np.random.default_rng(8)
+    times = np.linspace(0, 8, 25)
+    whole = 3 * np.exp(-0.5 * times) + 0.15 * source.standard_normal(25)
+    below = np.where(whole < 0.4, 0.4, np.nan)[:, None]
+    values = np.where(whole < 0.4, np.nan, whole)[:, None]
+    trials = cl.Trials((cl.Trial("A", "1", times, values, below=below),), cl.Schema(("x",)))
+    law = cl.fit("x' = -k x", trials, starts={"x": "a"})
+
+    def deviance(p):
+        curve, std = p[1] * np.exp(-p[0] * times), np.exp(p[2])
+        seen = np.isfinite(values[:, 0])
+        return -norm.logpdf(values[seen, 0], curve[seen], std).sum() - norm.logcdf((0.4 - curve[~seen]) / std).sum()
+
+    found = minimize(
+        deviance, [0.5, 3, -2], method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-12, "maxiter": 5000}
+    )
+    assert [estimates(law)[each][0] for each in "ka"] == pytest.approx(found.x[:2], rel=1e-4)
+    assert -law.observation.log_likelihood == pytest.approx(found.fun, abs=1e-5)
+
+
+@pytest.mark.parametrize("between", ["held", "linear"])
+def test_a_dead_time_of_an_input_is_estimated(between):
+    times = np.arange(0.0, 600.0, 10.0)
+    u = 20.0 * (times >= 50) - 10.0 * (times >= 300)
+    knots = times if between == "held" else None
+
+    def curve(gain, tau, delay, first):
+        def inputs(t):
+            t = t - delay
+            if knots is None:
+                return np.interp(t, times, u)
+            return u[max(int(np.searchsorted(times, t, side="right")) - 1, 0)]
+
+        def rate(t, x):
+            return (gain * inputs(t) - x) / tau
+
+        return solve_ivp(rate, (0, 600), [first], "LSODA", times, rtol=1e-9, atol=1e-9, max_step=2).y[0]
+
+    y = curve(0.62, 80.0, 18.0, 0.5) + 0.05 * np.random.default_rng(9).standard_normal(len(times))
+    trial = cl.Trial("A", "1", times, y, u)
+    trials = cl.Trials((trial,), cl.Schema(("x",), ("u",)))
+    law = cl.fit("x' = (g u(t - d) - x)/s", trials, input_between=between)
+    known = estimates(law)
+    for name, truth in {"g": 0.62, "s": 80.0, "d": 18.0}.items():
+        value, error = known[name]
+        assert abs(value - truth) < 4 * error < 0.05 * truth
+
+
+def test_states_may_be_measured_once_and_in_some_conditions_only():
+    def samples(times, a, b):
+        return np.column_stack([a * np.exp(-0.3 * times), b + a * (1 - np.exp(-0.3 * times))])
+
+    times = np.array([0.0, 1.0, 2.0, 4.0, 8.0])
+    one = samples(times, 3.0, 0.0)
+    one[1:, 0] = np.nan
+    other = samples(times, 1.0, 2.0)
+    other[:, 1] = np.nan
+    trials = cl.Trials((cl.Trial("A", "1", times, one), cl.Trial("B", "1", times, other)), cl.Schema(("x", "y")))
+    starts = {"y": {"A": 0, "B": 2}, "x": None}
+    law = cl.fit("x' = -k x; y' = k x", trials, universal="k", starts=starts, noise={"x": 0.1, "y": 0.1})
+    assert [estimates(law, name)["k"][0] for name in "AB"] == pytest.approx([0.3, 0.3], rel=1e-6)
+
+
+def test_a_law_with_an_observation_is_saved_predicts_and_is_assessed(tmp_path):
+    trials = trials_of({"A": (T, SIGNAL), "B": (T, OTHER)}, ["signal"])
+    law = cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"})
+    law.save(tmp_path / "law.json")
+    again = cl.Law.load(tmp_path / "law.json")
+    assert again.observation == law.observation
+    frames = [each.predict(trials, return_std=True).to_frame() for each in (law, again)]
+    assert frames[0].equals(frames[1])
+    inside = frames[0]["signal"].between(frames[0]["signal measured low"], frames[0]["signal measured high"])
+    assert 0.85 < inside.mean() <= 1
+    assert law.assess(trials).usable is not False
+    assert "white noise" in str(law.residuals(trials))
+    later = law.predict(trials, from_time=3.0).to_frame()
+    assert np.abs(later["signal error"]).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("code", "equations", "settings"),
+    [
+        ("measured-without-equation", "x' = -k x", {"starts": {"x": 1}, "priors": {"k": (1, 1)}}),
+        ("parameters-not-identified", "x' = -k x; y = a b x; x(0) = 1", {}),
+        ("initial-value-of-variables", "x' = -k x; y = a x; x(0) = y0 + t", {}),
+        ("prior-not-positive", "x' = -k x; y = a x", {"priors": {"a": (1, 0)}}),
+        ("not-with-observation", "x' = -k x; y = a x", {"errors": "walk"}),
+        ("unknown-name", "x' = -k x; y = a x", {"universal": "q"}),
+        ("unknown-name", "x' = -k x; z = a x; y = x", {}),
+        ("observation-of-discrete-time", "x[k+1] = r x; y = a x", {}),
+        ("noise-not-positive", "x' = -k x; y = a x", {"noise": {"y": -1.0}}),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused_in_words(code, equations, settings):
+    with refused(code):
+        cl.fit(equations, trials_of({"A": (T, np.exp(-T) + 0.01)}), **settings)
