@@ -147,8 +147,8 @@ def test_a_coefficient_that_all_objects_have_in_common_is_that_of_a_fit_of_all_t
 @pytest.mark.parametrize(
     ("equations", "message"),
     [
-        ("y = c x (1 + x)", "observation-equation"),
-        ("x' = u(t - d) - k x", Diagnostic("equation-with-delay", {"name": "u"})),
+        ("y = c x (1 + x)", "no-equation"),
+        ("x' = u - k x(t - d)", Diagnostic("equation-with-delay", {"name": "x"})),
         ("x' = -k x if x > 1", "equation-with-condition"),
     ],
 )

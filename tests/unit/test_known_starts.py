@@ -191,7 +191,6 @@ def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
             {},
             Diagnostic("initial-value-not-finite", {"state": "depot", "object": "person 1"}),
         ),
-        (ONE, {"depot": 100.0, "conc": 0.0}, {}, Diagnostic("initial-value-of-measured", {"name": "conc"})),
         (ONE, {"depot": 100.0}, {"noise": {"depot": 1.0}}, Diagnostic("noise-of-latent", {"name": "depot"})),
         (ONE, {"depot": 100.0}, {"positive": ["depot"]}, Diagnostic("log-states-latent", {"state": "depot"})),
         (ONE.replace("'", "''"), {"depot": 100.0}, {}, "latent-of-second-order"),

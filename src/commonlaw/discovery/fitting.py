@@ -83,6 +83,11 @@ def fit(
     The way is that of `refine`, maximum likelihood of whole trajectories; laws in discrete time, which have none, are
     fitted to the next samples by least squares and take no settings.
 
+    Models with observation equations, initial values of measured states, priors, parameters shared by property, inputs
+    with a dead time ``u(t - d)``, or values below a limit of quantification are fitted under white noise, by nonlinear
+    least squares of their solutions from many first values: parameters within bounds are exact maximum likelihood
+    estimates, jointly over all objects; see `commonlaw.estimation`.
+
     Parameters
     ----------
     equations
@@ -103,11 +108,11 @@ def fit(
         What was measured. Each object has its own coefficients. A stream is fitted file by file, see `refine`; such a
         law has no parameters inside terms, and no states that nobody measured.
     starts
-        Of states that nobody measured, where each trial has them in its first sample, by name: a number, the name of a
-        property of the objects, such as a dose, a number for each object, or None (the text ``"free"``) where the
-        measurements are to tell it. They need no column, and their equations are of first order:
-        ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, starts={"depot": "dose"})``.
-        A coefficient may stand before several terms: ``"conc' = -(k10 + k12) conc + k21 p; p' = k12 conc - k21 p"``.
+        Initial values of states in the first sample of each trial, by name: a number, the name of a property of the
+        objects, such as a dose, an expression of parameters and properties, a number for each object, a mean and a
+        standard deviation, or None (the text ``"free"``) for what each trial determines. States that have one need no
+        column: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, starts={"depot": "dose"})``.
+        Those of measured states are estimated by default. Among the equations they are ``"x(0) = 1"``.
     starts_at
         The time of these starts, such as that of an injection, where it comes before the first sample. What was
         measured is fitted there too.
@@ -119,9 +124,17 @@ def fit(
         Coefficients by their letters that all objects have in common, ``universal="k2"``; the others are each
         object's own. Their common value is the mean that is weighted by the information
         of each object's trials (generalised least squares), which a fit of all objects together gives to first order.
+        A mapping, ``universal={"k2": "strain"}``, names a property: objects with the same value of it share the
+        parameter.
     guesses
         Where the fit begins with parameters inside terms, by their letters, ``guesses={"w": 0.3}``, in place of the
         values that are tried. Coefficients that stand before terms need none, as they follow by least squares.
+    observe
+        What was measured, by column, as expressions of states, rates, inputs, time and parameters:
+        ``cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"})``; other columns are states. They may stand
+        among the equations, too: ``"x' = -k x; signal = c x"``.
+    priors
+        Mean and standard deviation of parameters with a normal prior, by name: ``priors={"k": (0.5, 0.1)}``.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
         Settings of the fit, see `FitOptions`. With `doses` inputs are on lines between samples by default.
     progress, client
@@ -460,8 +473,6 @@ def _with_unmeasured(
     schema, states = trials.schema, [each.state for each in asked]
     for name in starts:
         check_choice("state of the equations", name, states)
-        if name in schema.states:
-            raise CommonlawError("initial-value-of-measured", name=name)
         if name in schema.inputs:
             raise CommonlawError("equation-of-input", name=name)
     lacking = [name for name in states if name not in (*schema.states, *schema.inputs, *starts)]

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.estimation.model import FREE, Model, ModelText, read_model
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.estimation.search import Bounds, Optimum, maximize
@@ -84,8 +85,8 @@ def fit_model(
     calls: tuple[str, ...],
 ) -> Law:
     """Return the law of largest likelihood, see `commonlaw.fit`."""
-    text, fixed, expected = _with_initial(ModelText.of(equations, observe, None), starts)
     properties = property_names(trials.properties)
+    text, fixed, expected = _with_initial(ModelText.of(equations, observe, None), starts, properties)
     model = read_model(text, trials.schema, (*properties, *fixed))
     _check_initial(model, starts)
     unknowns = _unknowns(model, trials, properties, fixed, universal)
@@ -100,7 +101,7 @@ def fit_model(
 
 
 def _with_initial(
-    text: ModelText, starts: Mapping[str, InitialGiven]
+    text: ModelText, starts: Mapping[str, InitialGiven], properties: Sequence[str]
 ) -> tuple[ModelText, dict[str, Mapping[str, float | None]], dict[str, tuple[float, float]]]:
     """Return the text with initial values that are given apart, those known for some objects, and those expected."""
     initial, fixed, expected = (
@@ -112,6 +113,8 @@ def _with_initial(
         if start is None or start == FREE:
             initial[name] = FREE
         elif isinstance(start, str):
+            if start.isidentifier() and start not in properties and get_close_matches(start, properties):
+                raise unknown("property", start, properties)
             initial[name] = start
         elif isinstance(start, Mapping):
             own = {

@@ -13,7 +13,7 @@ from commonlaw.formulation import law_variables
 from commonlaw.law.parse import meanings_of
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in, is_bound, parts_of
-from commonlaw.library.equation import Equation, split_equations
+from commonlaw.library.equation import DERIVATIVE, Equation, split_equations
 from commonlaw.library.grammar import columns_in
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
@@ -42,9 +42,10 @@ class ModelText:
         cls, texts: str | Sequence[str], observe: Mapping[str, str] | None, initial: Mapping[str, str] | None
     ) -> "ModelText":
         """Return what equations, in one text or several, and the two mappings say together."""
-        equations, observed, known = list[str](), dict(observe or {}), dict(initial or {})
+        equations, bounds, observed, known = list[str](), list[str](), dict(observe or {}), dict(initial or {})
         for part in parts_of(texts):
-            if is_bound(part):
+            if is_bound(part) and not DERIVATIVE.search(part):
+                bounds.append(part)
                 continue
             if found := _INITIAL.fullmatch(part):
                 known[_plain(found["name"]) + (found["rate"] or "")] = found["right"].strip()
@@ -52,7 +53,7 @@ class ModelText:
                 observed[_plain(found["name"])] = found["right"].strip()
             else:
                 equations.append(part)
-        return cls(tuple(equations), observed, known, bounds_in(texts))
+        return cls(tuple(equations), observed, known, bounds_in(bounds))
 
     @property
     def is_plain(self) -> bool:
@@ -143,7 +144,8 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
 
     def delayed(match: re.Match[str]) -> str:
         name, delay = _plain(match["name"]), _plain(match["delay"])
-        check_choice("input", name, measured.inputs)
+        if name not in measured.inputs:
+            raise CommonlawError("equation-with-delay", name=name)
         whole = f"{name}(t - {delay})"
         if whole not in [each for each, *_ in delays]:
             delays.append((whole, name, delay))
@@ -213,7 +215,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     parameters, first = variables.parameters, len(variables.measured)
     for known_value in initial:
         if known_value is not None and min(columns_in(known_value), default=first) < first:
-            raise CommonlawError("initial-value-of-variables", states=variables.states)
+            raise CommonlawError("initial-value-of-variables")
     of = len(variables.names)
     outputs = expressions[len(left) : len(left) + len(observed)]
     column = (*range(len(measured.inputs)), *(measured.inputs.index(name) for _, name, _ in delays))

@@ -185,7 +185,7 @@ def _by_scipy(
         wanted = np.flatnonzero((times > first) & (times <= last))
         at = np.append(times[wanted], [] if len(wanted) and times[wanted[-1]] == last else [last])
         with np.errstate(all="ignore"):
-            how = {"rtol": tolerance, "atol": absolute, "args": (first, last), "events": near}
+            how: dict[str, Any] = {"rtol": tolerance, "atol": absolute, "args": (first, last), "events": near}
             found = solve_ivp(rates, (first, last), y, "LSODA", at, **how)
         inside = wanted[: found.y.shape[1]]
         states[inside] = found.y[:count, : len(inside)].T

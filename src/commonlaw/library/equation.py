@@ -25,7 +25,7 @@ _TOKEN = re.compile(
     rf"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{_NAME})(?P<mark>'|\[[kn]\])?"
     r"|(?P<sign>\*\*|[-+*/^()])|(?P<bad>\S))"
 )
-_DERIVATIVE = re.compile(r"'\s*=|/\s*d\s*\w+\s*=|\]\s*=")
+DERIVATIVE = re.compile(r"'\s*=|/\s*d\s*\w+\s*=|\]\s*=")
 _DELAYED = re.compile(r"\(\s*(?:t|time)\s*-")
 _LETTER = re.compile(r"[^\W\d_](?:_?\w)?")
 """What is a coefficient before a parenthesis, and not the name of a function."""
@@ -161,7 +161,7 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     >>> [(each.state, each.order) for each in split_equations("H' = a H - b H P; dP/dt = c H P - d P")]
     [('H', 1), ('P', 1)]
     """
-    if conditional := next((each for each in parts_of(texts) if is_bound(each) and _DERIVATIVE.search(each)), None):
+    if conditional := next((each for each in parts_of(texts) if is_bound(each) and DERIVATIVE.search(each)), None):
         raise CommonlawError("equation-with-condition", expression=conditional)
     found = tuple(_left(each) for each in parts_of(texts) if not is_bound(each))
     if not found:
