@@ -30,7 +30,7 @@ author = "the maintainers of commonlaw"
 version = release = metadata.version("commonlaw")
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "myst-nb", ".rst": "restructuredtext"}
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "scores.md"]  # Which is part of other pages
 default_role = "code"
 language = "en"
 
@@ -44,6 +44,9 @@ html_theme_options = {
 html_css_files = ["custom.css"]
 html_show_sourcelink = False
 html_static_path = ["_static"]
+templates_path = ["_templates"]
+_urls = (each.split(", ", 1) for each in metadata.metadata("commonlaw").get_all("Project-URL", []))
+html_context = {"project_urls": [[name, address] for name, address in _urls if "example.org" not in address]}
 html_math_renderer = "mathml"
 # Equations are numbered by page of the method: (2.3)
 numfig = math_numfig = True

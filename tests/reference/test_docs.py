@@ -52,3 +52,41 @@ def test_every_name_of_the_code_in_the_method_is_there():
     assert names
     for name in names:
         resolve_name(name)
+
+
+PAGES = sorted(
+    {*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "SECURITY.md"} - {*(ROOT / "docs/api").glob("*")}
+)
+REPLACED = re.compile(
+    r"\b(nobody|tells? (?:them )?apart|departs?|remembers?|honest|out of the question|fits? alike|hangs? on|sought"
+    r"|constants inside|judged?|strays?|worth knowing)\b"
+)
+"""Words of ordinary language where the field has a term, see also the test of messages."""
+
+
+def prose(page):
+    """Return the text of a page without code and formulas."""
+    return re.sub(r"```.*?```|`[^`]*`|\$\$.*?\$\$", "", page.read_text(), flags=re.DOTALL)
+
+
+def test_pages_are_in_the_words_of_the_field():
+    found = [f"{page.relative_to(ROOT)}: {each}" for page in PAGES for each in REPLACED.findall(prose(page))]
+    assert not found, "\n".join(found)
+
+
+def test_every_link_of_the_sources_leads_to_a_file():
+    faults = []
+    for page in PAGES:
+        for link in re.findall(
+            r"\]\((?!https?:|mailto:|#)([^)\s#]+)", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        ):
+            if not (page.parent / link).exists():
+                faults.append(f"{page.relative_to(ROOT)}: {link}")
+    assert not faults, "\n".join(faults)
+
+
+def test_scores_are_the_same_on_every_page():
+    scores = (ROOT / "docs/scores.md").read_text()
+    assert scores in (ROOT / "README.md").read_text()
+    for name in ("compare", "benchmarks"):
+        assert "{include} scores.md" in (ROOT / f"docs/{name}.md").read_text()

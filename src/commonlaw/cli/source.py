@@ -225,6 +225,8 @@ class Source:
         if self.is_stream:
             return self.named_like(schema).stream().read()
         trials = self._without_excluded(self._from_dataset() if self.dataset else self._from_file(schema))
+        if schema is not None:  # The law names the columns
+            trials = replace(trials, notes=tuple(note for note in trials.notes if not note.startswith(GUESSED)))
         return trials.clip_irregular() if self.clip else trials
 
     def chosen(self, schema: Schema | None = None) -> Trials:

@@ -36,7 +36,7 @@ class Description(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """A coordinate, the equation that a function of it stands in, and 2 log B for it against the law alone."""
+    """A coordinate, the equation that a function of it stands in, and 2 log B for it relative to the law alone."""
 
     coordinate: str
     equation: str
@@ -64,7 +64,7 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
     visited
         The coordinate at all samples.
     evidence
-        2 log B for the function against the law alone.
+        2 log B for the function relative to the law alone.
     shares
         Of the squared misfit: coefficients, the function, each trial's own departures, noise.
     descriptions, compared

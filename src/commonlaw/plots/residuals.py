@@ -208,7 +208,7 @@ def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     upper.tick_params(labelbottom=False)
     left = found.equation if basis.times == "1" else f"{found.equation} over {basis.times}"
     upper.set_ylabel(plain(f"discrepancy of {left}", 40))
-    upper.set_title(plain(f"2 log B = {found.evidence:.1f} against the law alone", 60), loc="left")
+    upper.set_title(plain(f"2 log B = {found.evidence:.1f} relative to the law alone", 60), loc="left")
     lower.hist(found.visited, bins=_BINS, color=GREY)
     lower.set_ylabel("samples")
     lower.set_xlabel(plain(basis.coordinate, 60))

@@ -280,6 +280,22 @@ class Trials(ShownInNotebooks):
         notes = self.notes if note is None else (*self.notes, note)
         return Trials(tuple(trials), self.schema, properties, notes, self.nameless)
 
+    def with_properties(self, values: ObjectProperties) -> "Trials":
+        """Return the trials with these properties of their objects, in addition to those that they have.
+
+        Parameters
+        ----------
+        values
+            By object and property name: ``{"Ball 1": {"mass": 0.3}}``.
+
+        Raises
+        ------
+        CommonlawError
+            If an object has no trial here, or a value cannot be used.
+        """
+        given = {name: {**self.properties.get(name, {}), **own} for name, own in values.items()}
+        return replace(self, properties={**self.properties, **given})
+
     def of_object(self, name: str) -> tuple[Trial, ...]:
         """Return the trials of one object."""
         return self._by_object.get(name, ())
