@@ -5,14 +5,14 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law, shares_terms
-from commonlaw.law.parameters import left_hand_sides, named_parameters
+from commonlaw.law.parameters import Parameters, left_hand_sides, named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.simplification import Replacement, Simplification, p_value
 from commonlaw.law.text import rounded
@@ -85,96 +85,34 @@ def _exact(number: float) -> "sympy.Expr":
 
 
 @dataclass(frozen=True, eq=False)
-class ShorterLaw:
-    """A law with one number less, what took its place, and the squared distance of estimates from it."""
+class _VanishingPart:
+    """A sum before products of variables in a numerator, and the letter that takes a form where it is zero.
 
-    law: Law
-    replaced: Replacement
-    chi_square: float
-
-    def added_to(self, found: Simplification[Law]) -> Simplification[Law]:
-        """Return what this law was simplified to, with what was replaced before."""
-        return replace(
-            found,
-            replaced=(self.replaced, *found.replaced),
-            chi_square=found.chi_square + self.chi_square,
-            degrees_of_freedom=found.degrees_of_freedom + len(self.law.objects),
-        )
-
-
-def without_vanishing_part(law: Law, values: Floats, covariances: Floats, tolerance: float) -> ShorterLaw | None:
-    """Return a law without a part of a fraction that vanishes within so many standard errors; none if no part does.
-
-    Values, shape (objects, letters), and covariances are of each object by its own trials.
+    Values of the sum have the shape (objects,), its derivatives by all letters (objects, letters).
     """
-    if not law.terms.variables.parameters:
-        return None
-    rights, least = right_hand_sides(law), p_value(tolerance**2, 1)
-    near = [
-        each
-        for each in _parts(law, rights)
-        if p_value(each.chi_square(law, values, covariances), len(law.objects)) >= least
-    ]
-    if not near:
-        return None
-    part = min(near, key=lambda each: each.solved(rights).count_ops())
-    rights[part.equation] = part.solved(rights)
-    return ShorterLaw(
-        _without(law, part, shortest(law, rights), *part.constrained(law, values, covariances)),
-        part.replacement(law, values, covariances),
-        part.chi_square(law, values, covariances),
-    )
 
-
-class _Part(NamedTuple):
-    """What stands before products of variables in a numerator, and a letter that it vanishes for if it is `instead`."""
-
-    equation: int
-    value: "sympy.Expr"
+    equation: "sympy.Expr"
+    index: int
     letter: str
-    instead: "sympy.Expr"
+    form: "sympy.Expr"
+    values: Floats
+    slopes: Floats
 
-    def solved(self, right_hand_sides: "Sequence[sympy.Expr]") -> "sympy.Expr":
-        """Return its equation, if it is zero."""
-        found = right_hand_sides[self.equation].subs(symbol(self.letter), self.instead)
-        return symbolic().factor(found)
-
-    def along(self, law: Law, values: Floats) -> tuple[Floats, Floats]:
-        """Return the value of each object, shape (objects,), and its derivatives, shape (objects, letters)."""
-        sympy, symbols = symbolic(), [symbol(name) for name in named_parameters(law).names]
-        function = sympy.lambdify(symbols, [self.value, *(self.value.diff(each) for each in symbols)])
-        found = np.array([function(*own) for own in values], dtype=np.float64)
-        return found[:, 0], found[:, 1:]
-
-    def chi_square(self, law: Law, values: Floats, covariances: Floats) -> float:
+    def chi_square(self, covariances: Floats) -> float:
         """Return the squared distance of all objects from zero, in units of the variance."""
-        own, slopes = self.along(law, values)
-        variances = np.einsum("oi,oij,oj->o", slopes, covariances, slopes)
-        return float(np.sum(own**2 / variances)) if (variances > 0).all() else np.inf
-
-    def constrained(self, law: Law, values: Floats, covariances: Floats) -> tuple[Floats, Floats]:
-        """Return the estimates of largest likelihood where it is zero, with their covariances, to first order."""
-        own, slopes = self.along(law, values)
-        shared = np.einsum("oij,oj->oi", covariances, slopes)
-        variances = np.einsum("oi,oi->o", slopes, shared)
-        moved = values - shared * (own / variances)[:, np.newaxis]
-        outer = shared[:, :, np.newaxis] * shared[:, np.newaxis, :] / variances[:, np.newaxis, np.newaxis]
-        return moved, covariances - outer
-
-    def replacement(self, law: Law, values: Floats, covariances: Floats) -> Replacement:
-        """Return what to say of it: means over objects."""
-        i, count = named_parameters(law).names.index(self.letter), len(values)
-        error = float(np.sqrt(covariances[:, i, i].sum())) / count
-        off = float(np.sqrt(self.chi_square(law, values, covariances) / count))
-        return Replacement(self.letter, float(values[:, i].mean()), error, written(self.instead), off)
+        variances = np.einsum("oi,oij,oj->o", self.slopes, covariances, self.slopes)
+        return float(np.sum(self.values**2 / variances)) if (variances > 0).all() else np.inf
 
 
-def _parts(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> Iterator[_Part]:
-    """Yield the parts of numerators that are sums, with each letter before a term that they are linear in."""
+def _vanishing_part(law: Law, estimates: "_Estimates", tolerance: float) -> _VanishingPart | None:
+    """Return the part whose absence leaves the shortest equation; none if no part is zero within its errors."""
     sympy, parameters = symbolic(), law.terms.variables.parameters
+    if not parameters:
+        return None
     measured = [symbol(name) for name in law.terms.variables.measured]
-    factors = [symbol(name) for name in named_parameters(law).names if name not in parameters]
-    for j, right in enumerate(right_hand_sides):
+    names = estimates.parameters.names
+    letters, found = [symbol(name) for name in names], list[_VanishingPart]()
+    for j, right in enumerate(right_hand_sides(law)):
         above, below = sympy.fraction(sympy.together(right))
         if not below.has(*map(symbol, parameters)):
             continue
@@ -183,32 +121,37 @@ def _parts(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> Iterator[_Part
         except sympy.PolynomialError:
             continue
         for part in (each for each in parts if each.is_Add):
-            for letter in factors:
-                if part.has(letter) and not part.diff(letter).has(letter):
-                    rest = part.subs(letter, 0)
-                    yield _Part(j, part, _name(law, letter), sympy.factor(-rest / part.diff(letter)))
+            gradient = sympy.lambdify(letters, [part, *(part.diff(letter) for letter in letters)])
+            along = np.array([gradient(*own) for own in estimates.values[:-1]], dtype=np.float64)
+            for name, letter in zip(names, letters, strict=True):
+                slope = part.diff(letter)  # Linear in letters before terms only
+                if name not in parameters and part.has(letter) and not slope.has(letter):
+                    form = sympy.factor(-part.subs(letter, 0) / slope)
+                    equation = sympy.factor(right.subs(letter, form))
+                    found.append(_VanishingPart(equation, j, name, form, along[:, 0], along[:, 1:]))
+    least, covariances = p_value(tolerance**2, 1), estimates.covariances[:-1]
+    near = [each for each in found if p_value(each.chi_square(covariances), len(law.objects)) >= least]
+    return min(near, key=lambda each: each.equation.count_ops(), default=None)
 
 
-def _name(law: Law, wanted: "sympy.Symbol") -> str:
-    return next(each for each in named_parameters(law).names if symbol(each) == wanted)
-
-
-def _without(law: Law, part: _Part, equations: Sequence[str], values: Floats, covariances: Floats) -> Law:
-    """Return the law of equations that lack a letter, with what is known of the others."""
-    schema = law.schema
-    parameters = named_parameters(law)
-    known = {
-        name: dict(zip(law.objects, own, strict=True)) for name, own in zip(parameters.names, values.T, strict=True)
-    }
-    del known[part.letter]
-    found = Law.from_text(equations, known, inputs=schema.inputs, time=schema.time, units=schema.units)
+def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
+    """Return the law without a part, the other letters at their largest likelihood given that, to first order."""
+    values, covariances = estimates.values[:-1], estimates.covariances[:-1]
+    shared = np.einsum("oij,oj->oi", covariances, part.slopes)
+    variances = np.einsum("oi,oi->o", part.slopes, shared)[:, np.newaxis]
+    values = values - shared * (part.values[:, np.newaxis] / variances)
+    covariances = covariances - shared[:, :, np.newaxis] * shared[:, np.newaxis, :] / variances[:, np.newaxis]
+    rights, schema, names = right_hand_sides(law), law.schema, estimates.parameters.names
+    rights[part.index] = part.equation
+    by_name = dict(zip(names, values.T, strict=True))
+    known = {name: dict(zip(law.objects, own, strict=True)) for name, own in by_name.items() if name != part.letter}
+    found = Law.from_text(shortest(law, rights), known, inputs=schema.inputs, time=schema.time, units=schema.units)
     indices = {index: i for i, index in enumerate(zip(*np.nonzero(found.support), strict=True))}
-    slopes = np.zeros((len(law.objects), len(indices), len(parameters.names)))
-    own = {name: values[:, i] for i, name in enumerate(parameters.names)}
+    slopes = np.zeros((len(law.objects), len(indices), len(names)))
     for product in named_parameters(found).products:
         for name, power in product.coefficients:
-            slope = product.value(own) * power / own[name]
-            slopes[:, indices[product.equation, product.term], parameters.names.index(name)] = slope
+            slope = product.value(by_name) * power / by_name[name]
+            slopes[:, indices[product.equation, product.term], names.index(name)] = slope
     covariance = slopes @ covariances @ slopes.transpose(0, 2, 1)
     return replace(found, uncertainty=Uncertainty(covariance=covariance, noise=law.uncertainty.noise))
 
@@ -229,20 +172,32 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
     if not shares_terms(law):
         raise CommonlawError("simplify-own-terms")
     start = _Estimates.of(law)
-    if shorter := without_vanishing_part(law, start.values[:-1], start.covariances[:-1], tolerance):
-        return shorter.added_to(simplified(shorter.law, tolerance))
-    constraints, found = _constrained(law, start, tolerance)
+    if part := _vanishing_part(law, start, tolerance):
+        rest, i = simplified(_without(law, part, start), tolerance), start.parameters.names.index(part.letter)
+        count, chi_square = len(law.objects), part.chi_square(start.covariances[:-1])
+        mean, error = float(start.values[:-1, i].mean()), float(np.sqrt(start.covariances[:-1, i, i].sum())) / count
+        off = float(np.sqrt(chi_square / count))
+        return replace(
+            rest,
+            replaced=(Replacement(part.letter, mean, error, written(part.form), off), *rest.replaced),
+            chi_square=rest.chi_square + chi_square,
+            degrees_of_freedom=rest.degrees_of_freedom + count,
+        )
+    constraints, found = _constrained(start, tolerance)
     chi_square, degrees = start.chi_square(constraints)
-    gone = {each.letter for each in constraints}
-    parameters = named_parameters(law)
-    left = [i for i, name in enumerate(parameters.names) if name not in gone]
+    names, gone, rights = start.parameters.names, {each.letter for each in constraints}, right_hand_sides(law)
+    left = [i for i, name in enumerate(names) if name not in gone]
+    for each in constraints:
+        number = symbolic().Rational(each.number.numerator, each.number.denominator)
+        form = number if each.other is None else number * symbol(names[each.other])
+        rights = [right.subs(symbol(each.letter), form) for right in rights]
     return Simplification(
-        equations=_shortest(law, constraints),
-        replaced=tuple(each.replacement(parameters.names, start) for each in constraints),
+        equations=shortest(law, rights),
+        replaced=tuple(each.replacement(names, start) for each in constraints),
         chi_square=chi_square,
         degrees_of_freedom=degrees,
         objects=law.objects,
-        letters=tuple(parameters.names[i] for i in left),
+        letters=tuple(names[i] for i in left),
         values=found.values[:-1, left],
         errors=np.sqrt(np.maximum(np.diagonal(found.covariances, axis1=1, axis2=2), 0.0))[:-1, left],
     )
@@ -260,11 +215,10 @@ def within_errors(law: Law) -> tuple[str, ...]:
         return ()
     if known.covariance is None or not np.isfinite(known.covariance).all():
         return ()
-    constraints, found = _constrained(law, _Estimates.of(law), _TOLERANCE, lambda each: abs(each.number) == 1)
+    constraints, found = _constrained(_Estimates.of(law), _TOLERANCE, lambda each: abs(each.number) == 1)
     if not constraints:
         return ()
-    errors = np.sqrt(np.maximum(np.diagonal(found.covariances[-1]), 0.0))
-    parameters = named_parameters(law)
+    errors, parameters = np.sqrt(np.maximum(np.diagonal(found.covariances[-1]), 0.0)), found.parameters
     written = {name: (False, name) for name in parameters.names}
     if len(law.objects) == 1:
         values = zip(parameters.names, found.values[0].tolist(), errors.tolist(), strict=True)
@@ -294,7 +248,6 @@ def _without_ones(equation: str) -> str:
 
 
 def _constrained(
-    law: Law,
     start: "_Estimates",
     tolerance: float,
     is_wanted: "Callable[[_Constraint], bool]" = lambda _: True,
@@ -302,7 +255,7 @@ def _constrained(
     """Return what is replaced, the largest gain first, as far as estimates bear all of it, and estimates given that."""
     found, constraints = start, list[_Constraint]()
     while True:
-        wanted = filter(is_wanted, _candidates(law, found, constraints))
+        wanted = filter(is_wanted, _candidates(found, constraints))
         free = [each for each in wanted if each.gain(found, tolerance) > 0]
         borne = [each for each in free if start.bear([*constraints, each], tolerance)]
         if not borne:
@@ -345,27 +298,18 @@ class _Constraint:
             return float((tolerance**2 - off**2) / _BIT)
         return float(np.log2(abs(estimates.values[-1, self.index]) / error) - self.bits - off**2 / _BIT)
 
-    def form(self, letters: Sequence[str]) -> str:
-        """Return it as text."""
-        if self.other is None:
-            return str(self.number)
-        return f"{'-' if self.number < 0 else ''}{letters[self.other]}"
-
-    def expression(self, letters: Sequence[str]) -> "sympy.Expr":
-        """Return what takes the place of the letter."""
-        number = symbolic().Rational(self.number.numerator, self.number.denominator)
-        return number if self.other is None else number * symbol(letters[self.other])
-
     def replacement(self, letters: Sequence[str], estimates: "_Estimates") -> Replacement:
         """Return what to say of it."""
         mean, error = float(estimates.values[-1, self.index]), estimates.error(np.eye(len(letters))[self.index])
-        return Replacement(self.letter, mean, error, self.form(letters), float(self.off(estimates)))
+        form = str(self.number) if self.other is None else f"{'-' if self.number < 0 else ''}{letters[self.other]}"
+        return Replacement(self.letter, mean, error, form, float(self.off(estimates)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Estimates:
     """What letters stand for by object and last on average, shape (objects + 1, letters), with their covariances."""
 
+    parameters: Parameters
     values: Floats
     covariances: Floats
 
@@ -383,7 +327,7 @@ class _Estimates:
         for i, each in enumerate(parameters.definitions):
             values[:, i] = each.of(coefficients)
             slopes[:, i, [indices[part.equation, part.term] for part in each.parts]] = each.gradient(coefficients)
-        return cls(values, slopes @ covariances @ slopes.transpose(0, 2, 1))
+        return cls(parameters, values, slopes @ covariances @ slopes.transpose(0, 2, 1))
 
     def error(self, row: Floats) -> float:
         """Return the standard error of a sum of letters with these factors, of the mean over objects."""
@@ -422,40 +366,25 @@ class _Estimates:
         return replace(self, values=values, covariances=covariances)
 
 
-def _candidates(law: Law, found: _Estimates, constraints: Sequence[_Constraint]) -> Iterator[_Constraint]:
-    """Yield what each letter that is left could be replaced by."""
-    parameters = named_parameters(law)
+def _candidates(found: _Estimates, constraints: Sequence[_Constraint]) -> Iterator[_Constraint]:
+    """Yield what each letter that is left could be replaced by.
+
+    Ratios of whole numbers have the bits of both (Elias 1975, the gamma code).
+    """
+    parameters, inside = found.parameters, found.parameters.law.terms.variables.parameters
     gone, units = {each.index for each in constraints}, parameters.units
+    powers = [pair for product in parameters.products for pair in product.coefficients]
     for i, letter in enumerate(parameters.names):
         if i in gone:
             continue
-        if all(power > 0 for power in _powers(law, letter)):
+        if letter not in inside and all(power > 0 for name, power in powers if name == letter):
             yield _Constraint(letter, i, Fraction(0), None, 0.0)
         if units[i] in (None, ""):
-            yield from _ratios(letter, i, float(found.values[-1, i]))
+            value = float(found.values[-1, i])
+            near = {Fraction(round(value * below), below) for below in range(1, _LARGEST_DENOMINATOR + 1)}
+            for ratio in near - {Fraction(0)}:
+                bits = 2 + 2 * (math.log2(abs(ratio.numerator)) + math.log2(ratio.denominator))
+                yield _Constraint(letter, i, ratio, None, bits)
         for k in range(len(parameters.names)):
             if k != i and k not in gone and units[k] == units[i]:
                 yield from (_Constraint(letter, i, Fraction(sign), k, 1 + np.log2(len(units))) for sign in (1, -1))
-
-
-def _powers(law: Law, letter: str) -> list[int]:
-    """Return the powers with which a letter stands before terms; none for a parameter inside them."""
-    found = [power for each in named_parameters(law).products for name, power in each.coefficients if name == letter]
-    return [0] if letter in law.terms.variables.parameters else found
-
-
-def _ratios(letter: str, index: int, value: float) -> Iterator[_Constraint]:
-    """Yield the ratios of small whole numbers near a value, with the bits of both (Elias 1975, the gamma code)."""
-    near = {Fraction(round(value * each), each) for each in range(1, _LARGEST_DENOMINATOR + 1)} - {Fraction(0)}
-    for each in near:
-        bits = 2 + 2 * (math.log2(abs(each.numerator)) + math.log2(each.denominator))
-        yield _Constraint(letter, index, each, None, bits)
-
-
-def _shortest(law: Law, constraints: Sequence[_Constraint]) -> tuple[str, ...]:
-    """Return each equation in its shortest form, with what takes the place of letters that are replaced."""
-    sums = right_hand_sides(law)
-    parameters = named_parameters(law)
-    for each in constraints:
-        sums = [own.subs(symbol(each.letter), each.expression(parameters.names)) for own in sums]
-    return shortest(law, sums)
