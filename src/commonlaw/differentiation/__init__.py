@@ -89,10 +89,8 @@ def parse_differentiation(text: str) -> AbstractDifferentiator:
     `SmoothedDifference`; the difference may follow (``savgol:35:3:forward``, ``median:5:finite:4``) and is the centred
     one otherwise.
 
-    Raises
-    ------
-    CommonlawError
-        If a name is not known, a parameter does not fit, or something follows a method that is not a smoother.
+    Raises `CommonlawError` if a name is not known, a parameter does not fit, or something follows a method that is not
+    a smoother.
 
     Examples
     --------

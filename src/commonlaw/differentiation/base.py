@@ -50,6 +50,9 @@ class AbstractDifferentiator(ABC):
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         """Return smoothed states and the derivatives up to `order`.
 
+        Raises `CommonlawError` if the trial is too short for the method, or its sampling does not meet what the method
+        assumes.
+
         Parameters
         ----------
         times
@@ -58,11 +61,6 @@ class AbstractDifferentiator(ABC):
             Measured states, shape (n, d).
         order
             Highest derivative wanted: 1 or 2.
-
-        Raises
-        ------
-        CommonlawError
-            If the trial is too short for the method, or its sampling does not meet what the method assumes.
         """
 
 
@@ -78,10 +76,7 @@ class AbstractSmoother(ABC):
     def smooth(self, times: Floats, states: Floats) -> Floats:
         """Return the smoothed states, shape (n, d).
 
-        Raises
-        ------
-        CommonlawError
-            If the trial is shorter than the method's window.
+        Raises `CommonlawError` if the trial is shorter than the method's window.
         """
 
 

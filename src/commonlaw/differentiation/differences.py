@@ -25,10 +25,7 @@ class CenteredDifference(AbstractDifferentiator):
     difference. Assumes little noise: of standard deviation s it becomes ``s / (sqrt(2) dt)`` in the first derivative,
     and more than five times that at the ends. States are returned as measured.
 
-    Raises
-    ------
-    CommonlawError
-        If a trial has fewer than 4 samples.
+    Raises `CommonlawError` if a trial has fewer than 4 samples.
 
     Examples
     --------
@@ -64,10 +61,7 @@ class ForwardDifference(AbstractDifferentiator):
     a step late. Assumes little noise: of standard deviation s it becomes ``sqrt(2) s / dt``. States are returned as
     measured.
 
-    Raises
-    ------
-    CommonlawError
-        If a trial has fewer than 3 samples.
+    Raises `CommonlawError` if a trial has fewer than 3 samples.
     """
 
     def reach(self, order: int) -> int | None:
@@ -106,15 +100,13 @@ class FiniteDifference(AbstractDifferentiator):
     the error is of order `accuracy` in the step for every derivative. Assumes smooth states and little noise: noise
     grows as the step to the power -k. States are returned as measured.
 
+    Raises `CommonlawError` if `accuracy` is not an even number of at least 2, or a trial has fewer than ``order +
+    accuracy`` samples.
+
     Parameters
     ----------
     accuracy
         Order of the error in the step: even, 2 or more.
-
-    Raises
-    ------
-    CommonlawError
-        If `accuracy` is not an even number of at least 2, or a trial has fewer than ``order + accuracy`` samples.
 
     Examples
     --------

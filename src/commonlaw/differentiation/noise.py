@@ -43,6 +43,9 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
     Assumes noise that is white, of one level over the trial, and measured at 20 samples or more for each period of the
     fastest oscillation. Noise that is correlated from sample to sample passes for a part of the state.
 
+    Raises `CommonlawError` if there are fewer than 8 samples, the shapes disagree, a value is not finite, or the times
+    do not increase.
+
     Parameters
     ----------
     times
@@ -54,11 +57,6 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
     -------
     ndarray
         Standard deviations in the units of the states, shape (d,).
-
-    Raises
-    ------
-    CommonlawError
-        If there are fewer than 8 samples, the shapes disagree, a value is not finite, or the times do not increase.
 
     Examples
     --------

@@ -57,15 +57,13 @@ class RobustSpline(AbstractDifferentiator):
     rare, at most three in a row, and 20 samples or more for each period of the fastest oscillation: fewer hide them. An
     outlier in the very first or last sample may stay, as may some of many close together.
 
+    Raises `CommonlawError` if `strength` is not above zero, a state has fewer than 5 measured values, or a third
+    derivative is asked for.
+
     Parameters
     ----------
     strength
         As in `SmoothingSpline`.
-
-    Raises
-    ------
-    CommonlawError
-        If `strength` is not above zero, a state has fewer than 5 measured values, or a third derivative is asked for.
     """
 
     takes_missing: ClassVar[bool] = True

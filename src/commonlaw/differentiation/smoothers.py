@@ -22,17 +22,15 @@ class SavitzkyGolay(AbstractSmoother):
     Assumes uniform sampling (steps within 50 % of the median; small jitter is passed over), white noise, and states
     that a polynomial of the given degree follows over one window.
 
+    Raises `CommonlawError` if a parameter does not fit, a trial is shorter than the window, or its sampling is not
+    uniform.
+
     Parameters
     ----------
     window
         Number of samples in the window, odd.
     polynomial
         Degree of the polynomial, less than `window`.
-
-    Raises
-    ------
-    CommonlawError
-        If a parameter does not fit, a trial is shorter than the window, or its sampling is not uniform.
     """
 
     window: int = 35
@@ -78,15 +76,12 @@ class MedianFilter(AbstractSmoother):
     Assumes rare, large outliers, fewer than half of any window; against ordinary noise it does little, and its steps
     show in the rates. Takes any grid, as it looks only at the order of samples.
 
+    Raises `CommonlawError` if `window` is not an odd number of at least 3, or a trial is shorter than it.
+
     Parameters
     ----------
     window
         Number of samples in the window, odd.
-
-    Raises
-    ------
-    CommonlawError
-        If `window` is not an odd number of at least 3, or a trial is shorter than it.
     """
 
     window: int = 5
@@ -117,15 +112,12 @@ class WienerFilter(AbstractSmoother):
     Assumes white noise of one level over the trial. The variance of a window includes the state's own slope: where it
     is steep the noise stays in. Takes any grid, as it looks only at the order of samples.
 
+    Raises `CommonlawError` if `window` is not an odd number of at least 3, or a trial is shorter than it.
+
     Parameters
     ----------
     window
         Number of samples in the window, odd.
-
-    Raises
-    ------
-    CommonlawError
-        If `window` is not an odd number of at least 3, or a trial is shorter than it.
     """
 
     window: int = 5
@@ -158,17 +150,14 @@ class SmoothedDifference(AbstractDifferentiator):
 
     Assumes what its smoother and its difference assume.
 
+    Raises `CommonlawError` if the smoother or the difference refuses the trial.
+
     Parameters
     ----------
     smoother
         S.
     difference
         D; only its first derivative is used.
-
-    Raises
-    ------
-    CommonlawError
-        If the smoother or the difference refuses the trial.
     """
 
     smoother: AbstractSmoother = field(default_factory=SavitzkyGolay)

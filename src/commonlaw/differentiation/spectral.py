@@ -18,15 +18,13 @@ class SpectralDerivative(AbstractDifferentiator):
     first rings through the whole trial. For smooth periodic states the error falls faster than any power of the step.
     Without a cutoff noise is amplified in proportion to its frequency.
 
+    Raises `CommonlawError` if `cutoff` is not above zero, a trial has fewer than 3 samples, or its sampling is not
+    uniform.
+
     Parameters
     ----------
     cutoff
         Highest frequency that is kept, in cycles per unit of time; None keeps all. It low-passes the states too.
-
-    Raises
-    ------
-    CommonlawError
-        If `cutoff` is not above zero, a trial has fewer than 3 samples, or its sampling is not uniform.
 
     Examples
     --------

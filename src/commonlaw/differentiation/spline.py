@@ -25,6 +25,9 @@ class SmoothingSpline(AbstractDifferentiator):
     natural: its second derivative is zero at both ends, which ruins laws of second order near them; prefer
     `SmoothedDifference` there.
 
+    Raises `CommonlawError` if `strength` is not above zero, a trial has fewer than 5 samples, or a third derivative is
+    asked for.
+
     Parameters
     ----------
     strength
@@ -32,11 +35,6 @@ class SmoothingSpline(AbstractDifferentiator):
         (Craven and Wahba 1979), from one fifty-thousandth of the step cubed up to a straight line, on a logarithmic
         scale and in units of the step, so that the choice does not depend on the unit of time (that of
         `scipy.interpolate.make_smoothing_spline` does).
-
-    Raises
-    ------
-    CommonlawError
-        If `strength` is not above zero, a trial has fewer than 5 samples, or a third derivative is asked for.
     """
 
     strength: float | None = None

@@ -28,15 +28,12 @@ class TotalVariationDerivative(AbstractDifferentiator):
     Takes any grid. Assumes a rate that is constant but for jumps, and white noise. Smooth rates come out as stairs and
     extremes are clipped; then prefer `SmoothingSpline`.
 
+    Raises `CommonlawError` if `strength` is not above zero, or a trial has fewer than 3 samples.
+
     Parameters
     ----------
     strength
         Weight of the total variation; between 1e-6 (light) and 1e-2 (heavy) for most trials.
-
-    Raises
-    ------
-    CommonlawError
-        If `strength` is not above zero, or a trial has fewer than 3 samples.
     """
 
     strength: float

@@ -64,6 +64,9 @@ def design(
     linearized about its coefficients; experiments that discriminate best are simulated, and all laws are fitted to
     their measurements.
 
+    Raises `CommonlawError` if a law has no noise or covariance, laws do not match, a setting is unknown, or no
+    experiment is within the budget.
+
     Parameters
     ----------
     law
@@ -105,12 +108,6 @@ def design(
     -------
     Design
         It prints as text.
-
-    Raises
-    ------
-    CommonlawError
-        If a law has no noise or covariance, laws do not match, a setting is unknown, or no experiment is within the
-        budget.
 
     Examples
     --------

@@ -156,17 +156,15 @@ class Forecast(ShownInNotebooks):
     def interval(self, level: float = 0.95, measured: bool = False) -> "pd.DataFrame":
         """Return a long table: object, trial, time, state, its forecast, and the ends of the prediction interval.
 
+        Raises `CommonlawError` if the forecast has no standard deviations, the level is not between 0 and 1, or the
+        noise is not known.
+
         Parameters
         ----------
         level
             The probability that the state lies in the interval.
         measured
             Whether the interval is for a measurement of the state, with its noise, instead of the state itself.
-
-        Raises
-        ------
-        CommonlawError
-            If the forecast has no standard deviations, the level is not between 0 and 1, or the noise is not known.
         """
         import pandas as pd
 

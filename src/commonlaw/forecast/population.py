@@ -56,10 +56,7 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
     `Law.explain` found them and the properties that they take are there; else an object has those of the typical one.
     How far objects stray from that is in the covariance.
 
-    Raises
-    ------
-    CommonlawError
-        If a property cannot be what a relation takes.
+    Raises `CommonlawError` if a property cannot be what a relation takes.
     """
     known_objects = {*law.objects}
     unseen = [name for name in trials.objects if name not in known_objects]

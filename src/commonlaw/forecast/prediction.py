@@ -156,6 +156,8 @@ def predict(
 def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast:
     """Forecast an object from a given state, with standard deviations where the law has a covariance.
 
+    Raises `CommonlawError` if the start has the wrong number of values, or must be positive and is not.
+
     Parameters
     ----------
     law, name
@@ -164,11 +166,6 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast
         Shape (n,); the first is that of the start.
     start
         The states, followed by the rates of those of second order, shape (width,), without error.
-
-    Raises
-    ------
-    CommonlawError
-        If the start has the wrong number of values, or must be positive and is not.
     """
     variables, states = law.terms.variables.states, len(law.schema.states)
     if len(start) != len(variables):

@@ -24,6 +24,8 @@ _SEGMENT = 8192
 class StrongForm(AbstractSampledForm):
     """Rows of ``x' = f(x)`` or ``x'' = f(x, x')``, one for each sample of a trial.
 
+    Raises `CommonlawError` if an argument does not fit.
+
     Parameters
     ----------
     differentiation
@@ -36,11 +38,6 @@ class StrongForm(AbstractSampledForm):
     trim
         Rows left out at each end of a trial, where smoothing windows are one-sided and rates several times less
         accurate.
-
-    Raises
-    ------
-    CommonlawError
-        If an argument does not fit.
     """
 
     differentiation: AbstractDifferentiator

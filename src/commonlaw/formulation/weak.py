@@ -145,6 +145,8 @@ class WeakForm(AbstractFormulation):
     toward the ends of a trial to 14 samples without noise and else to 3. From some 5 % of noise on, noise in the
     library rows matters, and rows of equal weight can be as good where terms are known.
 
+    Raises `CommonlawError` if an argument does not fit.
+
     Parameters
     ----------
     order
@@ -161,11 +163,6 @@ class WeakForm(AbstractFormulation):
         By object, shape (equations, terms), for the covariance. None leaves rows unweighted.
     equation
         Whose covariance whitens the rows; None takes the mean of all.
-
-    Raises
-    ------
-    CommonlawError
-        If an argument does not fit.
     """
 
     order: int = 1

@@ -21,6 +21,8 @@ class Event:
 
     A start on the level is not a crossing.
 
+    Raises `CommonlawError` if there is no such direction, or the level is not finite.
+
     Parameters
     ----------
     expression
@@ -31,11 +33,6 @@ class Event:
         ``"rising"``, ``"falling"`` or ``"any"``.
     terminal
         Whether the trajectory ends there.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such direction, or the level is not finite.
 
     Examples
     --------

@@ -19,6 +19,8 @@ from commonlaw.outcomes import Outcome, note
 class InitialValueProblem:
     """One object, from where it starts, at the times where its states are wanted.
 
+    Raises `CommonlawError` if the initial states or the times are not finite, or the times do not increase.
+
     Parameters
     ----------
     field
@@ -29,11 +31,6 @@ class InitialValueProblem:
         Increasing, shape (n,).
     where
         What is integrated, for outcomes and errors: ``"Golf Ball, trial 1"``.
-
-    Raises
-    ------
-    CommonlawError
-        If the initial states or the times are not finite, or the times do not increase.
     """
 
     field: VectorField
@@ -62,10 +59,7 @@ class InitialValueProblem:
 class OutputOptions:
     """What is asked of an integration; see `simulate`.
 
-    Raises
-    ------
-    CommonlawError
-        If the tolerance is not between 0 and 1.
+    Raises `CommonlawError` if the tolerance is not between 0 and 1.
     """
 
     tolerance: float = 1e-8
@@ -126,10 +120,7 @@ class Trajectory:
     def at(self, times: ArrayLike) -> Floats:
         """Return the states at any times of the span, shape (m, states); NaN after a divergence or terminal event.
 
-        Raises
-        ------
-        CommonlawError
-            If dense output was not asked for, or a time is outside the span.
+        Raises `CommonlawError` if dense output was not asked for, or a time is outside the span.
         """
         wanted = np.atleast_1d(np.asarray(times, dtype=np.float64))
         if self.dense is None:

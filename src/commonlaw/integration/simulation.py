@@ -82,6 +82,9 @@ def simulate(
 ) -> tuple[Trajectory, ...]:
     """Integrate many objects, each from its own start; those of one law share what is compiled.
 
+    Raises `CommonlawError` if there is no such method, heyoka is asked for and is not installed or does not take the
+    law, an event cannot be read, or events or dense output are asked of a law in discrete time.
+
     Parameters
     ----------
     problems
@@ -108,12 +111,6 @@ def simulate(
     -------
     tuple of Trajectory
         In the order of the problems. Where states ran away, they are NaN and the outcome is "diverged", with the time.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such method, heyoka is asked for and is not installed or does not take the law, an event cannot
-        be read, or events or dense output are asked of a law in discrete time.
     """
     options = OutputOptions(tolerance, tuple(events), dense, sensitivities, limit)
     return tuple(simulate_each(problems, options, method))
@@ -154,6 +151,8 @@ def integrate(
 
     Laws are integrated faster by `simulate`.
 
+    Raises `CommonlawError` if the initial states or the times are not finite, or the times do not increase.
+
     Parameters
     ----------
     field
@@ -174,11 +173,6 @@ def integrate(
     -------
     Trajectory
         With the outcome "diverged" and NaN after it when the states ran away or no step was small enough.
-
-    Raises
-    ------
-    CommonlawError
-        If the initial states or the times are not finite, or the times do not increase.
     """
     from commonlaw.integration.lsoda import RightHandSide, solve
 

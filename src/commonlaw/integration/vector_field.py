@@ -33,10 +33,7 @@ class Inputs:
     def of(cls, times: Floats, values: Floats, between: str = "linear") -> "Inputs":
         """Return inputs with these values, shape (n, inputs), at times of shape (n,); before and after constant.
 
-        Raises
-        ------
-        CommonlawError
-            If it is not known what `between` means.
+        Raises `CommonlawError` if it is not known what `between` means.
         """
         if between not in BETWEEN:
             raise unknown("interpolation of inputs between samples", between, BETWEEN)

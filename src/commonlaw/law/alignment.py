@@ -36,10 +36,7 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
     that the law left out. Latent states come with their initial values, and doses as they are added. Only with `inputs`
     "any" may the trials have other inputs than the law.
 
-    Raises
-    ------
-    CommonlawError
-        If the variables are not those of the law, or a unit cannot be converted.
+    Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
     schema = measured_schema(law)
     trials = without_rates(trials, schema.rates)

@@ -51,6 +51,9 @@ class Law(ShownInNotebooks):
 
     A law is a value. What follows from it is computed when it is asked for, by the packages above this one.
 
+    Raises `CommonlawError` if there is no object or term, the terms are not over the variables of schema and order, or
+    an array has another shape or a value that it cannot have.
+
     Parameters
     ----------
     terms
@@ -72,12 +75,6 @@ class Law(ShownInNotebooks):
         Of the objects, by object and name; the units stand in ``schema.units``.
     observation
         How the states were measured, if not directly, see `commonlaw.fit`.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no object or term, the terms are not over the variables of schema and order, or an array has
-        another shape or a value that it cannot have.
     """
 
     terms: Terms

@@ -224,10 +224,7 @@ class Provenance:
         Each row holds from its threshold, penalty or number of terms to the next row's, with its measures; a candidate
         may come more than once.
 
-        Raises
-        ------
-        CommonlawError
-            If the law was not chosen from the path of one solver.
+        Raises `CommonlawError` if the law was not chosen from the path of one solver.
         """
         import pandas as pd
 

@@ -181,10 +181,7 @@ class Uncertainty:
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
 
-        Raises
-        ------
-        CommonlawError
-            If an array does not fit the law, or is no covariance, noise or probability.
+        Raises `CommonlawError` if an array does not fit the law, or is no covariance, noise or probability.
         """
         covariance, factor = self.covariance, self.shared_factor
         noise, inclusion, size = self.noise, self.inclusion_probabilities, int(support.sum())
@@ -222,10 +219,7 @@ class Uncertainty:
     def reach(self, states: int, level: float = 0.95) -> Floats:
         """Return how many standard errors on both sides hold this share, for each of so many states, shape (states,).
 
-        Raises
-        ------
-        CommonlawError
-            If the share is not between 0 and 1.
+        Raises `CommonlawError` if the share is not between 0 and 1.
         """
         degrees = np.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
         return np.broadcast_to(two_sided(level, degrees), (states,))
@@ -233,10 +227,7 @@ class Uncertainty:
     def known_covariance(self) -> Floats:
         """Return the covariance, shape (objects, parameters, parameters).
 
-        Raises
-        ------
-        CommonlawError
-            If it is not known.
+        Raises `CommonlawError` if it is not known.
         """
         if self.covariance is None:
             raise CommonlawError("uncertainty-unknown")
@@ -245,10 +236,7 @@ class Uncertainty:
     def own_estimates(self, coefficients: Floats) -> ObjectEstimates:
         """Return each object's own estimates, where the law has these parameters, shape (objects, parameters).
 
-        Raises
-        ------
-        CommonlawError
-            If they, or their covariance, are not known.
+        Raises `CommonlawError` if they, or their covariance, are not known.
         """
         if self.unpooled is not None:
             return self.unpooled
@@ -261,6 +249,8 @@ class Uncertainty:
 
         They are normal, or of Student's t distribution with the fewest degrees of freedom of a state's noise.
 
+        Raises `CommonlawError` if the covariance is not known.
+
         Parameters
         ----------
         coefficients
@@ -269,11 +259,6 @@ class Uncertainty:
             How many.
         seed
             Of the random numbers.
-
-        Raises
-        ------
-        CommonlawError
-            If the covariance is not known.
         """
         random, own = np.random.default_rng(seed), self.known_covariance()
         found = np.tile(coefficients, (count, 1, 1))

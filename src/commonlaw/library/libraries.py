@@ -248,6 +248,8 @@ class ConstantLibrary(AbstractLibrary):
 class PolynomialLibrary(AbstractLibrary):
     """All monomials up to a degree, lower degrees first: 1, x, v, x^2, x v, v^2, x^3, ...
 
+    Raises `CommonlawError` if an argument does not fit, no term is left, or a variable is named twice.
+
     Parameters
     ----------
     degree
@@ -256,11 +258,6 @@ class PolynomialLibrary(AbstractLibrary):
         Names of the variables; without them all states (and rates) and inputs, but not time.
     constant, interactions
         Whether the constant term 1, and products of different variables, are in.
-
-    Raises
-    ------
-    CommonlawError
-        If an argument does not fit, no term is left, or a variable is named twice.
 
     Examples
     --------
@@ -288,17 +285,14 @@ class PolynomialLibrary(AbstractLibrary):
 class FourierLibrary(AbstractLibrary):
     """Sines and cosines of whole multiples of each variable, lower multiples first.
 
+    Raises `CommonlawError` if an argument does not fit, or a variable is named twice.
+
     Parameters
     ----------
     frequencies
         The highest multiple, 1 to 1000.
     variables
         Names of the variables; without them all states (and rates) and inputs, but not time.
-
-    Raises
-    ------
-    CommonlawError
-        If an argument does not fit, or a variable is named twice.
 
     Examples
     --------
@@ -329,6 +323,8 @@ class FourierLibrary(AbstractLibrary):
 class RationalLibrary(AbstractLibrary):
     """All monomials up to a degree, each divided by the same expression.
 
+    Raises `CommonlawError` if an argument does not fit, or a variable is named twice.
+
     Parameters
     ----------
     degree
@@ -337,11 +333,6 @@ class RationalLibrary(AbstractLibrary):
         An expression: ``"1 + x^2"``.
     variables
         Names of the variables of the numerators; without them all states (and rates) and inputs, but not time.
-
-    Raises
-    ------
-    CommonlawError
-        If an argument does not fit, or a variable is named twice.
 
     Examples
     --------
@@ -401,15 +392,12 @@ class RatioLibrary(AbstractLibrary):
 class ExpressionLibrary(AbstractLibrary):
     """The given terms, in that order; names that are no variables are nonlinear parameters: K in ``"s/(K + s)"``.
 
+    Raises `CommonlawError` if there is none.
+
     Parameters
     ----------
     *expressions
         What `parse_term` reads: ``"v*abs(v)"``, ``"sin(x)"``, ``"s/(K + s)"``.
-
-    Raises
-    ------
-    CommonlawError
-        If there is none.
 
     Examples
     --------
@@ -439,17 +427,14 @@ class ParametricLibrary(AbstractLibrary):
 
     A law takes few of them, besides plain terms; the parameters are found with the law, object-specific.
 
+    Raises `CommonlawError` if there is no such family, or a variable is named twice.
+
     Parameters
     ----------
     name
         Of the family.
     variables
         Names of the variables; without them all states (and rates) and inputs, and time for periodic functions.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such family, or a variable is named twice.
 
     Examples
     --------
@@ -566,10 +551,7 @@ def parse_library(text: str) -> AbstractLibrary:
     ``terms:1 + x``. ``ratio(poly:2, poly:2)`` are ratios of sums of terms of two libraries. Variables are listed with
     commas: ``poly:3:x,v``. Names in terms that are no variables are nonlinear parameters: ``poly:1 + terms:s/(K+s)``.
 
-    Raises
-    ------
-    CommonlawError
-        If there is no such library or its arguments do not fit.
+    Raises `CommonlawError` if there is no such library or its arguments do not fit.
 
     Examples
     --------

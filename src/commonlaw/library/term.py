@@ -241,11 +241,8 @@ def parse_term(text: str, variables: Variables) -> Term:
     or parameters above, and the functions abs, sqrt, exp, log, sin, cos, tan, sinh, cosh, tanh, arctan (or atan) and
     sign.
 
-    Raises
-    ------
-    CommonlawError
-        If the text is not an expression, has an unknown name or a numeric factor (terms have no coefficients of their
-        own), or is too long or too large.
+    Raises `CommonlawError` if the text is not an expression, has an unknown name or a numeric factor (terms have no
+    coefficients of their own), or is too long or too large.
 
     Examples
     --------

@@ -198,6 +198,8 @@ HUBER_THRESHOLD = FitOptions.huber_threshold
 class ObservationModel:
     """White noise of each measured state.
 
+    Raises `CommonlawError` if the threshold is not above zero.
+
     Parameters
     ----------
     noise
@@ -205,11 +207,6 @@ class ObservationModel:
     huber_threshold
         Larger deviations, in standard deviations, count linearly instead of squared (Huber 1964); infinite for least
         squares.
-
-    Raises
-    ------
-    CommonlawError
-        If the threshold is not above zero.
     """
 
     noise: Floats

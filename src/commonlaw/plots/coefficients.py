@@ -331,17 +331,14 @@ def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Fig
     Colours are logarithmic, grey cells are absent terms, and values are printed where they fit (the founding paper's
     heat maps of learned coefficients).
 
+    Raises `CommonlawError` if the choice of terms is not one of these.
+
     Parameters
     ----------
     law
         The law.
     terms
         ``"all"`` candidate terms, or the ``"support"``: those that are in one of the law's equations.
-
-    Raises
-    ------
-    CommonlawError
-        If the choice of terms is not one of these.
     """
     if terms not in ("all", "support"):
         raise unknown("choice of terms", terms, ("all", "support"))

@@ -46,17 +46,14 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
     hold a measurement with a probability of 95 %, its noise included if it is known, and around errors are drawn about
     zero.
 
+    Raises `CommonlawError` if there is no such object.
+
     Parameters
     ----------
     forecast
         What `Law.predict` returned; with ``start="all"`` it is the fit.
     objects
         Some of its objects; all by default.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such object.
     """
     shown = forecast if objects is None else _of_objects(forecast, objects)
     columns, lines = forecast_grid(shown)

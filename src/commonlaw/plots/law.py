@@ -22,6 +22,8 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     Curves start at initial conditions estimated from all samples of each trial, with residuals below. Where the law has
     a covariance, coefficients have 95 % intervals and curves 95 % bands. Of laws in discrete time forecasts are drawn.
 
+    Raises `CommonlawError` if the law cannot be fitted to the trials, see `Law.predict`.
+
     Parameters
     ----------
     law
@@ -30,11 +32,6 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
         Measurements to fit; or a forecast, which is then drawn in place of the fit.
     truth
         The law that the data were simulated with; its coefficients are open markers.
-
-    Raises
-    ------
-    CommonlawError
-        If the law cannot be fitted to the trials, see `Law.predict`.
     """
     if isinstance(trials, Forecast):
         forecast = trials

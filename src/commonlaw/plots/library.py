@@ -39,17 +39,14 @@ if TYPE_CHECKING:
 def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[str, str] | None = None) -> Figure:
     """Plot every candidate function along one trial, one panel each (the founding paper's figure of the library).
 
+    Raises `CommonlawError` if the trial is too short or a term is not finite on it.
+
     Parameters
     ----------
     trial, form, terms
         The trial, how it becomes library rows, and the candidate functions.
     units
         Of the states, inputs and time by name: ``trials.schema.units``; terms get theirs where it follows.
-
-    Raises
-    ------
-    CommonlawError
-        If the trial is too short or a term is not finite on it.
     """
     values, _ = form.samples(trial)
     rows, _ = form.rows(trial, terms)
@@ -92,6 +89,8 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
 
     A band shows one standard error to both sides; the interval of the chosen equation is shaded.
 
+    Raises `CommonlawError` if the law was not chosen from the path of one solver.
+
     Parameters
     ----------
     law
@@ -100,11 +99,6 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
         Its name on the axis.
     marks
         Values to be marked by a line, by name.
-
-    Raises
-    ------
-    CommonlawError
-        If the law was not chosen from the path of one solver.
     """
     path = law.provenance.path()
     marks, columns = marks or {}, len(law.schema.states)

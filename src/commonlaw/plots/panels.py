@@ -115,6 +115,8 @@ def plot_trials(
 ) -> Figure:
     """Plot measured states against time: a colour and marker for each object, a line style for each trial.
 
+    Raises `CommonlawError` if the state or an object is not among the trials'.
+
     Parameters
     ----------
     trials
@@ -123,11 +125,6 @@ def plot_trials(
         One state, and some of the objects, in their colours among all; default: all.
     references
         Curves to compare with: times and values by label, each of shape (n,); black lines in every panel.
-
-    Raises
-    ------
-    CommonlawError
-        If the state or an object is not among the trials'.
     """
     schema = trials.schema
     if state is not None and state not in schema.states:

@@ -65,15 +65,12 @@ def plot_relations(law: Law) -> Figure:
     their scatter. Shared and object-specific coefficients stand next to the objects' names, which more than forty
     objects do not have.
 
+    Raises `CommonlawError` if the law has no relations.
+
     Parameters
     ----------
     law
         From `Law.explain`.
-
-    Raises
-    ------
-    CommonlawError
-        If the law has no relations.
     """
     rows = [*_coefficients(law)]
     columns = max(each.panels for each in rows)

@@ -22,10 +22,7 @@ class Page:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page, whole or not at all.
 
-        Raises
-        ------
-        CommonlawError
-            If the file cannot be written, or must not.
+        Raises `CommonlawError` if the file cannot be written, or must not.
         """
         write_whole(path, self.html.encode())
 

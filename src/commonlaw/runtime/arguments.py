@@ -46,10 +46,8 @@ def parse_spec(kind: str, text: str, makers: Mapping[str, Callable[..., T]]) -> 
     Numbers, True, False and None among the arguments are read as in Python, all else as text. What is named is of a
     kind, such as ``"solver"``, and made by one of the makers.
 
-    Raises
-    ------
-    CommonlawError
-        If the name is not known, or the arguments do not fit or are given twice; the message shows those expected.
+    Raises `CommonlawError` if the name is not known, or the arguments do not fit or are given twice; the message shows
+    those expected.
 
     Examples
     --------

@@ -88,10 +88,7 @@ class Cluster:
 
         What is not done yet is cancelled when the generator is closed.
 
-        Raises
-        ------
-        CommonlawError
-            If the connection is lost.
+        Raises `CommonlawError` if the connection is lost.
         """
         futures = self._submitted(function, items)
         indices = {future.key: index for index, future in enumerate(futures)}
@@ -113,6 +110,8 @@ class Cluster:
     ) -> R:
         """Return what a function gives for items, merged on the workers in a tree.
 
+        Raises `CommonlawError` if the connection is lost, or a worker ends each time that it works on one of the items.
+
         Parameters
         ----------
         function
@@ -123,11 +122,6 @@ class Cluster:
             Merges a few results that follow each other.
         done
             Takes how many items are done.
-
-        Raises
-        ------
-        CommonlawError
-            If the connection is lost, or a worker ends each time that it works on one of the items.
         Exception
             What the function raises.
         """
@@ -213,10 +207,7 @@ class _OneThread:
 def on_cluster(client: "Client | None") -> Iterator[None]:
     """Let what is within be done by the workers of a dask client, where it is done in pieces; here, if there is none.
 
-    Raises
-    ------
-    CommonlawError
-        If it is not connected, or a worker has other versions than this process.
+    Raises `CommonlawError` if it is not connected, or a worker has other versions than this process.
     """
     if client is None:
         yield
@@ -248,11 +239,8 @@ def connected(address: str) -> Iterator["Client"]:
     TLS, limits of time and all else is set as dask's configuration says. Workers that are started here have one thread
     each, their share of the memory, and talk by TLS with a key of this process, so that nobody else can use them.
 
-    Raises
-    ------
-    CommonlawError
-        If no scheduler answers there, more processes are asked for than this machine has use for, or dask is not
-        installed.
+    Raises `CommonlawError` if no scheduler answers there, more processes are asked for than this machine has use for,
+    or dask is not installed.
     """
     distributed, own = optional_import("distributed", "work on a cluster", "cluster"), None
     with _silent():

@@ -44,10 +44,8 @@ def write_all(contents: Mapping[P, bytes]) -> None:
 
     What a process that was killed has left half-written in these folders is removed.
 
-    Raises
-    ------
-    CommonlawError
-        If a target cannot be written to, see `check_targets`, or the disk is full; no file is touched then.
+    Raises `CommonlawError` if a target cannot be written to, see `check_targets`, or the disk is full; no file is
+    touched then.
     """
     targets = check_targets(contents)
     with put_away_first() as ending, ExitStack() as stack:
@@ -77,18 +75,15 @@ def write_all(contents: Mapping[P, bytes]) -> None:
 def check_targets(paths: Iterable[AnyPath], inputs: Iterable[AnyPath] = ()) -> "tuple[_Target, ...]":
     """Refuse paths that cannot be written to; before long work, as nothing is opened yet.
 
+    Raises `CommonlawError` if a path is in no folder that can be written to, is a folder, read-only, a hard link or of
+    another kind that cannot be replaced, is an input, or is the same file as another path or the standard output.
+
     Parameters
     ----------
     paths
         Where something is to be written.
     inputs
         What is read for it, and must not be written over.
-
-    Raises
-    ------
-    CommonlawError
-        If a path is in no folder that can be written to, is a folder, read-only, a hard link or of another kind that
-        cannot be replaced, is an input, or is the same file as another path or the standard output.
     """
     taken = {_identity(path): "it is read here too" for path in inputs}
     taken |= {_identity(number): "standard output or standard error goes there too" for number in (1, 2)}
@@ -108,10 +103,7 @@ def check_targets(paths: Iterable[AnyPath], inputs: Iterable[AnyPath] = ()) -> "
 def make_folder(folder: AnyPath) -> None:
     """Make a folder, and those that it is in, where they are not there yet.
 
-    Raises
-    ------
-    CommonlawError
-        If it cannot be made.
+    Raises `CommonlawError` if it cannot be made.
     """
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)

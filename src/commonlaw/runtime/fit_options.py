@@ -82,10 +82,7 @@ def settings_of(options: type, function: str = "discover") -> dict[str, tuple[Fi
 def read_settings(options: type, texts: Mapping[str, Sequence[str]]) -> dict[str, Any]:
     """Return the values that texts say, by name of a setting: several texts for what holds several values.
 
-    Raises
-    ------
-    CommonlawError
-        If there is no such setting, or a text is no value of its type.
+    Raises `CommonlawError` if there is no such setting, or a text is no value of its type.
 
     Examples
     --------
@@ -172,14 +169,11 @@ class FitOptions:
 
     `fit` and `refine` take those as arguments that do not concern a search, `compare` those of the errors.
 
+    Raises `CommonlawError` if a text names nothing, or a value does not fit.
+
     Parameters
     ----------
     {parameters}
-
-    Raises
-    ------
-    CommonlawError
-        If a text names nothing, or a value does not fit.
     """
 
     positive: Sequence[str] = field(
@@ -329,10 +323,7 @@ class FitOptions:
 def check_settings(function: str, values: Mapping[str, Any]) -> None:
     """Refuse values of the settings of a function that do not fit, among its arguments by name.
 
-    Raises
-    ------
-    CommonlawError
-        If a value is none of the choices, or outside of its bounds.
+    Raises `CommonlawError` if a value is none of the choices, or outside of its bounds.
     """
     for name, (each, about) in settings_of(FitOptions, function).items():
         if values[name] is about.default_of(function, each.default):

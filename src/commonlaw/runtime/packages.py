@@ -15,10 +15,7 @@ def optional_import(module: str, feature: str, extra: str) -> Any:
 
     The feature, such as ``"reading Parquet files"``, is what needs it, and the extra of commonlaw brings it.
 
-    Raises
-    ------
-    CommonlawError
-        If the package is not installed; the message says how to install it.
+    Raises `CommonlawError` if the package is not installed; the message says how to install it.
     """
     package = module.split(".")[0]
     try:

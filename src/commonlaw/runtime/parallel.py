@@ -26,16 +26,13 @@ class _GivenUpError(BaseException):
 def threads(n_jobs: int) -> Iterator[None]:
     """Let what is within be done by so many threads; where it stands within another, that decides.
 
+    Raises `CommonlawError` if this is not a number of threads.
+
     Parameters
     ----------
     n_jobs
         How many threads; -1 for as many as other numerical libraries take: one for each core, or as many as the
         environment variable ``OMP_NUM_THREADS`` says.
-
-    Raises
-    ------
-    CommonlawError
-        If this is not a number of threads.
     """
     check_n_jobs(n_jobs)
     if _TEAM.get() is not None:

@@ -45,10 +45,7 @@ _NO_BRACKETS = bytes({*range(256)} - {*b"[]{}"})
 def checked_file(path: str | os.PathLike[str], largest: float = LARGEST_FILE) -> Path:
     """Return the path of a regular file of at most so many bytes.
 
-    Raises
-    ------
-    CommonlawError
-        If there is none: folders, devices and pipes, which may have no end, are refused too.
+    Raises `CommonlawError` if there is none: folders, devices and pipes, which may have no end, are refused too.
     """
     file = Path(path)
     try:
@@ -69,10 +66,7 @@ def checked_file(path: str | os.PathLike[str], largest: float = LARGEST_FILE) ->
 def read_file(path: str | os.PathLike[str]) -> bytes:
     """Return what is in a regular file.
 
-    Raises
-    ------
-    CommonlawError
-        If it cannot be read, or is larger than `LARGEST_FILE`; the message names the file.
+    Raises `CommonlawError` if it cannot be read, or is larger than `LARGEST_FILE`; the message names the file.
     """
     file = checked_file(path)
     try:
@@ -95,10 +89,7 @@ def check_size(source: str, rows: int, columns: int) -> None:
 def unpacked(source: str, content: bytes) -> bytes:
     """Return what a file holds that may be compressed: by gzip, bzip2 or xz.
 
-    Raises
-    ------
-    CommonlawError
-        If it is damaged, or unpacks to more than `LARGEST_FILE`, or takes more memory for that.
+    Raises `CommonlawError` if it is damaged, or unpacks to more than `LARGEST_FILE`, or takes more memory for that.
     """
     import lzma
 
@@ -144,10 +135,7 @@ def decoded(source: str, content: bytes) -> tuple[str, str]:
     UTF-16 shows itself by its first bytes, or by zeros in every other one; what is not UTF-8 either is Windows-1252, of
     which Latin-1 text is a part.
 
-    Raises
-    ------
-    CommonlawError
-        If it is no text.
+    Raises `CommonlawError` if it is no text.
     """
     zeros = [content[i:400:2].count(0) for i in (0, 1)]
     marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
@@ -176,11 +164,8 @@ def check_text(source: str, content: bytes) -> None:
 def read_json(content: bytes, kind: type[T]) -> T:
     """Return the value of a type that msgspec knows from JSON.
 
-    Raises
-    ------
-    CommonlawError
-        If it is no JSON, of another type, larger than `LARGEST_JSON` or nested deeper than `DEEPEST`; the message says
-        where.
+    Raises `CommonlawError` if it is no JSON, of another type, larger than `LARGEST_JSON` or nested deeper than
+    `DEEPEST`; the message says where.
     """
     import msgspec
 

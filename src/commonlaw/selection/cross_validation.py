@@ -117,6 +117,8 @@ class ForecastError:
     The error of a trial is the mean over states of the mean squared error, divided by the variance of the state over
     the object's trials; infinite where a forecast diverges.
 
+    Raises `CommonlawError` if an object has a single trial.
+
     Parameters
     ----------
     folds
@@ -129,11 +131,6 @@ class ForecastError:
         Which terms are fitted, shape (equations, terms); the others keep their coefficients in `law`.
     trials
         The trials of all folds, with the law's objects in its order.
-
-    Raises
-    ------
-    CommonlawError
-        If an object has a single trial.
     """
 
     folds: Sequence[Fold]

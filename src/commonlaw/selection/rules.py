@@ -151,6 +151,9 @@ def choose(
 ) -> Selection:
     """Return the selection of one equation among candidates; candidates of the same support are listed once.
 
+    Raises `CommonlawError` if there is no candidate or rule of that name, too little data to hold some out, or all
+    forecasts diverge.
+
     Parameters
     ----------
     candidates
@@ -175,11 +178,6 @@ def choose(
         From a support to its errors on held-out data; default: a `ResidualError` on the folds of `make_folds`.
     stability
         Of the solver on resampled data.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no candidate or rule of that name, too little data to hold some out, or all forecasts diverge.
     """
     if rule not in RULES:
         raise unknown("rule", rule, RULES)

@@ -27,6 +27,8 @@ class BestSubset(AbstractSolver):
     candidate is ``proven`` when the search of its size ended. Objects count relative to their residual variance, see
     `StandardizedProblem`. For about 60 terms this takes seconds; sizes well beyond the true one use up their nodes.
 
+    Raises `CommonlawError` if an argument does not fit.
+
     Parameters
     ----------
     terms
@@ -39,11 +41,6 @@ class BestSubset(AbstractSolver):
         At most so many nodes of the search tree for each number of terms (2000 take about a second for 56 terms and 10
         objects), fewer beyond 60 terms; then the best terms so far are returned, of greedy selection and exchanges at
         least.
-
-    Raises
-    ------
-    CommonlawError
-        If an argument does not fit.
     """
 
     terms: int | None = None

@@ -33,6 +33,8 @@ class Lasso(AbstractSolver):
     gradient steps with restarts (Beck and Teboulle 2009; O'Donoghue and Candès 2015), warm-started along falling
     penalties.
 
+    Raises `CommonlawError` if an argument does not fit.
+
     Parameters
     ----------
     penalty
@@ -44,11 +46,6 @@ class Lasso(AbstractSolver):
         At most so many steps for each penalty.
     tolerance
         Largest step, relative to the largest coefficient, at convergence.
-
-    Raises
-    ------
-    CommonlawError
-        If an argument does not fit.
     """
 
     penalty: float | None = None

@@ -29,6 +29,8 @@ class SR3(AbstractSolver):
     Columns are divided by their norm (root mean square over the objects), so that `nu` depends neither on units nor on
     the number of rows.
 
+    Raises `CommonlawError` if an argument does not fit.
+
     Parameters
     ----------
     threshold
@@ -42,11 +44,6 @@ class SR3(AbstractSolver):
         At most so many alternations; without convergence the fit has an outcome.
     normalize
         Threshold the coefficients of columns of unit norm, so that it does not depend on units.
-
-    Raises
-    ------
-    CommonlawError
-        If an argument does not fit.
     """
 
     threshold: float | None = None

@@ -24,6 +24,8 @@ class StepwiseSelection(AbstractSolver):
     place of the magnitude of the coefficient. Objects are summed relative to their residual variances, see
     `StandardizedProblem`.
 
+    Raises `CommonlawError` if an argument does not fit.
+
     Parameters
     ----------
     terms
@@ -32,11 +34,6 @@ class StepwiseSelection(AbstractSolver):
         ``"forward"`` from no terms, or ``"backward"`` from all of them.
     shared
         Whether all objects have the same terms, or each object its own.
-
-    Raises
-    ------
-    CommonlawError
-        If an argument does not fit.
     """
 
     terms: int | None = None

@@ -97,6 +97,8 @@ class STLSQ(AbstractSolver):
     2.3.2, algorithm 1), or with own supports it is the magnitude of the coefficient (Brunton, Proctor, Kutz 2016). The
     path has every breakpoint of the threshold, exactly.
 
+    Raises `CommonlawError` if a value does not fit, or there is an importance without a shared support.
+
     Parameters
     ----------
     threshold
@@ -113,11 +115,6 @@ class STLSQ(AbstractSolver):
         At most so many sweeps; without convergence the fit has an outcome.
     normalize
         Threshold the coefficients of columns of unit norm, so that nothing depends on units.
-
-    Raises
-    ------
-    CommonlawError
-        If a value does not fit, or there is an importance without a shared support.
     """
 
     threshold: float | None = None

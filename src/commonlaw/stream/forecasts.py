@@ -48,6 +48,8 @@ def forecast_stream(
 ) -> pd.DataFrame:
     """Forecast each trial of a stream from its own initial state, file by file, and return the errors.
 
+    Raises `CommonlawError` if law and trials do not match, see `Law.predict`, or no trial can be forecast.
+
     Parameters
     ----------
     law
@@ -69,11 +71,6 @@ def forecast_stream(
     errors
         A row for each trial and state: the columns of `Forecast.errors`, the number of compared samples, the standard
         deviation of the measurements (``spread``), and the share of them in 95 % bands, if there are any.
-
-    Raises
-    ------
-    CommonlawError
-        If law and trials do not match, see `Law.predict`, or no trial can be forecast.
     """
     if not isinstance(stream, TrialStream):
         raise CommonlawError("forecast-not-a-stream", type=type(stream).__name__)

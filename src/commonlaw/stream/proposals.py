@@ -50,6 +50,8 @@ def law_of_parts(
 
     Only laws, evidences and coefficients leave the parts.
 
+    Raises `CommonlawError` if an object is in two parts, or what a part raises.
+
     Parameters
     ----------
     trials
@@ -64,11 +66,6 @@ def law_of_parts(
         Whether forecasts draw the other coefficients to their means over objects.
     progress
         Takes the text of each step.
-
-    Raises
-    ------
-    CommonlawError
-        If an object is in two parts, or what a part raises.
     """
     parts = trials.parts or (trials,)
     some = [parts[i] for i in evenly_spaced(len(parts), _GROUPS)]

@@ -67,6 +67,8 @@ def check_stream(
     Patterns are those of `Law.residuals`, from sums over files. Of more than 5000 residuals the scatter is ranked by
     cells of sizes (16 for each factor of two), and normality is tested by skewness and kurtosis (Jarque and Bera 1987).
 
+    Raises `CommonlawError` if the law is of discrete time, or does not match the trials.
+
     Parameters
     ----------
     law
@@ -77,11 +79,6 @@ def check_stream(
         A dask client whose workers compute; default: this process.
     progress
         Takes the text of each step. Default: written to the terminal after two seconds.
-
-    Raises
-    ------
-    CommonlawError
-        If the law is of discrete time, or does not match the trials.
     """
     import pandas as pd
     from scipy.stats import false_discovery_control

@@ -67,10 +67,7 @@ class TrialStream:
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects.
 
-        Raises
-        ------
-        CommonlawError
-            If they are too many.
+        Raises `CommonlawError` if they are too many.
         """
         if isinstance(self.source, _TrialsOfFile | _Kept):
             return self.source.read()
@@ -93,25 +90,19 @@ class TrialStream:
 
         The stream is gone through once, to see which files have such trials; the others are left out.
 
+        Raises `CommonlawError` if a name is not there, or nothing fits.
+
         Parameters
         ----------
         object, trial
             A name or a list of names.
-
-        Raises
-        ------
-        CommonlawError
-            If a name is not there, or nothing fits.
         """
         return self._divided(object, trial)[0]
 
     def split(self, /, object: object = None, trial: object = None) -> tuple["TrialStream", "TrialStream"]:
         """Return the streams of the trials that `select` keeps, and of all others.
 
-        Raises
-        ------
-        CommonlawError
-            If a name is not there, nothing fits, or everything does.
+        Raises `CommonlawError` if a name is not there, nothing fits, or everything does.
         """
         chosen, rest = self._divided(object, trial)
         if not rest.parts:
@@ -121,10 +112,7 @@ class TrialStream:
     def until(self, time: float) -> "TrialStream":
         """Return the stream of the samples up to a time; trials that begin later are left out.
 
-        Raises
-        ------
-        CommonlawError
-            If no trial begins by then.
+        Raises `CommonlawError` if no trial begins by then.
         """
         parts = self.parts or (self,)
         begun = done_in_parts(partial(_begins, time), parts, "looking for trials", on_terminal())
@@ -166,6 +154,10 @@ class TrialStream:
         Rows without a measured state are left out, but for those with inputs after the first measured one, and with
         them trials that have no other row. A trial lies in one file: what goes on in the next counts as a further one.
 
+        Raises `CommonlawError` if pyarrow is not installed, there is no such file, it cannot be read, a role is
+        missing, or, while the trials are gone through, a value cannot be used, a state was measured in too few samples,
+        or the rows of a trial do not follow each other.
+
         Parameters
         ----------
         path
@@ -175,13 +167,6 @@ class TrialStream:
         **roles
             Which column is what, see `Roles`; object, trial, time and states must be named here or in the file, and
             properties are those of columns that are named.
-
-        Raises
-        ------
-        CommonlawError
-            If pyarrow is not installed, there is no such file, it cannot be read, a role is missing, or, while the
-            trials are gone through, a value cannot be used, a state was measured in too few samples, or the rows of a
-            trial do not follow each other.
         """
         files = []
         for each in _files(path):

@@ -32,6 +32,9 @@ and the rest is left for the size of the states."""
 class Schema:
     """Names and units of the columns of a table of trials.
 
+    Raises `CommonlawError` if there is no state, a name stands for two columns, or something is said of a state that is
+    not there.
+
     Parameters
     ----------
     states
@@ -60,11 +63,6 @@ class Schema:
         Inputs that hold what is added in a moment, see `with_doses`.
     wide
         Columns of the table that each held an object, if it had no column for all of them.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no state, a name stands for two columns, or something is said of a state that is not there.
     """
 
     states: tuple[str, ...]
@@ -117,6 +115,10 @@ class Schema:
 class Trial:
     """One run of one object.
 
+    Raises `CommonlawError` if there is no sample or no label, shapes disagree, a value is not finite, the first sample
+    has no measured state, a measurement lacks its standard deviation, times go back, or inputs differ at one time; the
+    message names the sample.
+
     Parameters
     ----------
     object
@@ -140,13 +142,6 @@ class Trial:
     below
         Limits of quantification, shape (n, number of states): a value there is known to be below it (left-censored),
         and its state is NaN. NaN elsewhere. Default: no value is censored.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no sample or no label, shapes disagree, a value is not finite, the first sample has no measured
-        state, a measurement lacks its standard deviation, times go back, or inputs differ at one time; the message
-        names the sample.
     """
 
     object: str

@@ -83,6 +83,9 @@ class Trials(ShownInNotebooks):
     A collection is indexed like a NumPy array of trials: ``trials[0]`` is a `Trial`, ``trials[[0, 2]]`` and
     ``trials[:3]`` are `Trials`; so scikit-learn's splitters work on it.
 
+    Raises `CommonlawError` if there is no trial, a trial's columns do not match the schema, one object has two trials
+    of the same name, or a property has no value that can be used or belongs to an object without trials.
+
     Parameters
     ----------
     trials
@@ -97,12 +100,6 @@ class Trials(ShownInNotebooks):
         What was done to the data on the way in (sorted, clipped), in words.
     nameless
         Whether no object was named, so that the only one has the name of its file, or ``object``.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no trial, a trial's columns do not match the schema, one object has two trials of the same name,
-        or a property has no value that can be used or belongs to an object without trials.
     """
 
     trials: tuple[Trial, ...]
@@ -135,6 +132,9 @@ class Trials(ShownInNotebooks):
     def read(cls, path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> "Trials":
         """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, by its content.
 
+        Raises `CommonlawError` if the file or a column is not there, a value cannot be used, or a state was measured in
+        too few samples; the message names the column and the row, counted from 1 below the header.
+
         Parameters
         ----------
         path
@@ -147,12 +147,6 @@ class Trials(ShownInNotebooks):
         **roles
             See `Roles` and `Reading`. Without a column of objects there is one object, named after the file.
 
-        Raises
-        ------
-        CommonlawError
-            If the file or a column is not there, a value cannot be used, or a state was measured in too few samples;
-            the message names the column and the row, counted from 1 below the header.
-
         Notes
         -----
         An empty cell in a column of a state is a missing measurement. Rows without any measured state are left out,
@@ -164,18 +158,15 @@ class Trials(ShownInNotebooks):
     def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
         """Return the trials in a frame of pandas, polars or pyarrow with a row for each sample.
 
+        Raises `CommonlawError` if a column is not there, or a value cannot be used; the message names the column and
+        the row, counted from 1.
+
         Parameters
         ----------
         frame
             The table. A missing value or NaN in a column of a state is a missing measurement, see `read`.
         **roles
             See `Roles` and `Reading`. Without a column of objects there is one object, named ``object``.
-
-        Raises
-        ------
-        CommonlawError
-            If a column is not there, or a value cannot be used; the message names the column and the row, counted
-            from 1.
         """
         return cls(*trials_from_frame(frame, **roles))
 
@@ -194,6 +185,9 @@ class Trials(ShownInNotebooks):
         properties: str | os.PathLike[str] | PropertyTable | Any = None,
     ) -> "Trials":
         """Return the trials in arrays: one trial, or lists with an entry for each trial.
+
+        Raises `CommonlawError` if shapes or numbers of trials disagree, a value cannot be used, or a state was measured
+        in too few samples; the message names trial and sample.
 
         Parameters
         ----------
@@ -217,12 +211,6 @@ class Trials(ShownInNotebooks):
         properties
             A mapping from object to property values by name; or a table (a file, a frame) with a row for each object
             and the objects' names in its column ``object``.
-
-        Raises
-        ------
-        CommonlawError
-            If shapes or numbers of trials disagree, a value cannot be used, or a state was measured in too few samples;
-            the message names trial and sample.
 
         Examples
         --------
@@ -303,10 +291,7 @@ class Trials(ShownInNotebooks):
     def until(self, time: float) -> "Trials":
         """Return the samples up to a time; trials that begin later are left out.
 
-        Raises
-        ------
-        CommonlawError
-            If no trial begins by then.
+        Raises `CommonlawError` if no trial begins by then.
         """
         kept = [each for each in map(Until(time), self.trials) if each is not None]
         if not kept:
@@ -316,16 +301,13 @@ class Trials(ShownInNotebooks):
     def clip_irregular(self, tolerance: float | None = None) -> "Trials":
         """Return the trials, each clipped at its last irregular frame; a note says which and how far.
 
+        Raises `CommonlawError` if the tolerance is not positive.
+
         Parameters
         ----------
         tolerance
             How far a step may be from the trial's median step, in the unit of the times. Default: 7.5 % of that step,
             which is 5 ms for video at 15 frames a second.
-
-        Raises
-        ------
-        CommonlawError
-            If the tolerance is not positive.
 
         Notes
         -----
@@ -379,25 +361,21 @@ class Trials(ShownInNotebooks):
         Numbers are written so that they come back bit for bit. Reading the file with the same roles gives the same
         trials; only a property in text that looks like a number comes back as a number, as CSV knows no difference.
 
-        Raises
-        ------
-        CommonlawError
-            If pint does not know a unit, or the file cannot be written.
+        Raises `CommonlawError` if pint does not know a unit, or the file cannot be written.
         """
         to_csv(self._data, path)
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
         """Write a Parquet file that holds the roles of its columns and so comes back exactly without a keyword.
 
-        Raises
-        ------
-        CommonlawError
-            If pyarrow is not installed, pint does not know a unit, or the file cannot be written.
+        Raises `CommonlawError` if pyarrow is not installed, pint does not know a unit, or the file cannot be written.
         """
         to_parquet(self._data, path)
 
     def select(self, /, object: object = None, trial: object = None, **properties: object) -> "Trials":
         """Return the trials that fit every condition.
+
+        Raises `CommonlawError` if a name is not known or nothing fits.
 
         Parameters
         ----------
@@ -406,11 +384,6 @@ class Trials(ShownInNotebooks):
         **properties
             For a property of the objects: a value, a list of values, or a function of the value that says whether
             it fits.
-
-        Raises
-        ------
-        CommonlawError
-            If a name is not known or nothing fits.
         """
         conditions = {"object": object, "trial": trial, **properties}
         tests = {name: self._test(name, wanted) for name, wanted in conditions.items() if wanted is not None}
@@ -422,10 +395,7 @@ class Trials(ShownInNotebooks):
     def split(self, /, **conditions: object) -> tuple["Trials", "Trials"]:
         """Return the trials that `select` keeps with these conditions, and all others.
 
-        Raises
-        ------
-        CommonlawError
-            If a name is not known, nothing fits, or everything does.
+        Raises `CommonlawError` if a name is not known, nothing fits, or everything does.
         """
         chosen = self.select(**conditions)
         inside = {id(each) for each in chosen}
