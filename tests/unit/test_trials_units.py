@@ -3,11 +3,13 @@
 import subprocess
 import sys
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from commonlaw.trials import Trials
+from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.headers import known_unit, registry
+from commonlaw.trials.transformations import in_units, with_logarithms, with_starts, without_rates
 
 
 @pytest.mark.parametrize("unit", ["cells", "individuals", "CFU", "OD", "IU", "counts", "people", "copies"])
@@ -34,3 +36,16 @@ def test_units_can_be_compared_where_several_threads_use_them_first():
         "print(len({id(each) for each in Pool(8).map(lambda _: registry(), range(8))}))"
     )
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "1\n"
+
+
+def test_limits_of_quantification_change_with_their_state():
+    states, below = np.array([[3.0, 0.0], [np.nan, 1.0], [2.0, 1.0]]), np.full((3, 2), np.nan)
+    below[1, 0] = 500.0
+    trial = Trial("a", "1", [0.0, 1.0, 2.0], states, below=below)
+    trials = Trials((trial,), Schema(("m", "v"), units={"m": "mg"}))
+    assert in_units(trials, {"m": "g"})[0].below[1, 0] == pytest.approx(0.5)
+    logarithmic = with_logarithms(trials, ["m"])
+    assert logarithmic[0].below[1, 0] == pytest.approx(np.log(500))
+    assert in_units(logarithmic, {"m": "g"})[0].below[1, 0] == pytest.approx(np.log(0.5))
+    np.testing.assert_array_equal(without_rates(trials, {"m": "v"})[0].below, below[:, :1])
+    assert with_starts(trials, {"s": 1.0}, -1.0)[0].below[2, 0] == 500.0

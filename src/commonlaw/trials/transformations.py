@@ -82,14 +82,14 @@ def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
 
 
 def _converted(trial: Trial, schema: Schema, changed: Mapping[str, Conversion]) -> Trial:
-    states, inputs, earlier = trial.states.copy(), trial.inputs.copy(), trial.earlier.copy()
-    factors = np.ones(len(schema.states))
+    states, below = trial.states.copy(), trial.below.copy()
+    inputs, earlier, factors = trial.inputs.copy(), trial.earlier.copy(), np.ones(len(schema.states))
     for j, name in enumerate(schema.states):
         how = changed.get(name, Conversion())
-        if name in schema.logarithmic:
-            states[:, j] += np.log(how.scale)
-        else:
-            states[:, j], factors[j] = how.of(states[:, j]), how.scale
+        is_logarithm = name in schema.logarithmic
+        factors[j] = 1.0 if is_logarithm else how.scale
+        for values in (states, below):
+            values[:, j] = values[:, j] + np.log(how.scale) if is_logarithm else how.of(values[:, j])
     for j, name in enumerate(schema.inputs):
         inputs[:, j] = changed.get(name, Conversion()).of(inputs[:, j])
     for column, name in zip(earlier.T, (schema.time, *schema.inputs), strict=False):
@@ -102,6 +102,7 @@ def _converted(trial: Trial, schema: Schema, changed: Mapping[str, Conversion]) 
         inputs=inputs,
         repeats=trial.repeats and trial.repeats.scaled(factors),
         earlier=earlier,
+        below=below,
     )
 
 
@@ -129,11 +130,11 @@ def as_measured(followed: Trials, measured: Trials) -> Trials:
 
 
 def _among(trial: Trial, places: Indices, count: int, rows: Indices | slice = slice(None)) -> dict[str, Any]:
-    """Return states, noise and repeats of so many samples: those of a trial's rows in their places, NaN elsewhere."""
-    states, noise = np.full((2, count, trial.states.shape[1]), np.nan)
-    states[places], noise[places] = trial.states[rows], trial.noise[rows]
+    """Return what was measured in so many samples: in some places that of a trial's rows, NaN elsewhere."""
+    states, noise, below = np.full((3, count, trial.states.shape[1]), np.nan)
+    states[places], noise[places], below[places] = trial.states[rows], trial.noise[rows], trial.below[rows]
     repeats = trial.repeats and trial.repeats.taken(rows).placed(places, count)
-    return {"states": states, "noise": noise, "repeats": repeats}
+    return {"states": states, "noise": noise, "below": below, "repeats": repeats}
 
 
 def natural(states: Floats, schema: Schema) -> Floats:
@@ -148,23 +149,26 @@ def natural(states: Floats, schema: Schema) -> Floats:
 
 def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str]) -> Trial:
     states, noise, factors = trial.states.copy(), trial.noise.copy(), np.ones(trial.states.shape)
+    below = trial.below.copy()
     for j in columns:
-        low = np.flatnonzero(states[:, j] <= 0)
+        least = np.fmin(states[:, j], below[:, j])
+        low = np.flatnonzero(least <= 0)
         if len(low):
             i = int(low[0])
             raise CommonlawError(
                 "log-state-not-positive",
                 where=trial.label,
                 state=names[j],
-                value=states[i, j],
+                value=least[i],
                 sample=i + 1,
                 time=trial.times[i],
                 count=len(low),
             )
         noise[:, j] /= states[:, j]
         factors[:, j] = 1 / states[:, j]
-        states[:, j] = np.log(states[:, j])
-    return replace(trial, states=states, noise=noise, repeats=trial.repeats and trial.repeats.scaled(factors))
+        states[:, j], below[:, j] = np.log(states[:, j]), np.log(below[:, j])
+    repeats = trial.repeats and trial.repeats.scaled(factors)
+    return replace(trial, states=states, noise=noise, below=below, repeats=repeats)
 
 
 def without_rates(trials: Trials, rates: Mapping[str, str]) -> Trials:
@@ -176,12 +180,14 @@ def without_rates(trials: Trials, rates: Mapping[str, str]) -> Trials:
     gone = {name for name in schema.states if name in left_out}
     states, changed = tuple(schema.states[j] for j in kept), []
     for trial in trials:
-        seen, measured = np.isfinite(trial.states[:, kept]).any(axis=1), np.isfinite(trial.states).any(axis=1)
+        known = np.isfinite(trial.states) | np.isfinite(trial.below)
+        seen, measured = known[:, kept].any(axis=1), known.any(axis=1)
         if not seen.any():
             raise CommonlawError("state-not-in-trial", where=trial.label, names=states)
         part = trial.rows(np.asarray(seen | ~measured))  # Without samples in which only rates were measured
         repeats = part.repeats and part.repeats.taken((slice(None), kept))
-        changed.append(replace(part, states=part.states[:, kept], noise=part.noise[:, kept], repeats=repeats))
+        parts = {name: getattr(part, name)[:, kept] for name in ("states", "noise", "below")}
+        changed.append(replace(part, **parts, repeats=repeats))
     return replace(
         trials,
         trials=tuple(changed),
@@ -283,6 +289,7 @@ def _with_first(trial: Trial, values: Floats, at: float | None) -> Trial:
         states=np.column_stack([samples["states"], starts]),
         inputs=inputs,
         noise=np.column_stack([samples["noise"], unknown]),
+        below=np.column_stack([samples["below"], unknown]),
     )
 
 
