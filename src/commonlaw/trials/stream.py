@@ -42,9 +42,9 @@ class TrialStream:
     schema
         Names and units of the variables.
     source
-        Returns an iterator over the trials; or `Trials`, which may have properties of their objects.
+        Returns an iterator over the trials; or `Trials`, which may have properties.
     parts
-        The streams of single files, which follow each other in this one, if it is one of files; each can be pickled.
+        Streams of single files, one after the other; each can be pickled.
     """
 
     schema: Schema
@@ -86,16 +86,10 @@ class TrialStream:
         return found if isinstance(found, Trials) else Trials(tuple(found), self.schema)
 
     def select(self, /, object: object = None, trial: object = None) -> "TrialStream":
-        """Return the stream of the trials that fit both conditions, see `Trials.select`.
+        """Return the stream of the trials that fit both conditions, a name or a list of names, see `Trials.select`.
 
-        The stream is gone through once, to see which files have such trials; the others are left out.
-
-        Raises `CommonlawError` if a name is not there, or nothing fits.
-
-        Parameters
-        ----------
-        object, trial
-            A name or a list of names.
+        The stream is gone through once, to see which files have such trials. Raises `CommonlawError` if a name is not
+        there, or nothing fits.
         """
         return self._divided(object, trial)[0]
 
@@ -161,12 +155,11 @@ class TrialStream:
         Parameters
         ----------
         path
-            A file; a folder, of which all files ``*.parquet`` within are taken, also those in folders; or a pattern
-            such as ``"runs/*.parquet"``. Folders named ``object=ball``, as Hive partitions tables, stand for a column
-            ``object``. A file written by `Trials.to_parquet` says itself which column is what; the first says it.
+            A file; a folder, with all its ``*.parquet``; or a pattern such as ``"runs/*.parquet"``. Folders named
+            ``object=ball``, as Hive partitions tables, stand for a column ``object``.
         **roles
-            Which column is what, see `Roles`; object, trial, time and states must be named here or in the file, and
-            properties are those of columns that are named.
+            See `Roles`; object, trial, time and states must be named here or in the first file, by `Trials.to_parquet`.
+            Properties are those of columns that are named.
         """
         files = []
         for each in _files(path):

@@ -32,37 +32,31 @@ and the rest is left for the size of the states."""
 class Schema:
     """Names and units of the columns of a table of trials.
 
-    Raises `CommonlawError` if there is no state, a name stands for two columns, or something is said of a state that is
-    not there.
+    Raises `CommonlawError` if there is no state, a name stands for two columns, or a state or input is not there.
 
     Parameters
     ----------
-    states
-        Names of the measured state variables, such as ``("x", "y")``.
-    inputs
-        Names of the measured inputs (controls, forcing).
+    states, inputs
+        Names of the measured states, such as ``("x", "y")``, and of measured inputs (controls, forcing).
     object, trial, time
-        Names of the columns that hold the object, the trial's label and the time.
+        Names of the columns of objects, labels of trials and times.
     units
-        Unit of a column by its name, in any form that pint reads (``"m"``, ``"m/s^2"``); columns without one
-        are left out.
+        Units by column, in any form that pint reads (``"m/s^2"``), where there are any.
     noise_columns
-        Names of the columns that hold the standard deviation of each measurement, by state, if there are any.
+        Names of the columns of standard deviations by state, where there are any.
     logarithmic
-        States that stand here by their logarithms, see `with_logarithms`.
+        Log-scaled states, which stand here by their logarithms.
     input_between
         The interpolation of inputs between samples, see `Law.predict`.
     rates
-        Columns that were left out of the states, as they are the rate of one, by that one: ``{"theta": "omega"}``. A
-        law of second order calls the rates by these names.
-    starts
-        States that nobody measured, by where trials start in them, see `commonlaw.fit`.
-    starts_at
-        The time of these starts, None for that of the first sample of each trial.
+        Columns that are the rate of a state, by that state: ``{"theta": "omega"}``; they are no states.
+    starts, starts_at
+        Initial values of latent states, see `commonlaw.fit`, and their time; None for that of each trial's first
+        sample.
     doses
-        Inputs that hold what is added in a moment, see `with_doses`.
+        Inputs that hold what is added in a moment.
     wide
-        Columns of the table that each held an object, if it had no column for all of them.
+        Columns that each held an object, in a table without a column of objects.
     """
 
     states: tuple[str, ...]
@@ -121,27 +115,22 @@ class Trial:
 
     Parameters
     ----------
-    object
-        The name of the object, kept as `label` writes it.
-    name
-        The trial's label, unique among the trials of its object; kept as `label` writes it.
+    object, name
+        The name of the object, and the label of the trial, unique for its object.
     times
         Sample times, increasing, shape (n,). Several measurements at one time become one sample, see `Repeats`.
     states
-        Measured states, shape (n, number of states); NaN where a state was not measured, or is to be forecast.
+        Measured states, shape (n, states); NaN where one was not measured, or is to be forecast.
     inputs
-        Measured inputs, shape (n, number of inputs).
+        Measured inputs, shape (n, inputs).
     noise
-        Standard deviation of each measured state, shape (n, number of states), NaN where it is not known: nowhere, or
-        everywhere where a state was measured. Default: not known.
+        Standard deviations, shape (n, states): of all measurements of a state or of none; NaN where not known.
     repeats
-        How many measurements each state is the mean of, and how they scatter; None where each is one.
+        Counts and scatter of measurements that were averaged; None if each is one.
     earlier
-        Times before the first sample at which an input was not zero, from the first of them on, and the inputs there,
-        shape (m, 1 + inputs), see `with_doses`. Default: none.
+        Times and inputs before the first sample, from the first nonzero input on, shape (m, 1 + inputs).
     below
-        Limits of quantification, shape (n, number of states): a value there is known to be below it (left-censored),
-        and its state is NaN. NaN elsewhere. Default: no value is censored.
+        Limits of quantification, shape (n, states), of left-censored values, whose state is NaN; NaN elsewhere.
     """
 
     object: str

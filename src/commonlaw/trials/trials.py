@@ -88,14 +88,11 @@ class Trials(ShownInNotebooks):
 
     Parameters
     ----------
-    trials
-        The trials, in order.
-    schema
-        Names and units of the variables.
+    trials, schema
+        The trials, in order, and the names and units of their variables.
     properties
-        Property values by object and property name: ``{"Golf Ball": {"radius": 0.022}}``; their units stand in
-        ``schema.units``. A property is a number for every object that has it, or a text for every one; where it is
-        not known, it is left out.
+        Values by object and property name: ``{"Golf Ball": {"radius": 0.022}}``, numbers for all objects that have it
+        or texts for all; units stand in ``schema.units``.
     notes
         What was done to the data on the way in (sorted, clipped), in words.
     nameless
@@ -132,41 +129,32 @@ class Trials(ShownInNotebooks):
     def read(cls, path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> "Trials":
         """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, by its content.
 
+        An empty cell in a column of a state is a missing measurement. Rows without any measured state are left out, but
+        for those after the last one, which are to be forecast; `notes` says which.
+
         Raises `CommonlawError` if the file or a column is not there, a value cannot be used, or a state was measured in
         too few samples; the message names the column and the row, counted from 1 below the header.
 
         Parameters
         ----------
         path
-            The file, which gzip, bzip2 or xz may have compressed. The columns of text are separated by commas,
-            semicolons, tabs or blanks; comments, rows above and below the table, and a row of units are recognized, and
-            a note says so. A Parquet file written by `to_parquet` says itself which column is what.
+            The file, which gzip, bzip2 or xz may have compressed. Columns of text are separated by commas, semicolons,
+            tabs or blanks; comments, rows above and below the table, and a row of units are recognized. A Parquet file
+            written by `to_parquet` has its roles in it.
         sheet
-            The sheet of a workbook. Default: the only one; or all, if they have the same header, and then each sheet is
-            an object of the sheet's name unless there is a column ``object``.
+            The sheet of a workbook. Default: all, if they have the same header; each is an object of the sheet's name
+            unless there is a column ``object``.
         **roles
             See `Roles` and `Reading`. Without a column of objects there is one object, named after the file.
-
-        Notes
-        -----
-        An empty cell in a column of a state is a missing measurement. Rows without any measured state are left out,
-        and `notes` says which, but for those after the last one, which are there to be forecast.
         """
         return cls(*read_trials(path, sheet=sheet, **roles))
 
     @classmethod
     def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
-        """Return the trials in a frame of pandas, polars or pyarrow with a row for each sample.
+        """Return the trials in a frame of pandas, polars or pyarrow with a row for each sample, see `Reading`.
 
-        Raises `CommonlawError` if a column is not there, or a value cannot be used; the message names the column and
-        the row, counted from 1.
-
-        Parameters
-        ----------
-        frame
-            The table. A missing value or NaN in a column of a state is a missing measurement, see `read`.
-        **roles
-            See `Roles` and `Reading`. Without a column of objects there is one object, named ``object``.
+        Without a column of objects there is one object, named ``object``. Raises `CommonlawError` if a column is not
+        there, or a value cannot be used; the message names the column and the row, counted from 1.
         """
         return cls(*trials_from_frame(frame, **roles))
 
@@ -191,19 +179,12 @@ class Trials(ShownInNotebooks):
 
         Parameters
         ----------
-        times
-            Sample times, shape (n,); or a list of such arrays.
-        states
-            Measured states, shape (n,) or (n, number of states); or a list of such arrays. NaN is a missing
-            measurement; samples without any measured state but the last are left out, and `notes` says which.
-        object
-            The object's name, or a list of one for each trial.
-        trial
-            The trial's label, or a list of them. Default: the trials of each object are counted from 1.
-        inputs
-            Measured inputs, shaped as the states.
-        noise
-            Standard deviations of the measured states, of the same shape; their columns are ``x noise``.
+        times, states, inputs, noise
+            Sample times, shape (n,), states, inputs and standard deviations, shape (n,) or (n, variables); or lists of
+            such arrays. NaN is a missing measurement; samples without any measured state but the last are left out,
+            which `notes` says.
+        object, trial
+            The object's name and the trial's label, or lists of them. Default: the trials of each object count from 1.
         names
             Names of the states and then of the inputs. Default: ``x`` or ``x1``, ``x2``, ..., and ``u`` or ``u1``, ...
         units
@@ -301,19 +282,12 @@ class Trials(ShownInNotebooks):
     def clip_irregular(self, tolerance: float | None = None) -> "Trials":
         """Return the trials, each clipped at its last irregular frame; a note says which and how far.
 
+        The rule is that of de Silva et al. (2020), "Discovery of physics from data: universal laws and discrepancies".
+        It sees the end of a trial only: an irregular frame in the middle takes everything behind it along. Steps may be
+        off the trial's median step by a tolerance in the unit of the times, by default 7.5 %: 5 ms for video at 15
+        frames a second.
+
         Raises `CommonlawError` if the tolerance is not positive.
-
-        Parameters
-        ----------
-        tolerance
-            How far a step may be from the trial's median step, in the unit of the times. Default: 7.5 % of that step,
-            which is 5 ms for video at 15 frames a second.
-
-        Notes
-        -----
-        The rule is the one by which de Silva et al. (2020), "Discovery of physics from data: universal laws and
-        discrepancies", prepared their ball drops. It sees the end of a trial only: an irregular frame in the middle
-        takes everything behind it along.
         """
         kept, note = clipped(self.trials, tolerance)
         return self.with_trials(kept, note) if note else self
@@ -330,29 +304,22 @@ class Trials(ShownInNotebooks):
         order: int | None = None,
         library: Any = None,
     ) -> Report:
-        """Return figures of every trial, what data checks find, and which variables trials cannot tell apart.
+        """Return figures of every trial, what data checks find, and which variables trials cannot distinguish.
 
         Parameters
         ----------
         tolerance
-            How far a step may be from the median step before `clip_irregular` would clip there.
-        order
-            Of the laws for which variables are to be distinguished; 0 looks for none. Default: 2 for a single state,
-            and 1 for several.
-        library
-            Their candidate terms, see `discover`. Default: polynomials of degree 3, or of a lower one where trials have
-            few samples.
+            Deviation from the median step from which `clip_irregular` would clip.
+        order, library
+            Of laws for which variables are to be distinguished, see `discover`; order 0 looks for none. Default: order
+            2 for a single state, 1 for several; polynomials of degree 3, or lower for few samples.
         """
         found = resolve_name("commonlaw.discovery.data_check:confounded_variables")(self, order, library)
         report = check(self._data, tolerance)
         return replace(report, found=(*report.found, *found))
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a pandas frame with a row for each sample.
-
-        Its columns are the object, the trial, the time, the states, the inputs and the properties of the objects,
-        under the names that the schema has for them.
-        """
+        """Return a pandas frame with a row for each sample, and columns by the names of the schema."""
         return to_frame(self._data)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
@@ -375,15 +342,8 @@ class Trials(ShownInNotebooks):
     def select(self, /, object: object = None, trial: object = None, **properties: object) -> "Trials":
         """Return the trials that fit every condition.
 
-        Raises `CommonlawError` if a name is not known or nothing fits.
-
-        Parameters
-        ----------
-        object, trial
-            A name or a list of names; numbers are taken by their text, so ``trial=1`` finds the trial ``"1"``.
-        **properties
-            For a property of the objects: a value, a list of values, or a function of the value that says whether
-            it fits.
+        Objects and trials are a name or a list of names, ``trial=1`` the same as ``"1"``; properties a value, a list of
+        values, or a function of the value. Raises `CommonlawError` if a name is not known or nothing fits.
         """
         conditions = {"object": object, "trial": trial, **properties}
         tests = {name: self._test(name, wanted) for name, wanted in conditions.items() if wanted is not None}
