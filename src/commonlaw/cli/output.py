@@ -6,7 +6,6 @@ import os
 import sys
 from bisect import bisect_right
 from codecs import register_error
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
@@ -72,27 +71,13 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
 
 def parameter_columns(law: "Law") -> dict[str, list[object]]:
     """Return the columns of a table with a row for each letter of given equations and each object."""
-    from commonlaw.law.parameters import named_parameters
-    from commonlaw.law.text import Written, rounded
+    from commonlaw.law.tables import readable
 
-    columns = defaultdict[str, list[object]](list)
-    parameters = named_parameters(law)
-    values, errors, ends = parameters.values, parameters.errors, parameters.intervals()
-    for i, name in enumerate(law.objects):
-        for j, (letter, unit) in enumerate(zip(parameters.names, parameters.units, strict=True)):
-            error = float(errors[i, j])
-            columns[law.schema.object].append(name)
-            columns["parameter"].append(letter)
-            columns["estimate"].append(Written(rounded(values[i, j], error)))
-            columns["standard error"].append(Written(rounded(error, error)))
-            for title, end in zip(("95 % low", "95 % high"), ends, strict=True):
-                columns[title].append(Written(rounded(end[i, j], error)))
-            columns["unit"].append(unit or "")
+    names = {"object": law.schema.object, "low": "95 % low", "high": "95 % high"}
+    frame = readable(law.params).drop(columns=["equation", "term"]).rename(columns=names)
     if len(law.objects) == 1:
-        del columns[law.schema.object]
-    if not any(columns["unit"]):
-        del columns["unit"]
-    return columns
+        frame = frame.drop(columns=law.schema.object)
+    return {name: frame[name].tolist() for name in map(str, frame) if name != "unit" or frame["unit"].any()}
 
 
 def print_columns(columns: Mapping[str, Sequence[object]]) -> None:
