@@ -49,5 +49,5 @@ def test_forecasts_begin_with_the_unmeasured_state_that_the_law_says(law):
 
 
 def test_a_state_that_no_trial_has_is_refused():
-    with refused("state-with-gaps", state="omega", measured="0", samples=50, where="a, trial 1"):
+    with refused("state-with-gaps", state="omega", measured=0, samples=50, where="a, trial 1"):
         swings((False, False, False))

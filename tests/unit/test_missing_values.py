@@ -129,9 +129,10 @@ def test_a_state_with_gaps_needs_five_measured_values_in_each_trial(tmp_path):
         "state-with-gaps", {"state": "y", "measured": "4", "samples": 8, "least": 5}, "object, trial 1"
     )
     with refused(message):
-        Trials.from_frame(frame, states=["x", "y"])
-    with refused("state-with-gaps", state="x2", measured="4", samples=8, where="object, trial 1"):
-        Trials.from_arrays(frame["t"], frame[["x", "y"]])
+        cl.discover(Trials.from_frame(frame, states=["x", "y"]))
+    law = cl.Law.from_text("x' = a x; y' = b", {"a": 1.0, "b": 1.0})
+    with refused("state-with-gaps", state="y", measured="4", samples=8, where="object, trial 1"):
+        cl.refine(law, Trials.from_arrays(frame["t"], frame[["x", "y"]], names=["x", "y"]))
     frame.assign(object="a", trial=1).to_parquet(tmp_path / "a.parquet")
     with refused("state-with-gaps", state="y", measured="4", samples=8, where="a, trial 1"):
         list(TrialStream.from_parquet(tmp_path / "a.parquet", **ROLES))
@@ -151,7 +152,7 @@ def test_a_state_may_be_missing_throughout_a_trial_if_another_has_it(tmp_path):
     ):
         assert [np.isnan(each.states).sum(axis=0).tolist() for each in trials] == [[0, 0], [0, 8]]
         assert not any("left out" in note for note in trials.notes)
-    with refused("state-with-gaps", state="y", measured="0", samples=8, where="a, trial 1"):
+    with refused("state-with-gaps", state="y", measured=0, samples=8, where="a, trial 1"):
         Trials.from_frame(frame.assign(y=np.nan), states=["x", "y"])
 
 

@@ -247,3 +247,38 @@ def test_a_law_with_an_observation_is_saved_predicts_and_is_assessed(tmp_path):
 def test_what_cannot_be_fitted_is_refused_in_words(code, equations, settings):
     with refused(code):
         cl.fit(equations, trials_of({"A": (T, np.exp(-T) + 0.01)}), **settings)
+
+
+def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path):
+    source = np.random.default_rng(10)
+    times = np.linspace(0, 8, 17)
+    rows = ["patient,t,conc"]
+    values = {}
+    for name, k in {"a": 0.4, "b": 0.6}.items():
+        y = 5 * np.exp(-k * times) + 0.1 * source.standard_normal(17)
+        values[name] = y
+        rows += [f"{name},{t},{'<0.5' if v < 0.5 else round(v, 6)}" for t, v in zip(times, y, strict=True)]
+    (tmp_path / "levels.csv").write_text("\n".join(rows))
+    trials = cl.Trials.read(tmp_path / "levels.csv")
+    assert any("below a limit of quantification in conc" in each for each in trials.notes)
+    law = cl.fit("conc' = -k conc", trials, starts={"conc": "c0"}, universal="c0")
+
+    def deviance(p):
+        total = 0.0
+        for y, k in zip(values.values(), p[:2], strict=True):
+            curve, std, under = p[2] * np.exp(-k * times), np.exp(p[3]), y < 0.5
+            total -= norm.logpdf(y[~under].round(6), curve[~under], std).sum()
+            total -= norm.logcdf((0.5 - curve[under]) / std).sum()
+        return total
+
+    found = minimize(
+        deviance, [0.5, 0.5, 5, -2], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-11, "maxiter": 9999}
+    )
+    own = [estimates(law, "a")["k"][0], estimates(law, "b")["k"][0], estimates(law, "a")["c0"][0]]
+    assert own == pytest.approx(found.x[:3], rel=1e-3)
+    blq = (tmp_path / "levels.csv").read_text().replace("<0.5", "BLQ")
+    (tmp_path / "marks.csv").write_text(blq)
+    with refused("cell-censored"):
+        cl.Trials.read(tmp_path / "marks.csv")
+    marked = cl.Trials.read(tmp_path / "marks.csv", below={"BLQ": 0.5})
+    assert np.array_equal(marked[0].below, trials[0].below, equal_nan=True)

@@ -260,7 +260,7 @@ def test_a_mark_is_a_word_where_columns_hold_words(tmp_path):
     assert read(tmp_path, "object,t,x\n-,0,1\n-,1,2\nb,0,1\nb,1,2\n").objects == ("-", "b")
 
 
-@pytest.mark.parametrize("mark", ["<0.5", "< 0.5", "BLQ", "<LOD", ">100", "bql"])
+@pytest.mark.parametrize("mark", ["BLQ", "<LOD", ">100", "bql"])
 def test_censored_values_are_refused_with_the_option_that_reads_them(tmp_path, mark):
     table = f"time,x\n0,1\n1,{mark}\n2,{mark}\n3,2\n4,3\n5,4\n"
     with pytest.raises(CommonlawError) as refused:

@@ -36,6 +36,7 @@ from commonlaw.text import shown
 from commonlaw.trials import Trial, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
 from commonlaw.trials.transformations import objects_at_rest, outcome_of_rest, without_objects
+from commonlaw.trials.trial import check_gaps
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -106,6 +107,7 @@ class LawDiscovery:
             raise CommonlawError("not-trials", type=type(trials).__name__)
         if isinstance(trials, Trials):
             refuse_client(self.client)
+            check_gaps(tuple(trials), trials.schema)
         question = {name: getattr(self, name) for name in _PARAMETERS if name not in _CHANGE_NOTHING}
         progress = self.progress or on_terminal()
         with on_cluster(self.client):

@@ -24,7 +24,7 @@ from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import number_of, with_logarithms
-from commonlaw.trials.trial import Start, property_names
+from commonlaw.trials.trial import Start, has_sparse_states, property_names
 
 InitialGiven = Start | tuple[float, float] | Mapping[str, float | None]
 """An initial value as users give it: a `Start`, an expression of parameters, or a mean and a standard deviation."""
@@ -49,7 +49,8 @@ def needs_model(
         for name, start in starts.items()
     )
     censored = any(np.isfinite(each.below).any() for each in trials)
-    return bool(not text.is_plain or special or censored or priors or isinstance(universal, Mapping))
+    sparse = has_sparse_states(tuple(trials), trials.schema)
+    return bool(not text.is_plain or special or censored or sparse or priors or isinstance(universal, Mapping))
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,7 @@ _CENSORED = re.compile(
     re.IGNORECASE,
 )
 """<0.5, BLQ, <LOD: measured, and below or above what can be quantified."""
+_BELOW = re.compile(r"[<\N{LESS-THAN OR EQUAL TO}]=? *(.*)")
 
 _BLANKS = " '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
 _GROUPED_BY_BLANKS = re.compile(rf"(?<![\d.,])\d{{1,3}}(?:[{_BLANKS}]\d{{3}})+(?!\d)", re.ASCII)
@@ -67,6 +68,8 @@ class Notation:
     """Those that other columns of the table show."""
     missing: tuple[str, ...] = ()
     """Texts that are missing values, as the user says."""
+    below: Mapping[str, float] = field(default_factory=dict)
+    """Texts that stand for values below a limit of quantification, with it, as the user says."""
 
     @property
     def missing_numbers(self) -> dict[str, float]:
@@ -88,6 +91,10 @@ class Numerals:
     """What stands behind each number."""
     missing: Mapping[str, int] = field(default_factory=dict)
     """Marks of missing values, and how many there are of each."""
+    below: Floats | None = None
+    """Limits that values are below, shape (n,), NaN for others; None without any."""
+    censored: Mapping[str, int] = field(default_factory=dict)
+    """Marks of these, and how many there are of each."""
 
 
 def is_missing(cell: str) -> bool:
@@ -117,7 +124,8 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
     cells = [str(cell).strip() for cell in unique]
     counts = np.bincount(codes[codes >= 0], minlength=len(cells))
     missing = {i: cell for i, cell in enumerate(cells) if not cell or cell in notation.missing or is_missing(cell)}
-    present = [i for i in range(len(cells)) if i not in missing]
+    limits = {i: limit for i, cell in enumerate(cells) if (limit := _limit(cell, notation)) is not None}
+    present = [i for i in range(len(cells)) if i not in missing and i not in limits]
     found = _read([cells[i] for i in present], notation)
     if isinstance(found, Unreadable):
         return found
@@ -126,7 +134,24 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
     marks = Counter[str]()
     for i, cell in missing.items():
         marks[cell] += int(counts[i]) if cell else 0
-    return _without_sentinels(replace(found, values=values[codes], missing=+marks), notation)
+    found = replace(found, values=values[codes], missing=+marks)
+    if limits:
+        below = np.full(len(cells) + 1, np.nan)
+        below[[*limits]] = [*limits.values()]
+        censored = {cells[i]: int(counts[i]) for i in limits}
+        found = replace(found, below=below[codes], censored=censored)
+    return _without_sentinels(found, notation)
+
+
+def _limit(cell: str, notation: Notation) -> float | None:
+    """Return the limit of quantification that a cell says to be below of; None for any other cell."""
+    if cell in notation.below:
+        return notation.below[cell]
+    if cell in notation.missing or (found := _BELOW.fullmatch(_bare(cell))) is None:
+        return None
+    number = parts[1] if (parts := _WITH_UNIT.fullmatch(found[1])) and _is_unit(*parts.group(2, 3)) else found[1]
+    marks = [mark for mark in _NUMBERS if notation.decimal in (None, mark) and _NUMBERS[mark].fullmatch(number)]
+    return _value(number, marks[0]) if marks else None
 
 
 def _without_sentinels(found: Numerals, notation: Notation) -> Numerals:

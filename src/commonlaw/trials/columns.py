@@ -100,6 +100,12 @@ class Table:
             raise CommonlawError("cell-value", where=self._where(name, row), value=what, count=count)
         return values
 
+    def limits(self, name: str) -> Floats:
+        """Return the limits that values of a column are below of, shape (n,), NaN for others."""
+        found = numerals(self.columns[name], self.notation) if name in self.loose else None
+        below = found.below if isinstance(found, Numerals) else None
+        return np.full(len(self), np.nan) if below is None else below
+
     def deviations(self, name: str, needed: Bools) -> Floats:
         """Return a column of standard deviations, shape (n,), NaN where a cell is empty; some are `needed`."""
         values = self.numbers(name, missing=True)
@@ -222,6 +228,8 @@ def _facts(read: Mapping[str, Numerals]) -> list[str]:
     for name, each in read.items():
         counts = [f"{mark!r} in {counted(count, 'cell')}" for mark, count in each.missing.items()]
         facts += [f"read as missing in {name}: {', '.join(counts)}"] if counts else []
+        counts = [f"{mark!r} in {counted(count, 'cell')}" for mark, count in each.censored.items()]
+        facts += [f"below a limit of quantification in {name}, for cl.fit alone: {', '.join(counts)}"] if counts else []
     return facts
 
 

@@ -16,8 +16,9 @@ from commonlaw.trials.trial import Schema, Trial
 Restarts = Literal["trials", "sort"]
 """What times that go back mean: new trials, or rows of one trial that are out of order."""
 
-Cells = tuple[Floats, Floats, Floats, Floats]
-"""Of all rows: times, shape (n,), states, inputs, and standard deviations of the states, each of shape (n, columns)."""
+Cells = tuple[Floats, Floats, Floats, Floats, Floats]
+"""Of all rows: times, shape (n,), states, inputs, standard deviations of the states and limits that they are below of,
+each of shape (n, columns)."""
 
 _RANDOM = 1.5
 """Standard deviations from the number of times that rows in random order go back, beyond which they are in no such."""
@@ -60,7 +61,7 @@ def read_cells(table: Table, schema: Schema) -> Cells:
     for state, name in schema.noise_columns.items():
         j = schema.states.index(state)
         noise[:, j] = table.deviations(name, np.isfinite(states[:, j]))
-    return times, states, inputs, noise
+    return times, states, inputs, noise, np.column_stack([table.limits(name) for name in schema.states])
 
 
 def groups_of(owners: Codes, objects: Sequence[str], runs: Codes, labels: Sequence[str]) -> list[Group]:
@@ -94,7 +95,7 @@ def trials_of(
         groups = parts
         notes = [f"a trial begins wherever the time goes back: {'; '.join(begun)}"] if begun else []
     # Rows of inputs alone, such as doses, come after what was measured at their times
-    alone = np.asarray(np.isnan(cells[1]).all(axis=1))
+    alone = np.asarray((np.isnan(cells[1]) & np.isnan(cells[4])).all(axis=1))
     sorted_rows = [group.rows[np.lexsort((alone[group.rows], cells[0][group.rows]))] for group in groups]
     for group, rows in zip(groups, sorted_rows, strict=True):
         _refuse_twice(table, cells, rows, group, groups, may_be_apart=restarts == "sort")
@@ -104,13 +105,13 @@ def trials_of(
     notes += [f"sorted by time: {'; '.join(late)}"] if late else []
     made, row_indices, empty, gaps = [], [], [], []
     for group, rows in zip(groups, sorted_rows, strict=True):
-        kept = are_used(cells[1][rows], driven=cells[2].shape[1] > 0)
+        kept = are_used(np.where(np.isnan(cells[4][rows]), cells[1][rows], 0.0), driven=cells[2].shape[1] > 0)
         if not kept.all():
             gaps.append(f"{group.label}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
         if kept.any():
-            times, states, inputs, noise = (each[rows[kept]] for each in cells)
+            times, states, inputs, noise, below = (each[rows[kept]] for each in cells)
             earlier = inputs_before(cells[0][rows], cells[2][rows], kept)
-            made.append(Trial(group.object, group.trial, times, states, inputs, noise, earlier=earlier))
+            made.append(Trial(group.object, group.trial, times, states, inputs, noise, earlier=earlier, below=below))
             row_indices.append(rows[kept])
         else:
             empty.append(group.label)

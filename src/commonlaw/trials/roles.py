@@ -107,6 +107,9 @@ class Reading(Roles, total=False):
     missing
         Marks of missing values, such as ``-999`` or ``["<0.5", "BLQ"]``, besides empty cells, NA, NaN, ``-``, n.d. and
         the like.
+    below
+        Marks of values below a limit of quantification, with the limit, ``{"BLQ": 0.5}``, besides ``<0.5``. `fit` takes
+        them as such (left-censored); elsewhere they are missing.
     decimal
         The decimal mark, ``"."`` or ``","``. Default: that by which the cells are numbers; refused where both are
         possible, as in 1,000.
@@ -118,6 +121,7 @@ class Reading(Roles, total=False):
     wide: bool | str | None
     restarts: Restarts | None
     missing: str | float | Sequence[str | float] | None
+    below: Mapping[str, float] | None
     decimal: DecimalMark | None
     dates: DateOrder | None
 
@@ -135,7 +139,8 @@ def notation_of(roles: Reading) -> Notation:
     """Return how numbers are written, as far as it is said."""
     missing = roles.get("missing", ())
     marks = [missing] if isinstance(missing, str | int | float) else list(missing or ())
-    return Notation(roles.get("decimal"), missing=tuple(str(mark).strip() for mark in marks))
+    below = {str(mark).strip(): float(limit) for mark, limit in (roles.get("below") or {}).items()}
+    return Notation(roles.get("decimal"), missing=tuple(str(mark).strip() for mark in marks), below=below)
 
 
 def checked(roles: Roles, kind: type = Roles) -> Any:

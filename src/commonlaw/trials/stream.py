@@ -22,7 +22,7 @@ from commonlaw.trials.export import batch_tables, opened
 from commonlaw.trials.repeats import joined
 from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
-from commonlaw.trials.trial import Schema, Trial, TrialData, check_measured
+from commonlaw.trials.trial import Schema, Trial, TrialData, check_gaps, check_measured
 from commonlaw.trials.trials import Named, Trials, Until, labels, name_of
 
 _ROWS = 100_000
@@ -287,11 +287,12 @@ class _TrialsOfFile:
             if key in done:
                 raise CommonlawError("stream-unsorted", where=str(path), trial=parts[0].label)
             done.add(key)
-            arrays = zip(*((each.times, each.states, each.inputs, each.noise) for each in parts), strict=True)
-            times, states_of, inputs, noise = map(np.concatenate, arrays)
+            own = ((each.times, each.states, each.inputs, each.noise, each.below) for each in parts)
+            times, states_of, inputs, noise, below = map(np.concatenate, zip(*own, strict=True))
             repeats = joined([(each.repeats, each.states.shape) for each in parts])
-            trial = Trial(*key, times, states_of, inputs, noise, repeats) if len(parts) > 1 else parts[0]
+            trial = Trial(*key, times, states_of, inputs, noise, repeats, below=below) if len(parts) > 1 else parts[0]
             check_measured([trial], states[0])
+            check_gaps([trial], Schema(tuple(states[0])))
             yield trial
 
     def _batches(self, read: list[TrialData] | None) -> Iterator[TrialData]:

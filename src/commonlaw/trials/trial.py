@@ -381,25 +381,48 @@ def _property(what: str, value: object) -> Property:
 
 
 def check_measured(trials: Sequence[Trial], states: Sequence[str]) -> None:
-    """Refuse trials in which a state with gaps has too few measured values; one will do if rows are to be forecast."""
+    """Refuse states that were measured in no trial."""
+    for j, name in enumerate(states):
+        if not any((np.isfinite(trial.states[:, j]) | np.isfinite(trial.below[:, j])).any() for trial in trials):
+            raise CommonlawError(
+                "state-with-gaps", where=trials[0].label, state=name, measured=0, samples=len(trials[0]), least=1
+            )
+
+
+def check_gaps(trials: Sequence[Trial], schema: Schema) -> None:
+    """Refuse trials in which a state with gaps has too few values for a curve; one will do if rows are to be forecast.
+
+    `commonlaw.fit` takes such trials.
+    """
+    if (found := _sparse(trials, schema)) is not None:
+        i, j, least = found
+        measured = np.isfinite(trials[i].states[:, j]).sum()
+        raise CommonlawError(
+            "state-with-gaps",
+            where=trials[i].label,
+            state=schema.states[j],
+            measured=measured,
+            samples=len(trials[i]),
+            least=least,
+        )
+
+
+def has_sparse_states(trials: Sequence[Trial], schema: Schema) -> bool:
+    """Return whether `check_gaps` refuses trials."""
+    return _sparse(trials, schema) is not None
+
+
+def _sparse(trials: Sequence[Trial], schema: Schema) -> tuple[int, int, int] | None:
+    """Return the first trial and state with too few values, and how many are needed; None if there is none."""
     if all(trial.complete for trial in trials):
-        return
+        return None
     counts = np.array([np.sum(~np.isnan(trial.states), axis=0) for trial in trials])
     samples = [int(np.sum(~np.isnan(trial.states).all(axis=1))) for trial in trials]  # Others have inputs alone
     least = [
         min(1 if np.isnan(trial.states[-1]).all() else _LEAST, own) for trial, own in zip(trials, samples, strict=True)
     ]
-    few = (counts < np.array(least)[:, np.newaxis]) & ((counts > 0) | (counts.max(axis=0) == 0))
-    if few.any():
-        i, j = np.argwhere(few)[0].tolist()
-        raise CommonlawError(
-            "state-with-gaps",
-            where=trials[i].label,
-            state=states[j],
-            measured=counts[i, j],
-            samples=len(trials[i]),
-            least=least[i],
-        )
+    few = np.argwhere((counts < np.array(least)[:, np.newaxis]) & (counts > 0) & ~schema.unmeasured).tolist()
+    return (few[0][0], few[0][1], least[few[0][0]]) if few else None
 
 
 def check_noise_columns(trial: Trial, schema: Schema) -> None:

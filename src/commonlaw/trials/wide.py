@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Column, Table, column_of
 from commonlaw.trials.dates import holds_dates, is_time, years_of
@@ -110,7 +111,7 @@ def long_table(
     measured = table.taken(rows)
     made: dict[str, Column] = {"object": np.repeat(np.array(columns, dtype=object), len(rows))}
     made |= {each: np.tile(measured.columns[each], count) for each in (time, *repeated)}
-    made[name] = np.concatenate([measured.numbers(each, missing=True) for each in columns])
+    made[name] = np.concatenate([_quantified(measured, each) for each in columns])
     if noise:
         if without := [each for each in columns if each not in noise]:
             raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
@@ -177,7 +178,7 @@ def times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] |
     columns: dict[str, Column] = {name: labels[rows]}
     columns |= {each: table.columns[each][rows] for each in others if each != name}
     columns[_TIME] = np.tile(stamps, len(table))
-    columns[state] = np.column_stack([table.numbers(each, missing=True) for each in times]).ravel()
+    columns[state] = np.column_stack([_quantified(table, each) for each in times]).ravel()
     units = {key: unit for key, unit in table.units.items() if key in columns} | ({_TIME: "year"} if years else {})
     note = (
         f"{table.source}: the columns {times[0]} to {times[-1]} are times, and each row is an object, named by {name}: "
@@ -209,3 +210,10 @@ def _objects(table: Table, words: Sequence[str]) -> tuple[str, Column]:
         return "object", np.array([f"row {table.number(row)}" for row in range(len(table))], dtype=object)
     texts = [[cell.strip() if isinstance(cell, str) else "" for cell in table.columns[name]] for name in words]
     return "object", np.array([", ".join(filter(None, cells)) for cells in zip(*texts, strict=True)], dtype=object)
+
+
+def _quantified(table: Table, name: str) -> Floats:
+    """Return a column of measurements, refused if values in it are below a limit of quantification."""
+    if np.isfinite(table.limits(name)).any():
+        raise CommonlawError("wide-censored", where=table.source, column=name)
+    return table.numbers(name, missing=True)

@@ -26,6 +26,7 @@ from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.transformations import with_logarithms
+from commonlaw.trials.trial import check_gaps
 
 
 def as_followed(trials: Trials, logarithmic: Sequence[str], input_between: str) -> Trials:
@@ -99,6 +100,7 @@ class FitSetup:
         if not law.schema.doses:
             trials = trials.with_trials([each.measured() for each in trials])
         trials = matched(law, trials)
+        check_gaps(tuple(trials), trials.schema)
         between = law.schema.input_between if input_between is None else input_between
         trials = as_followed(trials, law.schema.logarithmic, between)
         return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold, between)
