@@ -91,13 +91,17 @@ def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), s
 
     States of equations whose starts are known have no column.
     """
+    from commonlaw.estimation.model import ModelText
     from commonlaw.library.equation import split_equations
 
     schemas = [each.schema for each in laws]
     if not equations:
         return source.load(schemas[0])
-    trials, asked = source.load(), split_equations(equations[0])
-    states = tuple(each.state for each in asked if each.state not in starts)
+    trials, text = source.load(), ModelText.of(equations[0], None, None)
+    states = tuple(each.state for each in split_equations(text.equations) if each.state not in starts)
+    if not text.is_plain:  # What has a column was measured
+        columns = (*trials.schema.states, *trials.schema.inputs)
+        states = tuple(name for name in (*states, *text.observed) if name in columns)
     if source.dataset or source.states:
         return trials
     if trials.schema.wide and len(states) == 1:
