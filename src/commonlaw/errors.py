@@ -55,7 +55,7 @@ class CommonlawError(ValueError):
         return in_line(self.diagnostic.sentence(dialect))
 
     def __str__(self) -> str:
-        return self.sentence() if self.code == "several" else f"{self.sentence()} [{self.code}]"
+        return self.sentence() if self.code in ("several", "other") else f"{self.sentence()} [{self.code}]"
 
     def __reduce__(self) -> tuple[object, ...]:
         return type(self).of, (self.diagnostic,)

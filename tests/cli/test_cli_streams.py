@@ -114,7 +114,7 @@ def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials, tmp_path)
     assert code == 0, err
     page = (tmp_path / "page.html").read_text()
     assert f"{trials} were forecast" in page
-    assert "In Python, which learns from all trials of the table:" in page
+    assert "In Python, which uses all trials of the table:" in page
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,8 @@ def test_a_full_disk_names_the_target_leaves_the_old_files_and_nothing_half_writ
     (tmp_path / "law.json").write_bytes(b"old")
     ended = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True, text=True)
     assert ended.stderr == (
-        "cannot write law.png: File too large; choose a folder that you may write to and that has space\n"
+        "cannot write law.png: File too large; choose a folder that you may write to and that has space"
+        " [output-failed]\n"
     )
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"law.json": b"old"}
 
@@ -240,9 +241,12 @@ def test_folders_that_may_not_be_searched_or_written_to_are_refused() -> None:
         (Path(name) / "shown").chmod(0o700)
     said = [re.sub(r"'.*'", "FOLDER", line) for line in ended.stdout.splitlines()]
     assert said == [
-        "cannot write hidden/law.json: Permission denied; choose a folder that you may write to and that has space",
-        "cannot write shown/law.json: you may not write to the folder FOLDER; choose one that you may write to",
-        "cannot write shown/old.json: you may not write to the folder FOLDER; choose one that you may write to",
+        "cannot write hidden/law.json: Permission denied; choose a folder that you may write to and that has space"
+        " [output-failed]",
+        "cannot write shown/law.json: you may not write to the folder FOLDER; choose one that you may write to"
+        " [output-refused]",
+        "cannot write shown/old.json: you may not write to the folder FOLDER; choose one that you may write to"
+        " [output-refused]",
     ]
 
 

@@ -102,7 +102,9 @@ def test_the_command_line_takes_free_starts(tmp_path):
 def test_the_command_line_asks_for_the_start_of_a_state_without_a_column(tmp_path):
     drawn("pendulum")[-1].to_frame().to_csv(tmp_path / "swings.csv", index=False)
     done = CliRunner().invoke(commonlaw, ["fit", PENDULUM, str(tmp_path / "swings.csv")])
-    assert "if omega is a latent state, give its initial value: commonlaw fit --start omega=VALUE" in done.stderr
+    assert (
+        "if omega is a latent state, give its initial value: commonlaw fit --initial-value omega=VALUE" in done.stderr
+    )
 
 
 @pytest.mark.parametrize(

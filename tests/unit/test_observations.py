@@ -5,11 +5,13 @@ Each is held against least squares or maximum likelihood by SciPy on the solutio
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares, minimize
 from scipy.stats import norm
 
 import commonlaw as cl
+from commonlaw.cli.main import commonlaw
 from tests.refusals import refused
 
 
@@ -282,3 +284,15 @@ def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path):
         cl.Trials.read(tmp_path / "marks.csv")
     marked = cl.Trials.read(tmp_path / "marks.csv", below={"BLQ": 0.5})
     assert np.array_equal(marked[0].below, trials[0].below, equal_nan=True)
+
+
+def test_the_command_line_takes_observation_equations(tmp_path):
+    trials = trials_of({"A": (T, SIGNAL), "B": (T, OTHER)}, ["signal"])
+    trials.to_frame().assign(other=1.0).to_csv(tmp_path / "cells.csv", index=False)
+    table, law = str(tmp_path / "cells.csv"), str(tmp_path / "law.json")
+    done = CliRunner().invoke(commonlaw, ["fit", table, "x' = -k x; signal = c x (1 + x) + b; x(0) = 1", "--save", law])
+    assert done.exit_code == 0, done.output
+    assert "signal = c x (1 + x) + b" in done.output
+    done = CliRunner().invoke(commonlaw, ["predict", table, law, "--save", str(tmp_path / "forecast.csv")])
+    assert done.exit_code == 0, done.output
+    assert "signal forecast" in (tmp_path / "forecast.csv").read_text()

@@ -17,9 +17,8 @@ from commonlaw.cli import main
 for line in (
     "data export decays.csv --save copy.csv",
     "discover copy.csv --library poly:1 --method derivative-regression --save law.json",
-    "predict law.json copy.csv --save " + os.devnull,
-    "predict law.json copy.csv --save forecast.csv",
-    "report copy.csv --law law.json --out report.html",
+    "predict copy.csv law.json --save forecast.csv",
+    "report copy.csv law.json --save report.html",
 ):
     sys.argv = ["commonlaw", *line.split()]
     try:

@@ -16,6 +16,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
 from commonlaw.law import Law
+from commonlaw.law.alignment import has_bands
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors
 from commonlaw.law.simplify import within_errors
@@ -177,9 +178,9 @@ def _view(law: Law, of_law: Forecast, start: int | None) -> dict[str, Any]:
     trials = of_law.trials.with_trials(of_law.trials.trials[:_TRIALS])
     try:
         if of_law.is_fit:
-            made = fitted(law, trials, return_std=law.uncertainty.has_std)
+            made = fitted(law, trials, return_std=has_bands(law))
         else:
-            made = law.predict(trials, start=start, return_std=law.uncertainty.has_std)
+            made = law.predict(trials, start=start, return_std=has_bands(law))
     except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
         return {"score": "", "diverged": 0, "curves": []}
     score = made.score()

@@ -12,7 +12,7 @@ from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
 from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, is_of_kind, numbers, saving
 from commonlaw.cli.output import print_frame, print_json, say
-from commonlaw.cli.source import WITH_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
+from commonlaw.cli.source import WITH_LAW, Source, columns_of, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
         _check_stream(law, source, save, as_json, cluster)
         return
     with working("Checking ..."):
-        trials = source.chosen(law.schema)
+        trials = source.chosen(columns_of(law))
         found = law.residuals(trials)
         later = LaterSteps()
         later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_residuals(found))
@@ -170,7 +170,7 @@ def discrepancy(
 
     law = Law.load(law_path)
     with working("Seeking a discrepancy ..."):
-        trials = source.chosen(law.schema)
+        trials = source.chosen(columns_of(law))
         levels = numbers("--noise", noise) if noise else None
         found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=_zero(zero_at), noise=levels)
         later = LaterSteps()
@@ -249,7 +249,7 @@ def bounds(
 
     law = Law.load(law_path)
     with working("Fitting ...") as show:
-        trials = source.chosen(law.schema)
+        trials = source.chosen(columns_of(law))
         found = found_by(law, trials, terms or None, level=level, progress=show)
         frame = found.to_frame()
         later = LaterSteps()

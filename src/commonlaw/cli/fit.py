@@ -24,7 +24,16 @@ from commonlaw.cli.options import (
 )
 from commonlaw.cli.output import print_history, print_json, say
 from commonlaw.cli.results import Learned, Outputs, compared, learned_by_stream, load, print_compared, with_outputs
-from commonlaw.cli.source import WITH_LAW, WITHOUT_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
+from commonlaw.cli.source import (
+    WITH_LAW,
+    WITHOUT_LAW,
+    Source,
+    columns_of,
+    on_cluster_at,
+    stream_of,
+    with_cluster,
+    with_table,
+)
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.trials.transformations import without_notes_on
@@ -262,7 +271,7 @@ def refine(
     if cluster:
         source.check_streams()
     with working("Refining ...") as show, on_cluster_at(cluster, show):
-        trials = source.select(stream_of(source, law.schema)) if cluster else source.chosen(law.schema)
+        trials = source.select(stream_of(source, law.schema)) if cluster else source.chosen(columns_of(law))
         law = cl.refine(law, trials, **settings, progress=show)
         later = LaterSteps()
         later.save(save, law=law)

@@ -13,7 +13,7 @@ from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
 from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, is_of_kind, saving
 from commonlaw.cli.output import print_frame, print_json, say
-from commonlaw.cli.source import WITH_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
+from commonlaw.cli.source import WITH_LAW, Source, columns_of, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import check_memory
 from commonlaw.text import counted, r_squared
@@ -120,7 +120,9 @@ def predict(
         raise click.UsageError("--folder is for a folder or a pattern of Parquet files: use --save")
     with working("Forecasting ..."):
         trials = source.select(_with_properties(source, law))
-        return_std = bool(save) and law.uncertainty.has_std
+        from commonlaw.law.alignment import has_bands
+
+        return_std = bool(save) and has_bands(law)
         times = _times(trials, from_time, **grid)
         forecast = law.predict(
             trials,
@@ -187,14 +189,14 @@ def _with_properties(source: Source, law: "Law") -> Trials:
 
     In a table of one object a column that does not change is a property only where one is looked for.
     """
-    trials = source.load(law.schema)
+    trials = source.load(columns_of(law))
     taken = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
     if law.provenance.with_discrepancy:
         taken = (*taken, *law.provenance.with_discrepancy.schema.inputs[len(law.schema.inputs) :])
     known = {name for values in trials.properties.values() for name in values}
     if source.path and not source.properties and not {*taken} <= known:
         with suppress(CommonlawError):
-            return replace(source, properties=taken).load(law.schema)
+            return replace(source, properties=taken).load(columns_of(law))
     return trials
 
 

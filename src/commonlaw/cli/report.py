@@ -7,7 +7,16 @@ from commonlaw.cli.command import command, working
 from commonlaw.cli.options import LAW_ARGUMENT, saving
 from commonlaw.cli.output import say
 from commonlaw.cli.results import page
-from commonlaw.cli.source import WITH_LAW, Source, guesses, on_cluster_at, stream_of, with_cluster, with_table
+from commonlaw.cli.source import (
+    WITH_LAW,
+    Source,
+    columns_of,
+    guesses,
+    on_cluster_at,
+    stream_of,
+    with_cluster,
+    with_table,
+)
 from commonlaw.runtime.progress import part
 
 
@@ -47,7 +56,7 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
             found = find_by_stream(law, source.held_out(stream), part(show, 0.0, 1.0), training)
             made = partial(page, found.few, source.stream_program(), show, found)
         else:
-            trials = source.load(law.schema)
+            trials = source.load(columns_of(law))
             guessed += guesses(trials)
             program = source.program(trials) if source.path else ""
             made = partial(page, find(law, trials, source.select(trials)), program, show)

@@ -22,7 +22,7 @@ from commonlaw.cli.output import (
     print_table,
     say,
 )
-from commonlaw.cli.source import Source, few_trials, stream_of
+from commonlaw.cli.source import Source, columns_of, few_trials, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import as_text, counted, in_line, r_squared
@@ -94,7 +94,7 @@ def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), s
     from commonlaw.estimation.model import ModelText
     from commonlaw.library.equation import split_equations
 
-    schemas = [each.schema for each in laws]
+    schemas = [*map(columns_of, laws)]
     if not equations:
         return source.load(schemas[0])
     trials, text = source.load(), ModelText.of(equations[0], None, None)
@@ -256,9 +256,9 @@ class Learned:
         else:
             of = f"{counted(len(self.stream.parts), 'file')} with", ""
         say(f"{of[0]} {counted(len(law.objects), 'object')}{of[1]}\n")
-        parameters = named_parameters(law)
+        parameters, observed = named_parameters(law), [] if law.observation is None else law.observation.lines
         if shares_terms(law) and law.uncertainty.explanation is None:
-            say("\n".join((*map(in_line, law.structure), "")))
+            say("\n".join((*map(in_line, (*law.structure, *observed)), "")))
             if len(law.objects) == 1 and parameters.names:
                 say("\n".join((*map(in_line, law.equations()), "")))
             if (
@@ -422,9 +422,10 @@ class Learned:
         errors_of = curves.errors().pivot_table(
             index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
         )
-        for state in law.schema.measured:
+        schema = columns_of(law)
+        for state in schema.measured:
             what = "RMS residual" if curves.is_fit else "RMS forecast error"
-            columns[_with_unit(f"{what} of {state}", law.schema.units.get(state))] = (
+            columns[_with_unit(f"{what} of {state}", schema.units.get(state))] = (
                 errors_of[state].reindex(law.objects).tolist()
             )
         return columns

@@ -40,6 +40,7 @@ from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
+    from commonlaw.law import Law
     from commonlaw.law.script import Source as Program
 
 
@@ -521,6 +522,13 @@ def on_cluster_at(address: str | None, show: ProgressCallback) -> Iterator[None]
     show(f"connecting to {address}")
     with connected(address) as client, on_cluster(client):
         yield
+
+
+def columns_of(law: "Law") -> "Schema":
+    """Return names and units of what was measured of a law."""
+    from commonlaw.law.alignment import measured_schema
+
+    return measured_schema(law)
 
 
 def stream_of(source: Source, schema: Schema | None = None) -> TrialStream:

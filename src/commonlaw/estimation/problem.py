@@ -64,7 +64,7 @@ class TrialData:
 
     def parameters(self, unknowns: Floats) -> Floats:
         """Return the values of all parameters."""
-        return np.where(self.parameter < 0, self.values, unknowns[self.parameter])
+        return np.where(self.parameter < 0, self.values, np.append(unknowns, np.nan)[self.parameter])
 
 
 class Predicted(NamedTuple):
@@ -106,7 +106,7 @@ class Problem:
         model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter
         width, count = model.width, len(parameters)
         unit = model.point(np.zeros((1, width)), np.zeros((1, len(model.column))), data.times[:1], parameters)
-        initial = np.where(data.initial < 0, model.starts.evaluate(unit)[0], unknowns[data.initial])
+        initial = np.where(data.initial < 0, model.starts.evaluate(unit)[0], np.append(unknowns, np.nan)[data.initial])
         solution = self._solution(data, parameters, initial, slopes)
         states = solution.states[data.rows]
         times = data.times[data.rows]

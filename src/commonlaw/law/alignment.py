@@ -63,6 +63,11 @@ def measured_noise(law: Law) -> Floats | None:
     return law.uncertainty.noise if law.observation is None else law.observation.noise_levels
 
 
+def has_bands(law: Law) -> bool:
+    """Return whether forecasts of a law have standard deviations."""
+    return law.uncertainty.has_std or (law.observation is not None and measured_noise(law) is not None)
+
+
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:
     """Return times that were given with trials, in the unit of their time, in that of the law."""
     own, time = trials.schema.units.get(trials.schema.time), law.schema.units.get(law.schema.time)

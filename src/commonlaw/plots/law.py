@@ -5,6 +5,7 @@ from matplotlib.figure import Figure
 
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.law import Law
+from commonlaw.law.alignment import has_bands
 from commonlaw.plots.coefficients import DotPlot, HeatMaps
 from commonlaw.plots.equations import equation_lines
 from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys
@@ -36,7 +37,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     if isinstance(trials, Forecast):
         forecast = trials
     else:
-        forecast = law.predict(trials) if law.order == 0 else fitted(law, trials, law.uncertainty.has_std)
+        forecast = law.predict(trials) if law.order == 0 else fitted(law, trials, has_bands(law))
     coefficients = _coefficients(law, truth)
     columns, lines = forecast_grid(forecast, most=3)
     widths = (coefficients.width, 1.2 + 2.1 * max(columns, 2))

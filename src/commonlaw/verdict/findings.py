@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.forecast.initial_state import can_fit_initial_state
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched
+from commonlaw.law.alignment import has_bands, matched
 from commonlaw.trials import Trials
 from commonlaw.verdict.judge import judge, samples_before
 from commonlaw.verdict.law_verdict import LawVerdict
@@ -95,7 +95,7 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     whole = matched(law, trials)
     training = whole if learned is None or learned is trials else matched(law, learned)
     lacking = list[str]()
-    bands = bands and law.uncertainty.has_std
+    bands = bands and has_bands(law)
     fit = _tried(_NOT_FITTED, partial(fitted, law, training, bands), lacking) if law.order != 0 else None
     verdict = _tried(_NOT_JUDGED, partial(judge, law, whole, training), lacking)
     # Held-out trials, or if there are none of the objects of the law, the training data

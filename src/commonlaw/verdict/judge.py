@@ -13,7 +13,7 @@ from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched, measured_noise, measured_schema
+from commonlaw.law.alignment import has_bands, matched, measured_noise, measured_schema
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import OutcomeKind
@@ -129,7 +129,7 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
     how |= {"from_time": float(trial.times[origin])}
     if fits and segment.kind is Kind.SEEN and origin == 1:
         how = {"start": max(2, samples_before(len(trial), law.order))}
-    forecast = law.predict(trials, return_std=law.uncertainty.has_std, tolerance=_TOLERANCE, **how)
+    forecast = law.predict(trials, return_std=has_bands(law), tolerance=_TOLERANCE, **how)
     rows = np.flatnonzero(np.isfinite(forecast.trials[0].states).any(axis=1))
     compared, measured = rows[first - len(trial) :], trial.states[first:]
     errors = forecast.trajectories[0].states[compared, :states] - measured
