@@ -3,6 +3,8 @@
 Each is held against least squares or maximum likelihood by SciPy on the solution in closed form or by `solve_ivp`.
 """
 
+import json
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -92,7 +94,27 @@ def test_an_initial_value_with_a_standard_deviation_is_a_prior():
     found = least_squares(residuals, [1.0, 1.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
     errors = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
     assert estimates(law)["k"] == pytest.approx((found.x[0], errors[0]), rel=1e-4)
-    assert estimates(law)["x(0)"] == pytest.approx((found.x[1], errors[1]), rel=1e-4)
+    (initial,) = law.observation.estimated
+    assert (initial.value, initial.error) == pytest.approx((found.x[1], errors[1]), rel=1e-4)
+    assert "x(0) = 2.2 ± 0.01" in str(law)
+    assert f"{initial.value:.4f}" in law.summary()
+
+
+def test_initial_values_by_object_are_those_of_each_trial_where_they_are_free():
+    source = np.random.default_rng(11)
+    samples = {("A", "1"): 2.0, ("B", "1"): 3.0, ("B", "2"): 5.0}
+    made = [
+        cl.Trial(*key, T, start * np.exp(-0.5 * T) + 0.02 * source.standard_normal(len(T)))
+        for key, start in samples.items()
+    ]
+    trials = cl.Trials(tuple(made), cl.Schema(("x",)))
+    law = cl.fit("x' = -k x", trials, starts={"x": {"A": 2, "B": None}}, universal="k")
+    found = {(each.object, each.trial): each.value for each in law.observation.estimated}
+    assert found == pytest.approx({("B", "1"): 3.0, ("B", "2"): 5.0}, rel=0.02)
+    assert law.params["parameter"].unique().tolist() == ["k"]
+    assert law.predict(trials).to_frame()["x forecast"].iloc[0] == 2.0
+    with refused("initial-value-not-finite", object="B"):
+        cl.fit("x' = -k x", trials, starts={"x": {"A": 2}})
 
 
 def own_and_shared():
@@ -172,6 +194,23 @@ def test_values_below_a_limit_count_by_the_likelihood_of_the_tail():
     assert [estimates(law)[each][0] for each in "ka"] == pytest.approx(found.x[:2], rel=1e-4)
     assert -law.observation.log_likelihood == pytest.approx(found.fun, abs=1e-5)
 
+    # The curvature of all of the likelihood, at the noise that is reported
+    def curved(p):
+        return deviance([*p[:2], p[2]])
+
+    point, steps = np.array([*found.x[:2], np.log(law.observation.noise["x"])]), np.diag([1e-4, 1e-4, 1e-4])
+    hessian = np.array(
+        [
+            [
+                (curved(point + a + b) - curved(point + a - b) - curved(point - a + b) + curved(point - a - b)) / 4e-8
+                for b in steps
+            ]
+            for a in steps
+        ]
+    )
+    errors = np.sqrt(np.diag(np.linalg.inv(hessian)))[:2]
+    assert [estimates(law)[each][1] for each in "ka"] == pytest.approx(errors, rel=0.05)
+
 
 @pytest.mark.parametrize("between", ["held", "linear"])
 def test_a_dead_time_of_an_input_is_estimated(between):
@@ -232,6 +271,90 @@ def test_a_law_with_an_observation_is_saved_predicts_and_is_assessed(tmp_path):
     assert np.abs(later["signal error"]).max() < 0.1
 
 
+def test_forecasts_begin_where_the_trial_does_whatever_it_is_called():
+    y = 3 * np.exp(-0.5 * T) + 0.02 * np.random.default_rng(12).standard_normal(len(T))
+    law = cl.fit("x' = -k x", trials_of({"A": (T, y)}, ["x"]), priors={"k": (0.5, 0.1)})
+    other = trials_of({"A": (T, 7 * np.exp(-0.5 * T))}, ["x"])
+    assert law.predict(other).to_frame()["x forecast"].iloc[0] == pytest.approx(7, rel=0.02)
+
+
+@pytest.mark.parametrize("noise", [{"x": 0.05}, None])
+def test_later_inputs_drive_forecasts(noise):
+    times = np.arange(0.0, 600.0, 10.0)
+    u = 20.0 * (times >= 50) - 10.0 * (times >= 300)
+    x = [0.0]
+    for each in u[:-1]:  # Held inputs, exactly
+        x.append(0.6 * each + (x[-1] - 0.6 * each) * np.exp(-10 / 80))
+    y = np.array(x) + 0.05 * np.random.default_rng(13).standard_normal(len(times))
+    trials = cl.Trials((cl.Trial("A", "1", times, y, u),), cl.Schema(("x",), ("u",)))
+    law = cl.fit("x' = (g u - x)/s", trials, priors={"g": (0.6, 0.3)}, input_between="held", noise=noise)
+    later = law.predict(trials, from_time=250.0, return_std=True)
+    assert np.abs(later.to_frame()["x error"]).max() < 0.2
+    low, high = later.bands(measured=True)[0]
+    assert 0.85 < np.mean((low[26:, 0] < y[26:]) & (y[26:] < high[26:, 0])) <= 1
+    straight = law.predict(trials, from_time=250.0, input_between="linear").to_frame()
+    assert np.abs(straight["x error"]).max() > 2 * np.abs(later.to_frame()["x error"]).max()
+
+
+def test_the_interpolation_of_inputs_is_the_one_that_fits():
+    times = np.arange(0.0, 600.0, 10.0)
+    u = 20.0 * (times >= 50) - 10.0 * (times >= 300)
+    x = [0.0]
+    for each in u[:-1]:
+        x.append(0.6 * each + (x[-1] - 0.6 * each) * np.exp(-10 / 80))
+    y = np.array(x) + 0.01 * np.random.default_rng(15).standard_normal(len(times))
+    trials = cl.Trials((cl.Trial("A", "1", times, y, u),), cl.Schema(("x",), ("u",)))
+    law = cl.fit("x' = (g u - x)/s", trials, priors={"g": (0.6, 0.3)})
+    assert law.observation.measured.input_between == "held"
+    assert next(each for each in law.history if each.stage == "inputs").choice == "held"
+
+
+def test_exact_measurements_give_exact_parameters():
+    law = cl.fit("x' = -k x; y = c x; x(0) = 1", trials_of({"A": (T, 2 * np.exp(-0.5 * T))}))
+    assert [estimates(law)[each][0] for each in "kc"] == pytest.approx([0.5, 2.0], rel=1e-8)
+
+
+def test_known_noise_and_repeated_measurements_have_their_likelihood():
+    times = np.repeat([0.0, 1.0, 2.0, 4.0], 3)
+    y = 2 * np.exp(-0.5 * times) + 0.1 * np.random.default_rng(14).standard_normal(12)
+    law = cl.fit("x' = -k x; x(0) = a", trials_of({"A": (times, y)}, ["x"]), noise={"x": 0.1})
+    k, a = (estimates(law)[each][0] for each in "ka")
+    expected = norm.logpdf(y, a * np.exp(-k * times), 0.1).sum()
+    assert law.observation.log_likelihood == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda law, trials: cl.refine(law, trials),
+        lambda law, trials: cl.compare({"one": law, "other": law}, trials),
+        lambda law, trials: cl.discover(trials, known=law),
+        lambda law, _: cl.design(law, {"x": "1..2", "duration": 3, "rate": 5}),
+        lambda law, trials: law.update(trials),
+        lambda law, trials: law.bounds(trials, ["x^2"]),
+        lambda law, trials: law.discrepancy(trials),
+    ],
+    ids=["refine", "compare", "discover", "design", "update", "bounds", "discrepancy"],
+)
+def test_what_takes_columns_for_states_refuses_a_law_with_an_observation(use):
+    trials = trials_of({"A": (T, 5 * (1 - np.exp(-0.7 * T)) + 0.01 * np.sin(9 * T))})
+    law = cl.fit("y' = a - k y", trials, starts={"y": 0})
+    with refused("law-with-observation"):
+        use(law, trials)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"noise": {"signal": -1.0}}, {"noise": {"other": 1.0}}, {"sizes": {"x": 0.0}}, {"equations": {"other": "x"}}],
+)
+def test_files_with_observations_that_cannot_be_are_refused(change):
+    law = cl.fit("x' = -k x; signal = c x; x(0) = 1", trials_of({"A": (T, SIGNAL)}, ["signal"]))
+    document = json.loads(law.to_json())
+    document["observation"] |= change
+    with pytest.raises(cl.CommonlawError):
+        cl.Law.from_json(json.dumps(document))
+
+
 @pytest.mark.parametrize(
     ("code", "equations", "settings"),
     [
@@ -240,6 +363,9 @@ def test_a_law_with_an_observation_is_saved_predicts_and_is_assessed(tmp_path):
         ("initial-value-of-variables", "x' = -k x; y = a x; x(0) = y0 + t", {}),
         ("prior-not-positive", "x' = -k x; y = a x", {"priors": {"a": (1, 0)}}),
         ("not-with-observation", "x' = -k x; y = a x", {"errors": "walk"}),
+        ("not-with-observation", "x' = -k x; y = a x", {"partial_pooling": True}),
+        ("prior-not-positive", "y' = -k y", {"starts": {"y": (1.0, 0.0)}}),
+        ("initial-value-not-finite", "y' = -k y", {"starts": {"y": np.inf}}),
         ("unknown-name", "x' = -k x; y = a x", {"universal": "q"}),
         ("unknown-name", "x' = -k x; z = a x; y = x", {}),
         ("observation-of-discrete-time", "x[k+1] = r x; y = a x", {}),
@@ -296,3 +422,12 @@ def test_the_command_line_takes_observation_equations(tmp_path):
     done = CliRunner().invoke(commonlaw, ["predict", table, law, "--save", str(tmp_path / "forecast.csv")])
     assert done.exit_code == 0, done.output
     assert "signal forecast" in (tmp_path / "forecast.csv").read_text()
+
+
+def test_the_command_line_takes_the_initial_value_of_a_measured_state(tmp_path):
+    y = 5 * (1 - np.exp(-0.7 * T)) + 0.01 * RANDOM.standard_normal(len(T))
+    trials_of({"A": (T, y)}).to_frame().to_csv(tmp_path / "tank.csv", index=False)
+    given = ["fit", str(tmp_path / "tank.csv"), "y' = k (B - y)", "--initial-value", "y=0"]
+    done = CliRunner().invoke(commonlaw, given)
+    assert done.exit_code == 0, done.output
+    assert "y(0) = 0.0" in done.output

@@ -55,8 +55,8 @@ if TYPE_CHECKING:
     everyday=True,
     metavar="STATE=VALUE",
     multiple=True,
-    help="Initial value of a latent state, at the first sample of each trial: a number, a property of the "
-    "objects, depot=dose, or depot=free to estimate it; repeat for more.",
+    help="Initial value of a state, at the first sample of each trial: a number, a property of the objects, "
+    "depot=dose, a parameter, x=x0, or depot=free to estimate it; repeat for more.",
 )
 @option(
     "Law",
@@ -119,13 +119,15 @@ def fit(
     EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
     dP/dt = c H P - d P", "s' = -V s/(K + s)". Letters are coefficients and constants to be found, numbers are known;
     v is the rate of x. Unless --state says otherwise, columns with an equation are states, and others that occur are
-    inputs. The law is checked like one of `commonlaw discover`. With --cluster Parquet files are fitted one by one.
+    inputs. Observation equations and initial values may stand among them. The law is checked like one of `commonlaw
+    discover`. With --cluster Parquet files are fitted one by one.
 
     \b
     Examples:
       commonlaw fit cups.csv "T' = -k (T - 20)" --save law.json
       commonlaw fit enzymes.csv "s' = -V s/(K + s)"
       commonlaw fit doses.csv "d' = -a d; c' = b d - k c" --initial-value d=dose
+      commonlaw fit cells.csv "x' = -k x; signal = c x (1 + x); x(0) = 1"
       commonlaw fit dataset:linear-drag:noise=0.05 "x'' = -g - c v"
     """
     import commonlaw as cl

@@ -89,7 +89,7 @@ def print_compared(frame: "pd.DataFrame") -> None:
 def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), starts: Container[str] = ()) -> "Trials":
     """Return the trials, their columns in the roles that equations and other laws give them.
 
-    States of equations whose starts are known have no column.
+    What has an equation and a column was measured; states of observation equations, or with initial values, need none.
     """
     from commonlaw.estimation.model import ModelText
     from commonlaw.library.equation import split_equations
@@ -97,11 +97,10 @@ def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), s
     schemas = [*map(columns_of, laws)]
     if not equations:
         return source.load(schemas[0])
-    trials, text = source.load(), ModelText.of(equations[0], None, None)
-    states = tuple(each.state for each in split_equations(text.equations) if each.state not in starts)
-    if not text.is_plain:  # What has a column was measured
-        columns = (*trials.schema.states, *trials.schema.inputs)
-        states = tuple(name for name in (*states, *text.observed) if name in columns)
+    trials, text = source.load(), ModelText.of(equations[0])
+    named = (*(each.state for each in split_equations(text.equations)), *text.observed)
+    columns = (*trials.schema.states, *trials.schema.inputs)
+    states = tuple(name for name in named if name in columns or (text.is_plain and name not in starts))
     if source.dataset or source.states:
         return trials
     if trials.schema.wide and len(states) == 1:

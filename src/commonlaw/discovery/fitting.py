@@ -17,8 +17,10 @@ from commonlaw.discovery.model_structure import Known, ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import fit_model, needs_model
 from commonlaw.estimation.fitting import InitialGiven
+from commonlaw.estimation.model import ModelText
 from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine, with_parameters_found
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
+from commonlaw.inference.settings import STRONG
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.parameters import named_parameters, standard_errors
@@ -166,15 +168,21 @@ def fit(
             raise CommonlawError("not-for-streams")
         return _of_stream(equations, trials, settings, client)
     refuse_client(client)
-    if needs_model(equations, trials, observe, starts or {}, universal, priors):
+    doses = (doses,) if isinstance(doses, str) else tuple(doses)
+    universal = (universal,) if isinstance(universal, str) else universal
+    model = ModelText.of(equations, observe)
+    if needs_model(model, trials, starts or {}, universal, priors):
+        own = {"starts": starts, "starts_at": starts_at, "universal": universal, "guesses": guesses, "priors": priors}
         changed = changed_settings("fit", settings)
-        return _model(equations, trials, starts, starts_at, doses, universal, guesses, observe, priors, changed)
+        whole = equations if isinstance(equations, str) else "; ".join(equations)
+        asked_of = {"observe": observe, "doses": doses, **own, **changed}
+        calls = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
+        return _of_model(model, with_doses(trials, doses), calls, own, changed)
     asked = split_equations(equations)
     second = [each.state for each in asked if each.order == 2]
     trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
     starts = {name: None if start == "free" else start for name, start in (starts or {}).items()}
-    doses = (doses,) if isinstance(doses, str) else tuple(doses)
-    universal = (universal,) if isinstance(universal, str) else tuple(universal)
+    universal = tuple(universal)
     resting = () if universal or starts else objects_at_rest(trials)
     trials = without_objects(trials, resting)
     trials = _with_unmeasured(with_doses(trials, doses), asked, cast(dict[str, Start], starts), starts_at)
@@ -244,20 +252,15 @@ def fit(
     return _within_bounds(replace(law, provenance=made), given.bounds)
 
 
-_MODEL_SETTINGS = ("positive", "input_between", "noise", "errors", "seed", "n_jobs", "progress", "partial_pooling")
-"""Settings of fits with observation equations."""
+_MODEL_SETTINGS = ("positive", "input_between", "noise", "errors", "seed", "n_jobs", "progress")
+"""Settings of fits that `commonlaw.estimation` makes."""
 
 
-def _model(
-    equations: str | Sequence[str],
+def _of_model(
+    text: ModelText,
     trials: Trials,
-    starts: Mapping[str, InitialGiven] | None,
-    starts_at: float | None,
-    doses: str | Sequence[str],
-    universal: str | Sequence[str] | Mapping[str, str],
-    guesses: Mapping[str, float] | None,
-    observe: Mapping[str, str] | None,
-    priors: Mapping[str, tuple[float, float]] | None,
+    calls: tuple[str, ...],
+    given: dict[str, Any],
     settings: dict[str, Any],
 ) -> Law:
     """Return the law of equations that only `commonlaw.estimation` fits: by least squares of trajectories."""
@@ -266,38 +269,32 @@ def _model(
         refused.append("errors")
     if refused:
         raise CommonlawError("not-with-observation", settings=refused)
-    asked: dict[str, Any] = {
-        "observe": observe,
-        "starts": starts or None,
-        "starts_at": starts_at,
-        "doses": doses or (),
-        "universal": universal or (),
-        "guesses": guesses,
-        "priors": priors,
-    }
-    text = equations if isinstance(equations, str) else "; ".join(equations)
-    calls = (call(fit, {**asked, **settings}, "cl.fit", repr(text), "trials"),)
-    doses = (doses,) if isinstance(doses, str) else tuple(doses)
-    between = settings.get("input_between")
-    trials = with_doses(trials, doses)
-    if between not in (None, "auto"):
-        check_choice("input_between", between, BETWEEN)
-        trials = replace(trials, schema=replace(trials.schema, input_between=between))
-    return fit_model(
-        equations,
-        trials,
-        observe=observe,
-        starts=starts or {},
-        starts_at=starts_at,
-        universal=(universal,) if isinstance(universal, str) else universal,
-        guesses=guesses,
-        priors=priors,
-        positive=settings.get("positive") or (),
-        noise=settings.get("noise"),
-        seed=settings.get("seed", 0),
-        progress=settings.get("progress") or on_terminal(),
-        calls=calls,
-    )
+    between = settings.get("input_between") or ("linear" if trials.schema.doses else "auto")
+    if between != "auto" or not trials.schema.inputs:
+        tried = (between.replace("auto", trials.schema.input_between),)
+    else:
+        tried = ("linear", *(each for each in BETWEEN if each != "linear"))
+    laws = [
+        fit_model(
+            text,
+            replace(trials, schema=replace(trials.schema, input_between=each)),
+            **given | {"starts": given["starts"] or {}},
+            positive=settings.get("positive") or (),
+            noise=settings.get("noise"),
+            seed=settings.get("seed", 0),
+            progress=settings.get("progress") or on_terminal(),
+            calls=calls,
+        )
+        for each in tried
+    ]
+    likelihoods = np.array([each.observation.log_likelihood for each in laws if each.observation is not None])
+    gains = 2 * (likelihoods - likelihoods[0])
+    best = int(np.argmax(gains)) if max(gains) > STRONG else 0
+    if len(tried) == 1:
+        return laws[best]
+    why = f"between samples; twice the log-likelihood ratio to straight lines is {gains[best]:.3g}"
+    step = Step("inputs", tried[best], why)
+    return replace(laws[best], provenance=replace(laws[best].provenance, history=(*laws[best].history, step)))
 
 
 def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:

@@ -37,7 +37,7 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     """Return residuals without patterns, and the numbers that were fitted, (objects, states)."""
     if not law.schema.doses:  # Which may be given where nothing was measured
         trials = trials.with_trials([each.measured() for each in trials])
-    trials = matched(law, trials)
+    trials = matched(law, trials, observed=True)
     noise = noise_of([noise_squares(trials)]) if noise is None else noise
     if law.observation is not None:
         return _of_observation(law, trials, noise)

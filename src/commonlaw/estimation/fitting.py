@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice, unknown
-from commonlaw.estimation.model import FREE, Model, ModelText, read_model
+from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.estimation.search import Bounds, Optimum, maximize
 from commonlaw.estimation.sizes import likely_sizes
@@ -26,20 +26,23 @@ from commonlaw.trials import Trials
 from commonlaw.trials.transformations import number_of, with_logarithms
 from commonlaw.trials.trial import Start, has_sparse_states, property_names
 
+FREE = "free"
+"""The initial value of each trial that the measurements determine."""
+_TINY = 1e-300
+"""The size of a state that is always zero."""
+
 InitialGiven = Start | tuple[float, float] | Mapping[str, float | None]
 """An initial value as users give it: a `Start`, an expression of parameters, or a mean and a standard deviation."""
 
 
 def needs_model(
-    equations: str | Sequence[str],
+    text: ModelText,
     trials: Trials,
-    observe: Mapping[str, str] | None,
     starts: Mapping[str, InitialGiven],
     universal: Sequence[str] | Mapping[str, str],
     priors: Mapping[str, tuple[float, float]] | None,
 ) -> bool:
     """Return whether equations are to be fitted as a model: what `commonlaw.refine` fits has none of these."""
-    text = ModelText.of(equations, observe, None)
     names = property_names(trials.properties)
     special = any(
         name in trials.schema.states
@@ -70,10 +73,9 @@ class _Unknowns:
 
 
 def fit_model(
-    equations: str | Sequence[str],
+    text: ModelText,
     trials: Trials,
     *,
-    observe: Mapping[str, str] | None,
     starts: Mapping[str, InitialGiven],
     starts_at: float | None,
     universal: Sequence[str] | Mapping[str, str],
@@ -87,55 +89,59 @@ def fit_model(
 ) -> Law:
     """Return the law of largest likelihood, see `commonlaw.fit`."""
     properties = property_names(trials.properties)
-    text, fixed, expected = _with_initial(ModelText.of(equations, observe, None), starts, properties)
-    model = read_model(text, trials.schema, (*properties, *fixed))
-    _check_initial(model, starts)
-    unknowns = _unknowns(model, trials, properties, fixed, universal)
+    model = read_model(with_initial(text, starts, trials), trials.schema, properties)
+    _check_latent(model, starts)
+    unknowns = _unknowns(model, trials, properties, universal)
     measured = _with_noise(with_logarithms(trials, positive), noise)
-    problem = _problem(model, measured, unknowns, starts_at, {**expected, **(priors or {})})
+    problem = _problem(model, measured, unknowns, starts_at, priors or {})
     sizes, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
     problem = replace(problem, sizes=state_sizes)
     bounds = _bounds(model, trials, unknowns)
     optimum = maximize(problem, sizes, guessed, bounds, None, seed, progress)
-    _check_identified(optimum, unknowns)
-    return _law(model, trials, problem, unknowns, optimum, starts_at, calls)
+    lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
+    if len(lost):
+        raise CommonlawError("parameters-not-identified", names=[unknowns.labels[i] for i in lost[:8]])
+    return _law(model, trials, problem, unknowns, bounds, optimum, starts_at, calls)
 
 
-def _with_initial(
-    text: ModelText, starts: Mapping[str, InitialGiven], properties: Sequence[str]
-) -> tuple[ModelText, dict[str, Mapping[str, float | None]], dict[str, tuple[float, float]]]:
-    """Return the text with initial values that are given apart, those known for some objects, and those expected."""
-    initial, fixed, expected = (
-        dict(text.initial),
-        dict[str, Mapping[str, float | None]](),
-        dict[str, tuple[float, float]](),
-    )
+def with_initial(text: ModelText, starts: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
+    """Return the text with initial values that are given apart from it."""
+    properties, initial = property_names(trials.properties), dict(text.initial)
     for name, start in starts.items():
         if start is None or start == FREE:
-            initial[name] = FREE
+            initial.pop(name, None)
         elif isinstance(start, str):
             if start.isidentifier() and start not in properties and get_close_matches(start, properties):
                 raise unknown("property", start, properties)
             initial[name] = start
         elif isinstance(start, Mapping):
-            own = {
-                owner: None if value is None or isinstance(value, str) else float(value)
-                for owner, value in start.items()
-            }
-            fixed[f"{name}(0)"] = own
-            initial[name] = f"`{name}(0)`"
+            known = dict[str, float]()
+            for owner in trials.objects:
+                value = start.get(owner, np.nan)
+                if value is not None and not isinstance(value, str):
+                    known[owner] = _finite(name, value, owner)
+            initial[name] = known
         elif isinstance(start, tuple):
-            expected[f"{name}(0)"] = start
-            initial[name] = f"`{name}(0)`"
+            mean, std = map(float, start)
+            if not 0 < std < np.inf:
+                raise CommonlawError("prior-not-positive", name=f"{name}(0)", std=std)
+            initial[name] = mean, std
         else:
-            initial[name] = repr(float(start))
-    return replace(text, initial={name: each for name, each in initial.items() if each != FREE}), fixed, expected
+            initial[name] = repr(_finite(name, start, trials.objects[0]))
+    return replace(text, initial=initial)
 
 
-def _check_initial(model: Model, given: Mapping[str, InitialGiven]) -> None:
-    """Refuse a latent state of which nothing is said where no observation equation may tell it."""
-    for name, initial in zip(model.variables.states[: len(model.schema.states)], model.initial, strict=False):
-        if initial is None and name not in (*model.observables, *given) and not model.text.observed:
+def _finite(state: str, value: float, owner: str) -> float:
+    if not np.isfinite(value):
+        raise CommonlawError("initial-value-not-finite", state=state, value=value, object=owner)
+    return float(value)
+
+
+def _check_latent(model: Model, given: Mapping[str, InitialGiven]) -> None:
+    """Refuse a latent state of which nothing is said where no observation equation may determine it."""
+    for j, name in enumerate(model.schema.states):
+        is_free = model.initial[j] is None and j not in model.known
+        if is_free and name not in (*model.observables, *given) and not model.text.observed:
             raise CommonlawError("equation-without-column", name=name)
 
 
@@ -143,7 +149,6 @@ def _unknowns(
     model: Model,
     trials: Trials,
     properties: Sequence[str],
-    fixed: Mapping[str, Mapping[str, float | None]],
     universal: Sequence[str] | Mapping[str, str],
 ) -> _Unknowns:
     found = _Unknowns([], [], {name: [] for name in trials.objects}, {name: [] for name in trials.objects}, [])
@@ -154,11 +159,8 @@ def _unknowns(
     for name in model.parameters:
         shared = dict[object, int]()
         for owner in trials.objects:
-            known = number_of(name, owner, trials) if name in properties else fixed.get(name, {}).get(owner)
-            if name in fixed and owner not in fixed[name]:
-                raise CommonlawError("initial-value-not-finite", state=name[:-3], value=np.nan, object=owner)
-            if known is not None:
-                index, value = -1, known
+            if name in properties:
+                index, value = -1, number_of(name, owner, trials)
             else:
                 by = groups.get(name)
                 key: object = owner if by is None else None if not by else _group(by, owner, trials)
@@ -169,9 +171,10 @@ def _unknowns(
             found.of_object[owner].append(index)
             found.values[owner].append(value)
     for trial in trials:
+        determined = model.free_of(trial.object)
         indices = [
-            found.add(f"{name}(0)", f"{name}(0) of {trial.label}") if is_free else -1
-            for name, is_free in zip(model.variables.states, model.is_free, strict=True)
+            found.add(f"{name}(0)", f"{name}(0) of {trial.label}") if j in determined else -1
+            for j, name in enumerate(model.variables.states)
         ]
         found.of_trial.append(indices)
     return found
@@ -221,6 +224,7 @@ def _problem(
         if not 0 < std < np.inf:
             raise CommonlawError("prior-not-positive", name=name, std=std)
     logarithmic = np.array([name in trials.schema.logarithmic for name in model.observables])
+    priors = {f"{model.variables.states[j]}(0)": prior for j, prior in model.expected.items()} | dict(priors)
     own = {i: priors[name] for i, name in enumerate(unknowns.names) if name in priors}
     return Problem(model, tuple(data), len(unknowns.names), logarithmic, np.ones(model.width), own)
 
@@ -303,22 +307,17 @@ def _bounds(model: Model, trials: Trials, unknowns: _Unknowns) -> Bounds:
     return Bounds(low, high)
 
 
-def _check_identified(optimum: Optimum, unknowns: _Unknowns) -> None:
-    lost = ~np.isfinite(np.diagonal(optimum.covariance))
-    if lost.any():
-        names = [unknowns.labels[i] for i in np.flatnonzero(lost)]
-        raise CommonlawError("parameters-not-identified", names=names[:8])
-
-
 def _law(
     model: Model,
     trials: Trials,
     problem: Problem,
     unknowns: _Unknowns,
+    bounds: Bounds,
     optimum: Optimum,
     start: float | None,
     calls: tuple[str, ...],
 ) -> Law:
+    """Return the law of the largest likelihood."""
     given = read_equations(model.text.equations, model.schema)
     inside = {each.name for each in given.coefficients}
     extra = [name for name in model.parameters if name not in inside]
@@ -334,11 +333,9 @@ def _law(
             whole[each.equation, each.term] = float(each.value(values))
     support = np.any(coefficients != 0, axis=0)
     covariance, shared = _covariance(model, trials, unknowns, optimum, products, support)
-    noise = {
-        name: float(value)
-        for name, value, is_known in zip(model.observables, optimum.noise, problem.known_noise, strict=True)
-        if not is_known
-    }
+    noise = dict(zip(model.observables, _typical_noise(problem, optimum).tolist(), strict=True))
+    largest = [np.abs(problem.predicted(each, optimum.unknowns, False).states).max(axis=0) for each in problem.trials]
+    sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), _TINY).tolist(), strict=True))
     errors = np.sqrt(np.diagonal(optimum.covariance))
     estimated = tuple(
         InitialValue(trial.object, trial.name, name, float(optimum.unknowns[k]), float(errors[k]))
@@ -352,12 +349,12 @@ def _law(
         logarithmic=tuple(n for n, own in zip(model.observables, problem.logarithmic, strict=True) if own),
     )
     observation = Observation(
-        schema, dict(model.text.observed), initial, start, noise, estimated, optimum.log_likelihood
+        schema, dict(model.text.observed), initial, start, noise, sizes, estimated, optimum.log_likelihood
     )
     steps = (
         Step("equations", "; ".join(given.texts), "as given"),
         *(Step("observation", f"{name} = {right}", "as given") for name, right in model.text.observed.items()),
-        *(Step("start", f"{name}(0) = {right}", "as given") for name, right in initial.items()),
+        *(Step("start", line, "as given") for line in observation.lines[len(model.text.observed) :]),
         Step(
             "fit",
             f"-log L = {-optimum.log_likelihood:.6g}",
@@ -366,7 +363,7 @@ def _law(
         ),
     )
     provenance = Provenance(
-        outcomes=_at_bounds(model, unknowns, optimum),
+        outcomes=_at_bounds(model, unknowns, bounds, optimum),
         history=steps,
         equations=given.texts,
         calls=calls,
@@ -384,6 +381,16 @@ def _law(
         properties=properties,
         observation=observation,
     )
+
+
+def _typical_noise(problem: Problem, optimum: Optimum) -> Floats:
+    """Return the noise of each observable, the median where each measurement has its own, shape (m,)."""
+    found = optimum.noise.copy()
+    for k in np.flatnonzero(problem.known_noise):
+        own = np.concatenate([(each.trial.std(found) / each.trial.averaging)[:, k] for each in problem.trials])
+        seen = np.concatenate([np.isfinite(each.trial.noise[:, k]) for each in problem.trials])
+        found[k] = np.median(own[seen])
+    return found
 
 
 def _values(model: Model, unknowns: _Unknowns, found: Floats, owner: str) -> dict[str, Floats]:
@@ -431,7 +438,7 @@ def _covariance(
     return found, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
 
 
-def _at_bounds(model: Model, unknowns: _Unknowns, optimum: Optimum) -> tuple[Outcome, ...]:
+def _at_bounds(model: Model, unknowns: _Unknowns, bounds: Bounds, optimum: Optimum) -> tuple[Outcome, ...]:
     """Return which parameters are at a bound, each with the interval on the other side."""
     from scipy.stats import norm
 
@@ -439,8 +446,7 @@ def _at_bounds(model: Model, unknowns: _Unknowns, optimum: Optimum) -> tuple[Out
     for i in np.flatnonzero(optimum.at_bound):
         name, end = unknowns.names[i], float(optimum.unknowns[i])
         value, error = (float(each[i]) for each in optimum.beyond)
-        low, _ = limits_of(name, model.text.bounds)
-        side = 1 if end == low else -1
+        side = 1 if end == bounds.low[i] else -1
         reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if 0 < error < np.inf else np.nan
         within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
         text = next((each.text for each in model.text.bounds if each.name == name), name)

@@ -10,6 +10,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
+from commonlaw.law.observation import Initial
 from commonlaw.law.parse import meanings_of
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in, is_bound, parts_of
@@ -24,25 +25,23 @@ _DELAYED = re.compile(rf"(?P<name>{_NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{_N
 _INITIAL = re.compile(rf"(?P<name>{_NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)")
 _OBSERVED = re.compile(rf"(?P<name>{_NAME})\s*=(?P<right>.*)")
 
-FREE = "free"
-"""The initial value of each trial that the measurements determine."""
-
 
 @dataclass(frozen=True)
 class ModelText:
-    """What is written of a model: differential equations, observation equations, initial values and bounds."""
+    """What is written of a model: differential equations, observation equations, initial values and bounds.
+
+    Initial values are as in `Observation.initial`.
+    """
 
     equations: tuple[str, ...]
     observed: Mapping[str, str]
-    initial: Mapping[str, str]
-    bounds: tuple[Bound, ...]
+    initial: Mapping[str, Initial]
+    bounds: tuple[Bound, ...] = ()
 
     @classmethod
-    def of(
-        cls, texts: str | Sequence[str], observe: Mapping[str, str] | None, initial: Mapping[str, str] | None
-    ) -> "ModelText":
-        """Return what equations, in one text or several, and the two mappings say together."""
-        equations, bounds, observed, known = list[str](), list[str](), dict(observe or {}), dict(initial or {})
+    def of(cls, texts: str | Sequence[str], observe: Mapping[str, str] | None = None) -> "ModelText":
+        """Return what equations, in one text or several, and observation equations by name say together."""
+        equations, bounds, observed, known = list[str](), list[str](), dict(observe or {}), dict[str, Initial]()
         for part in parts_of(texts):
             if is_bound(part) and not DERIVATIVE.search(part):
                 bounds.append(part)
@@ -85,7 +84,8 @@ class Model:
         Names of what is measured, and their values.
     initial
         For each state and rate its initial value over the variables (of which only parameters may be in it), or None
-        for one that each trial determines.
+        for one that each trial determines; `known` has those of objects that are numbers, and `expected` the mean and
+        standard deviation of such values, by index of the state.
     column, delay
         For each input of the schema the column of the trials, and the parameter by which it comes later, or -1.
     """
@@ -98,6 +98,8 @@ class Model:
     observables: tuple[str, ...]
     outputs: Program
     initial: tuple[str | None, ...]
+    known: Mapping[int, Mapping[str, float]]
+    expected: Mapping[int, tuple[float, float]]
     expressions: tuple[str, ...]
     column: tuple[int, ...]
     delay: tuple[int, ...]
@@ -120,16 +122,24 @@ class Model:
     @cached_property
     def starts(self) -> Program:
         """Initial values over the variables; zero where they are free."""
-        return Program.of([((Factor(each or "0.0"), 1),) for each in self.initial], len(self.variables.names))
+        return _program([each or "0.0" for each in self.initial], self.variables)
 
-    @cached_property
-    def is_free(self) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
-        """Which initial values each trial determines, shape (D,)."""
-        return np.array([each is None for each in self.initial])
+    def initial_of(self, owner: str) -> Floats:
+        """Return the initial values of an object that are numbers, shape (D,), NaN for others."""
+        return np.array([self.known.get(j, {}).get(owner, np.nan) for j in range(self.width)])
+
+    def free_of(self, owner: str) -> list[int]:
+        """Return the states and rates, by index, whose initial values each trial of an object determines."""
+        known = self.initial_of(owner)
+        return [j for j, each in enumerate(self.initial) if each is None and np.isnan(known[j])]
 
     def point(self, states: Floats, inputs: Floats, times: Floats, parameters: Floats) -> Floats:
         """Return the variables at n times, shape (n, variables)."""
         return np.column_stack([states, inputs, times, np.broadcast_to(parameters, (len(times), len(parameters)))])
+
+
+def _program(expressions: Sequence[str], variables: Variables) -> Program:
+    return Program.of([((Factor(each), 1),) for each in expressions], len(variables.names))
 
 
 def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> Model:
@@ -191,15 +201,11 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         check_choice("measured quantity", name, measured.states)
     observed = [equation(name, text.observed.get(name, f"`{name}`")) for name in measured.states]
     rate_of = {f"{state}'": rate for state, rate in state_rates}
-    known = {rate_of.get(name, name): right for name, right in text.initial.items()}
-    for name in known:
+    given = {rate_of.get(name, name): start for name, start in text.initial.items()}
+    for name in given:
         check_choice("state of the equations", name, variables.states)
-    starts = [known.get(name, FREE) for name in variables.states]
-    written = [
-        *left,
-        *observed,
-        *(equation(f"{n}(0)", s) for n, s in zip(variables.states, starts, strict=True) if s != FREE),
-    ]
+    starts = {name: start for name, start in given.items() if isinstance(start, str)}
+    written = [*left, *observed, *(equation(f"{name}(0)", start) for name, start in starts.items())]
     found = dict.fromkeys(name for each in written for name in each.expression(variables, state_rates, meanings)[1])
     found |= dict.fromkeys(delay for *_, delay in delays)
     variables = replace(variables, parameters=tuple(found))
@@ -210,13 +216,12 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         rows[j] = f"v{len(states) + i}"
     for j, each in zip(highest_columns(order, len(states)), expressions, strict=False):
         rows[j] = each
-    rest = iter(expressions[len(left) + len(observed) :])
-    initial = tuple(None if each == FREE else next(rest) for each in starts)
+    texts = dict(zip(starts, expressions[len(left) + len(observed) :], strict=True))
+    initial = tuple(texts.get(name) for name in variables.states)
     parameters, first = variables.parameters, len(variables.measured)
     for known_value in initial:
         if known_value is not None and min(columns_in(known_value), default=first) < first:
             raise CommonlawError("initial-value-of-variables")
-    of = len(variables.names)
     outputs = expressions[len(left) : len(left) + len(observed)]
     column = (*range(len(measured.inputs)), *(measured.inputs.index(name) for _, name, _ in delays))
     delay = (*([-1] * len(measured.inputs)), *(parameters.index(each) for *_, each in delays))
@@ -227,10 +232,12 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         schema,
         order,
         variables,
-        Program.of([((Factor(each), 1),) for each in rows], of),
+        _program(rows, variables),
         measured.states,
-        Program.of([((Factor(each), 1),) for each in outputs], of),
+        _program(outputs, variables),
         initial,
+        {variables.states.index(name): start for name, start in given.items() if isinstance(start, Mapping)},
+        {variables.states.index(name): start for name, start in given.items() if isinstance(start, tuple)},
         (*rows, *outputs),
         column,
         delay,

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import Problem, TrialData
@@ -16,7 +16,7 @@ from commonlaw.forecast.forecast import Forecast
 from commonlaw.integration import Trajectory
 from commonlaw.integration.problem import diverged
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched
+from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
 from commonlaw.law.observation import Observation
 from commonlaw.law.parameters import named_parameters
@@ -27,12 +27,14 @@ from commonlaw.trials.trial import property_names
 
 def predict_observed(
     law: Law,
+    observation: Observation,
     trials: Trials,
     *,
     times: ArrayLike | None = None,
     start: int | Literal["all"] | None = None,
     from_time: float | None = None,
     return_std: bool = False,
+    input_between: str | None = None,
 ) -> Forecast:
     """Return what should have been measured in trials, see `Law.predict`.
 
@@ -42,26 +44,25 @@ def predict_observed(
     Raises
     ------
     CommonlawError
-        If something else was measured than for the law, or an object is not one of the law.
+        If something else was measured than for the law, an object is not one of the law, or a trial has no sample that
+        initial values could be estimated from.
     """
-    observation = law.observation
-    assert observation is not None
-    trials, wanted = matched(law, trials), observation.measured
+    times = matched_times(law, trials, times)
+    if from_time is not None:
+        from_time = float(np.asarray(matched_times(law, trials, from_time)))
+    trials = matched(law, trials, observed=True)
     for name in trials.objects:
         object_index(law, name)
-    fixed = [f"{each}(0)" for each in law.schema.states]
-    properties = [*property_names(trials.properties), *fixed]
-    text = ModelText(law.provenance.equations, observation.equations, observation.initial, ())
-    model = read_model(text, wanted, properties)
+    measured = replace(observation.measured, input_between=input_between or observation.measured.input_between)
+    text = ModelText(law.provenance.equations, observation.equations, observation.initial)
+    model = read_model(text, measured, property_names(trials.properties))
     more = np.zeros(0) if times is None else np.atleast_1d(np.asarray(times, dtype=np.float64))
-    beginnings = tuple(
-        _begun(law, model, observation, trials, each, start, from_time)
-        for each in with_logarithms(trials, wanted.logarithmic)
-    )
-    points = [_with_times(trial, more) for trial in trials]
-    return _Curves(law, model, trials.with_trials(points), beginnings, from_time, return_std).forecast(
-        [each.times for each in points]
-    )
+    curves = [
+        _Curve.of(law, observation, model, trials, trial, start, from_time)
+        for trial in with_logarithms(trials, measured.logarithmic)
+    ]
+    points = trials.with_trials([_with_times(trial, more) for trial in trials])
+    return _Curves(observation, points, curves, from_time, return_std).forecast()
 
 
 def _with_times(trial: Trial, more: Floats) -> Trial:
@@ -80,185 +81,151 @@ def _with_times(trial: Trial, more: Floats) -> Trial:
         noise=np.concatenate([trial.noise, unknown])[order],
         below=np.concatenate([trial.below, unknown])[order],
         inputs=np.concatenate([trial.inputs, inputs])[order],
-        repeats=None,
+        repeats=trial.repeats and trial.repeats.placed(np.argsort(order)[: len(trial)], len(times)),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Begun:
-    """A trial whose initial values are estimated.
+class _Curve:
+    """What should have been measured in a trial, at any times.
 
-    Their covariance is that at known parameters, shape (k, k); with these they change by their sensitivity, (k, P).
+    Parameters
+    ----------
+    data, problem
+        The trial, whose unknowns are the P parameters and then k initial values.
+    unknowns
+        Their values.
+    parameter_covariance
+        Of the parameters, shape (P, P).
+    covariance, sensitivity
+        Of the initial values where the parameters are known, shape (k, k), and how they change with these, (k, P).
+    known_until
+        The time of the last sample that determined initial values.
     """
 
     data: TrialData
     problem: Problem
     unknowns: Floats
+    parameter_covariance: Floats
     covariance: Floats
     sensitivity: Floats
     known_until: float
 
+    @classmethod
+    def of(
+        cls,
+        law: Law,
+        observation: Observation,
+        model: Model,
+        trials: Trials,
+        trial: Trial,
+        start: int | Literal["all"] | None,
+        from_time: float | None,
+    ) -> "_Curve":
+        """Return the curve whose initial values have the largest likelihood at the parameters of a law.
 
-def _noise(problem: Problem, observation: Observation) -> Floats:
-    rough = rough_noise(problem)
-    return np.array([observation.noise.get(n, r) for n, r in zip(problem.model.observables, rough, strict=True)])
+        Of the information H of parameters p and initial values x: Cov(x | p) = inv(H_xx), dx/dp = -inv(H_xx) H_xp.
+        """
+        values, known = _parameters(law, model, trials, trial.object)
+        count, free = len(values), model.free_of(trial.object)
+        initial = np.full(model.width, -1)
+        initial[free] = np.arange(len(free))
+        whole = TrialData.of(trial, model, observation.initial_time, [-1] * count, values.tolist(), initial.tolist())
+        used = _used(trial, start, from_time)
+        if free and not used.any():
+            raise CommonlawError("trial-without-samples", trial=trial.label)
+        seen = whole.seen(used) if used.any() else whole
+        logarithmic = np.array([name in observation.measured.logarithmic for name in model.observables])
+        sizes = np.array([observation.sizes[name] for name in model.variables.states])
+        priors = {free.index(j): prior for j, prior in model.expected.items() if j in free}
+        problem = Problem(model, (seen,), len(free), logarithmic, sizes, priors)
+        rough = rough_noise(problem)
+        noise = np.array([observation.noise.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
+        found = np.zeros(0)
+        if free:
+            endless, none = np.full(len(free), np.inf), np.zeros(len(free), dtype=np.bool_)
+            found = maximize(problem, sizes[free], none, Bounds(-endless, endless), noise, 0, lambda _: None).unknowns
+        both = replace(seen, parameter=np.arange(count), initial=np.where(seen.initial < 0, -1, seen.initial + count))
+        shifted = {index + count: prior for index, prior in priors.items()}
+        problem = replace(problem, trials=(both,), unknowns=count + len(free), priors=shifted)
+        unknowns = np.concatenate([values, found])
+        rows = problem.information(unknowns, noise)
+        inverse = np.asarray(np.linalg.pinv(rows[:, count:].T @ rows[:, count:]), dtype=np.float64)
+        sensitivity = -inverse @ rows[:, count:].T @ rows[:, :count]
+        until = float(trial.times[used][-1]) if used.any() else float(whole.times[0])
+        return cls(both, problem, unknowns, known, inverse, sensitivity, until)
+
+    def at(self, times: Floats, return_std: bool) -> tuple[Floats, Floats]:
+        """Return observables, those that are log-scaled by their logarithms, and standard deviations, (n, m) each."""
+        grid, count = np.union1d(self.data.times[:1], times), len(self.parameter_covariance)
+        data = replace(self.data, times=grid, rows=np.searchsorted(grid, times))
+        found = self.problem.predicted(data, self.unknowns, return_std)
+        if found.slopes is None:
+            return found.values, np.zeros(found.values.shape)
+        by_initial = found.slopes[:, :, count:]
+        by_parameters = found.slopes[:, :, :count] + by_initial @ self.sensitivity
+        with np.errstate(all="ignore"):
+            variance = np.einsum("nmp,pq,nmq->nm", by_parameters, self.parameter_covariance, by_parameters)
+            variance += np.einsum("nmp,pq,nmq->nm", by_initial, self.covariance, by_initial)
+            return found.values, np.sqrt(np.maximum(variance, 0.0))
 
 
-def _begun(
-    law: Law,
-    model: Model,
-    observation: Observation,
-    trials: Trials,
-    trial: Trial,
-    start: int | Literal["all"] | None,
-    from_time: float | None,
-) -> _Begun:
-    values = _parameters(law, model, trials, trial.object)
-    free = np.flatnonzero(model.is_free)
-    initial = np.full(model.width, -1)
-    initial[free] = np.arange(len(free))
-    used = trial.measured()
+def _used(trial: Trial, start: int | Literal["all"] | None, from_time: float | None) -> Bools:
+    """Return which samples determine initial values, shape (n,)."""
+    used = (np.isfinite(trial.states) | np.isfinite(trial.below)).any(axis=1)
     if from_time is not None:
-        used = used.rows(used.times < from_time)
+        used = used & (trial.times < from_time)
     if isinstance(start, int):
-        used = used.rows(slice(-start, None) if from_time is not None else slice(start))
-    if not len(used):
-        raise CommonlawError("trial-without-samples", trial=trial.label)
-    first = trial.times[0] if observation.initial_time is None else observation.initial_time
-    data = TrialData.of(replace(used, repeats=None), model, first, [-1] * len(values), values, initial.tolist())
-    logarithmic = np.array([name in observation.measured.logarithmic for name in model.observables])
-    sizes = np.maximum(1e-12, np.abs([_size(model, data, j) for j in range(model.width)]))
-    problem = Problem(model, (data,), len(free), logarithmic, sizes, {})
-    known = {
-        each.state: each.value
-        for each in observation.estimated
-        if (each.object, each.trial) == (trial.object, trial.name)
-    }
-    names = [model.variables.states[j] for j in free]
-    if start is None and from_time is None and names and all(name in known for name in names):
-        return _with_sensitivity(data, problem, np.array([known[name] for name in names]), observation, trial.times[-1])
-    endless = np.full(len(free), np.inf)
-    optimum = maximize(
-        problem,
-        sizes[free],
-        np.zeros(len(free), dtype=np.bool_),
-        Bounds(-endless, endless),
-        _noise(problem, observation),
-        0,
-        lambda _: None,
-    )
-    return _with_sensitivity(data, problem, optimum.unknowns, observation, used.times[-1])
+        rows = np.flatnonzero(used)
+        used = np.isin(np.arange(len(trial)), rows[-start:] if from_time is not None else rows[:start])
+    return np.asarray(used)
 
 
-def _with_sensitivity(
-    data: TrialData, problem: Problem, unknowns: Floats, observation: Observation, known_until: float
-) -> _Begun:
-    """Return a trial with initial values that maximize its likelihood, and how these follow from the parameters.
-
-    Of the information H of parameters p and initial values x: Cov(x | p) = inv(H_xx), dx/dp = -inv(H_xx) H_xp.
-    """
-    whole = _with_parameters(data)
-    count, values = len(data.values), np.concatenate([data.values, unknowns])
-    slopes = replace(problem, trials=(whole,), unknowns=len(values)).residuals(values, _noise(problem, observation))[1]
-    assert slopes is not None
-    by_initial, by_parameters = slopes[:, count:], slopes[:, :count]
-    inverse = np.asarray(np.linalg.pinv(by_initial.T @ by_initial), dtype=np.float64)
-    return _Begun(data, problem, unknowns, inverse, -inverse @ by_initial.T @ by_parameters, known_until)
-
-
-def _with_parameters(data: TrialData) -> TrialData:
-    """Return a trial whose parameters are unknowns, too, the first ones."""
-    count = len(data.values)
-    return replace(data, parameter=np.arange(count), initial=np.where(data.initial < 0, -1, data.initial + count))
-
-
-def _size(model: Model, data: TrialData, j: int) -> float:
-    name = model.variables.states[j]
-    if name in model.observables and name not in model.text.observed:
-        return float(np.nanmax(np.abs(data.trial.states[:, model.observables.index(name)]), initial=0.0)) or 1.0
-    return 1.0
-
-
-def _parameters(law: Law, model: Model, trials: Trials, owner: str) -> list[float]:
-    known = named_parameters(law)
-    own = dict(zip(known.names, known.values[object_index(law, owner)].tolist(), strict=True))
-    return [own[name] if name in own else number_of(name, owner, trials) for name in model.parameters]
+def _parameters(law: Law, model: Model, trials: Trials, owner: str) -> tuple[Floats, Floats]:
+    """Return the values of the parameters of an object, in the order of the model, and their covariance."""
+    known, index = named_parameters(law), object_index(law, owner)
+    own = dict(zip(known.names, known.values[index].tolist(), strict=True))
+    values = [own[name] if name in own else number_of(name, owner, trials) for name in model.parameters]
+    inner = [i for i, name in enumerate(model.parameters) if name in own]
+    chosen = [known.names.index(model.parameters[i]) for i in inner]
+    covariance = np.zeros((len(values), len(values)))
+    covariance[np.ix_(inner, inner)] = np.nan_to_num(known.covariance[index])[np.ix_(chosen, chosen)]
+    return np.array(values), covariance
 
 
 @dataclass(frozen=True, eq=False)
 class _Curves:
-    """What should have been measured at any times of trials."""
+    """The curves of trials, and the times that they are wanted at."""
 
-    law: Law
-    model: Model
+    observation: Observation
     trials: Trials
-    beginnings: Sequence[_Begun]
+    curves: Sequence[_Curve]
     from_time: float | None
     return_std: bool
 
-    def forecast(self, times: Sequence[Floats]) -> Forecast:
-        """Return the curves at times of each trial."""
-        observation, found, deviations = self.law.observation, list[Trajectory](), list[Floats]()
-        assert observation is not None
-        for begun, own in zip(self.beginnings, times, strict=True):
-            values, std = self._curve(begun, own)
-            finite = np.isfinite(values).all(axis=1)
-            outcome, ended = None, None
-            if not finite.all():
-                ended = float(own[int(np.argmin(finite))])
-                outcome = diverged(ended, "a state is not finite", begun.data.trial.label)
-            found.append(Trajectory(own, values, outcome, ended))
-            deviations.append(std)
-        schema = replace(self.trials.schema, logarithmic=())
-        noise = np.array([observation.noise.get(name, np.nan) for name in schema.states])
-        trials = replace(self.trials, schema=schema)
-        horizons = tuple(
-            np.maximum(0.0, own - each.known_until) for own, each in zip(times, self.beginnings, strict=True)
-        )
+    def forecast(self) -> Forecast:
+        """Return the curves at the times of the trials."""
+        trajectories, deviations = list[Trajectory](), list[Floats]()
+        for trial, curve in zip(self.trials, self.curves, strict=True):
+            shown, std = curve.at(trial.times, self.return_std)
+            values, finite = natural(shown, self.observation.measured), np.isfinite(shown).all(axis=1)
+            ended = None if finite.all() else float(trial.times[int(np.argmin(finite))])
+            outcome = None if ended is None else diverged(ended, "a state is not finite", trial.label)
+            trajectories.append(Trajectory(trial.times, values, outcome, ended))
+            deviations.append(np.where(curve.problem.logarithmic, std * values, std))
+        levels = self.observation.noise_levels
+        pairs = list(zip(self.trials, self.curves, strict=True))
         return Forecast(
-            trials,
-            tuple(found),
+            self.trials,
+            tuple(trajectories),
             tuple(deviations) if self.return_std else None,
-            noise if self.return_std and np.isfinite(noise).all() else None,
+            levels if self.return_std else None,
             self.from_time,
             at_more_times=self.at_more_times,
-            horizons=horizons,
+            horizons=tuple(np.maximum(0.0, trial.times - curve.known_until) for trial, curve in pairs),
         )
 
     def at_more_times(self, times: Sequence[Floats]) -> Forecast:
         """Return the same at more times of each trial."""
-        rows = [_with_times(trial, own) for trial, own in zip(self.trials, times, strict=True)]
-        finer = replace(self, trials=self.trials.with_trials(rows))
-        return finer.forecast([each.times for each in rows])
-
-    def _curve(self, begun: _Begun, times: Floats) -> tuple[Floats, Floats]:
-        """Return observables and their standard deviations at times, shape (n, m) each."""
-        grid = np.union1d(begun.data.times[:1], times)
-        count = len(self.model.parameters)
-        data = replace(_with_parameters(begun.data), times=grid, rows=np.searchsorted(grid, times))
-        unknowns = np.concatenate([begun.data.values, begun.unknowns])
-        problem = replace(begun.problem, trials=(data,), unknowns=len(unknowns))
-        found = problem.predicted(data, unknowns, self.return_std)
-        schema = replace(self.trials.schema, logarithmic=self.law.observation.measured.logarithmic)  # type: ignore[union-attr]
-        values = natural(found.values, schema)
-        if found.slopes is None:
-            return values, np.zeros(values.shape)
-        covariance, by_initial = self._covariance(begun.data.trial.object), found.slopes[:, :, count:]
-        by_parameters = found.slopes[:, :, :count] + by_initial @ begun.sensitivity
-        with np.errstate(all="ignore"):
-            variance = np.einsum("nmp,pq,nmq->nm", by_parameters, covariance, by_parameters)
-            variance += np.einsum("nmp,pq,nmq->nm", by_initial, begun.covariance, by_initial)
-            std = np.sqrt(np.maximum(variance, 0.0))
-        logarithmic = begun.problem.logarithmic
-        return values, np.where(logarithmic, std * values, std)
-
-    def _covariance(self, owner: str) -> Floats:
-        """Return the covariance of the parameters of an object, in the order of the model."""
-        parameters, model = named_parameters(self.law), self.model
-        place = [parameters.names.index(n) if n in parameters.names else -1 for n in model.parameters]
-        whole = np.nan_to_num(parameters.covariance[object_index(self.law, owner)])
-        found = np.zeros((len(place), len(place)))
-        inner = [i for i, k in enumerate(place) if k >= 0]
-        chosen = [place[i] for i in inner]
-        found[np.ix_(inner, inner)] = whole[np.ix_(chosen, chosen)]
-        return found
+        trials = [_with_times(trial, own) for trial, own in zip(self.trials, times, strict=True)]
+        return replace(self, trials=self.trials.with_trials(trials)).forecast()

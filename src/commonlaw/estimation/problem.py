@@ -1,7 +1,7 @@
 """The likelihood of a model's parameters and initial values, with its derivatives."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -30,7 +30,8 @@ class TrialData:
     parameter
         The index of each parameter among the unknowns, or -1 for one that is known, and `values` what it is then.
     initial
-        The index of each initial value among the unknowns, or -1 for one that follows from the parameters, shape (D,).
+        The index of each initial value among the unknowns, or -1 for one that is a number, in `fixed`, or else follows
+        from the parameters, shape (D,).
     """
 
     trial: Trial
@@ -40,6 +41,7 @@ class TrialData:
     parameter: Indices
     values: Floats
     initial: Indices
+    fixed: Floats
 
     @classmethod
     def of(
@@ -58,9 +60,13 @@ class TrialData:
         if trial.inputs.shape[1]:
             own = Inputs.of(trial.times, trial.inputs, model.schema.input_between)
             inputs = DelayedInputs(own, model.column, model.delay)
-        arrays = (np.array(each, dtype=np.int64) for each in (parameter, initial))
-        indices, free = arrays
-        return cls(trial, times, np.searchsorted(times, trial.times), inputs, indices, np.array(values), free)
+        indices, free = (np.array(each, dtype=np.int64) for each in (parameter, initial))
+        rows, fixed = np.searchsorted(times, trial.times), model.initial_of(trial.object)
+        return cls(trial, times, rows, inputs, indices, np.array(values), free, fixed)
+
+    def seen(self, rows: Bools | slice) -> "TrialData":
+        """Return the trial with some of its samples, the inputs being those of all of them."""
+        return replace(self, trial=self.trial.rows(rows), rows=self.rows[rows])
 
     def parameters(self, unknowns: Floats) -> Floats:
         """Return the values of all parameters."""
@@ -106,7 +112,8 @@ class Problem:
         model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter
         width, count = model.width, len(parameters)
         unit = model.point(np.zeros((1, width)), np.zeros((1, len(model.column))), data.times[:1], parameters)
-        initial = np.where(data.initial < 0, model.starts.evaluate(unit)[0], np.append(unknowns, np.nan)[data.initial])
+        follows = np.where(np.isnan(data.fixed), model.starts.evaluate(unit)[0], data.fixed)
+        initial = np.where(data.initial < 0, follows, np.append(unknowns, np.nan)[data.initial])
         solution = self._solution(data, parameters, initial, slopes)
         states = solution.states[data.rows]
         times = data.times[data.rows]
@@ -183,12 +190,46 @@ class Problem:
                 root = np.sqrt(np.maximum(-2 * log_ndtr(z), _TINY))
                 parts.append(root)
                 if own.slopes is not None:
-                    ratio = np.exp(-z * z / 2 - log_ndtr(z)) / np.sqrt(2 * np.pi)
-                    rows.append((own.slopes / std[:, :, np.newaxis])[under] * (ratio / root)[:, np.newaxis])
+                    rows.append((own.slopes / std[:, :, np.newaxis])[under] * (_mills(z) / root)[:, np.newaxis])
         for index, (mean, deviation) in self.priors.items():
             parts.append(np.array([(unknowns[index] - mean) / deviation]))
             rows.append(np.eye(self.unknowns)[index : index + 1] / deviation)
         return np.concatenate(parts), np.concatenate(rows) if slopes else None
+
+    def information(self, unknowns: Floats, noise: Floats) -> Floats:
+        """Return rows R whose product R'R is the information of the unknowns, shape (r, p).
+
+        They are the derivatives of the residuals, but where values are below limits: with u = (L - h) / sigma and
+        m = phi(u) / Phi(u) these count by m (m + u), the curvature of their tail, and log sigma, on which estimates
+        then depend, is eliminated.
+        """
+        if not self.censored.any():
+            rows = self.residuals(unknowns, noise)[1]
+            assert rows is not None
+            return rows
+        count, quantities = self.unknowns, len(noise)
+        total, mixed, own = np.zeros((count, count)), np.zeros((quantities, count)), np.zeros(quantities)
+        for data in self.trials:
+            found, trial = self.predicted(data, unknowns), data.trial
+            assert found.slopes is not None
+            std = np.broadcast_to(trial.std(noise), found.values.shape)
+            slopes = found.slopes / std[:, :, np.newaxis]
+            for k in range(quantities):
+                seen, under = np.isfinite(trial.states[:, k]), np.isfinite(trial.below[:, k])
+                z, g = ((found.values - trial.states) / std)[seen, k], slopes[seen, k]
+                u, h = ((trial.below - found.values) / std)[under, k], slopes[under, k]
+                m = _mills(u)
+                total += g.T @ g + (h.T * (m * (m + u))) @ h
+                mixed[k] += (m * (m + u) * u - m) @ h - 2 * z @ g
+                own[k] += 2 * z @ z + np.sum(m * (m + u) * u**2 - m * u)
+                if trial.repeats is not None:
+                    own[k] += 2 * float((trial.repeats.squares[seen, k] / noise[k] ** 2).sum())
+        for prior, (_, deviation) in self.priors.items():
+            total[prior, prior] += 1 / deviation**2
+        for k in np.flatnonzero(self.censored & ~self.known_noise).tolist():
+            total -= np.outer(mixed[k], mixed[k]) / own[k]
+        sizes, directions = np.linalg.eigh(total)
+        return np.asarray(np.sqrt(np.maximum(sizes, 0.0))[:, np.newaxis] * directions.T)
 
     def noise_levels(self, unknowns: Floats, noise: Floats, freedom: float = 0.0) -> Floats:
         """Return the standard deviation of each observable that fits best, given the last one, shape (m,).
@@ -227,13 +268,18 @@ class Problem:
             total -= 0.5 * float(z @ z) + float(np.log(std[seen]).sum()) + 0.5 * np.log(2 * np.pi) * seen.sum()
             total += float(log_ndtr(((trial.below - values) / std)[under]).sum())
             if trial.repeats is not None:
-                single = np.broadcast_to(noise, values.shape)[seen]
+                single = (std * np.sqrt(trial.repeats.counts))[seen]
                 more = trial.repeats.counts[seen] - 1
                 total -= 0.5 * float((trial.repeats.squares[seen] / single**2).sum())
                 # The mean has the noise of one over the root of their number
                 total -= float((more * (np.log(single) + 0.5 * np.log(2 * np.pi))).sum())
                 total -= 0.5 * float(np.log(trial.repeats.counts[seen]).sum())
         return float(total)
+
+
+def _mills(u: Floats) -> Floats:
+    """Return ``phi(u) / Phi(u)``, the inverse Mills ratio."""
+    return np.asarray(np.exp(-u * u / 2 - log_ndtr(u)) / np.sqrt(2 * np.pi))
 
 
 def _with_tails(squares: float, count: float, tails: Sequence[tuple[Floats, Floats]], first: float) -> float:

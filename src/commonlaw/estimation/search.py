@@ -33,6 +33,10 @@ _ROUGH_TOLERANCE, _MIDDLING_TOLERANCE = 1e-4, 1e-6
 """Relative errors of steps while parameters are improved roughly, and within bounds; at the end it is the problem's."""
 _SAME = 1e-9
 """Relative change of noise that ends the rounds."""
+_EXACT = 1e-12
+"""The least noise of exact measurements, in that to begin with."""
+_TINY = 1e-300
+"""In place of zero, whose logarithm and inverse are infinite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +63,8 @@ class Optimum:
         Of the unknowns, zero for those at a bound, shape (p, p).
     at_bound
         Which unknowns are at a bound, and `beyond` where they would be without it with its standard error.
+    starts_alike
+        How many of the best first values lead there.
     """
 
     unknowns: Floats
@@ -284,15 +290,15 @@ def _cost(problem: Problem, unknowns: Floats, noise: Floats) -> float:
 def _roughly(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, sizes: Floats) -> tuple[float, Floats]:
     """Return half the sum of squares and the values after a search on a logarithmic scale, signs as they are."""
     signs = np.where(start < 0, -1.0, 1.0)
-    middle = np.log(np.maximum(np.abs(start), 1e-12 * np.abs(sizes) + 1e-300))
-    near = np.log(np.abs(sizes) + 1e-300)
+    middle = np.log(np.maximum(np.abs(start), 1e-12 * np.abs(sizes) + _TINY))
+    near = np.log(np.abs(sizes) + _TINY)
     low = np.minimum(near - _REACH, middle - 1)
     high = np.maximum(near + _REACH, middle + 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         least = np.where(signs > 0, bounds.low, -bounds.high)
         most = np.where(signs > 0, bounds.high, -bounds.low)
-        low = np.where(least > 0, np.log(np.maximum(least, 1e-300)), low)
-        high = np.where(np.isfinite(most) & (most > 0), np.log(np.maximum(most, 1e-300)), high)
+        low = np.where(least > 0, np.log(np.maximum(least, _TINY)), low)
+        high = np.where(np.isfinite(most) & (most > 0), np.log(np.maximum(most, _TINY)), high)
     low, high = np.minimum(low, high - 1e-6), high
     point, cost = _improved(_Objective(problem, noise, signs), middle, Bounds(low, high), _ROUGH_STEPS)
     return cost, signs * np.exp(point)
@@ -326,51 +332,41 @@ def _finished(
 
 def _score(problem: Problem, unknowns: Floats, noise: Floats, fixed: bool) -> tuple[float, Floats]:
     """Return the negative log-likelihood with priors, and the noise of maximum likelihood."""
-    levels = noise if fixed else np.maximum(problem.noise_levels(unknowns, noise), 1e-9 * noise)
+    levels = noise if fixed else problem.noise_levels(unknowns, noise)
+    levels = np.maximum(levels, _EXACT * rough_noise(problem))
     priors = sum(0.5 * ((unknowns[i] - mean) / std) ** 2 for i, (mean, std) in problem.priors.items())
     score = priors - problem.log_likelihood(unknowns, levels)
     return (float(score) if np.isfinite(score) else np.inf), levels
 
 
 def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, given: bool, alike: int) -> Optimum:
+    """Return what is known where the likelihood is largest; what `_polished` left at a bound is exactly there."""
     log_likelihood = problem.log_likelihood(unknowns, noise)
-    width = np.maximum(np.abs(unknowns), 1e-300)
-    at_bound = (unknowns - bounds.low <= 1e-6 * width) | (bounds.high - unknowns <= 1e-6 * width)
-    at_bound |= ((bounds.low == 0) | (bounds.high == 0)) & (np.abs(unknowns) < 1e-9 * _scales(problem, unknowns, noise))
-    unknowns = np.where(
-        at_bound, np.where(unknowns - bounds.low <= bounds.high - unknowns, bounds.low, bounds.high), unknowns
-    )
+    at_bound = (unknowns == bounds.low) | (unknowns == bounds.high)
     unbiased = noise if given else problem.noise_levels(unknowns, noise, float((~at_bound).sum()))
-    residuals, slopes = problem.residuals(unknowns, np.maximum(unbiased, 1e-300))
-    assert slopes is not None
+    unbiased = np.maximum(unbiased, _EXACT * rough_noise(problem))
+    rows = problem.information(unknowns, unbiased)
     covariance = np.zeros((len(unknowns), len(unknowns)))
     inner = np.flatnonzero(~at_bound)
-    covariance[np.ix_(inner, inner)] = _inverse(slopes[:, inner])
+    covariance[np.ix_(inner, inner)] = _inverse(rows[:, inner])
     beyond, errors = unknowns.copy(), np.zeros(len(unknowns))
     if at_bound.any():
-        whole = _inverse(slopes)
+        residuals, slopes = problem.residuals(unknowns, unbiased)
+        assert slopes is not None
+        whole = _inverse(rows)
         beyond = unknowns - whole @ (slopes.T @ residuals)
         errors = np.sqrt(np.maximum(np.diagonal(whole), 0.0))
     return Optimum(unknowns, unbiased, log_likelihood, covariance, at_bound, (beyond, errors), alike)
 
 
-def _scales(problem: Problem, unknowns: Floats, noise: Floats) -> Floats:
-    """Return how much each unknown has to change for the residuals to change by one, shape (p,)."""
-    _, slopes = problem.residuals(unknowns, np.maximum(noise, 1e-300))
-    assert slopes is not None
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.minimum(1 / np.sqrt(np.sum(slopes**2, axis=0)), 1e294) * 1e6)
-
-
 def _inverse(slopes: Floats) -> Floats:
-    """Return the inverse of the information, infinite variance on the diagonal for what residuals do not depend on."""
+    """Return the inverse of the information of rows, with infinite variances where these do not determine a number."""
     if not slopes.shape[1]:
         return np.zeros((0, 0))
     scale = np.sqrt(np.sum(slopes**2, axis=0))
-    unseen = scale == 0
-    scale = np.where(unseen, 1.0, scale)
-    _, sizes, turned = np.linalg.svd(slopes / scale, full_matrices=True)
-    sizes = np.pad(sizes, (0, len(scale) - len(sizes)))
+    scale = np.where(scale == 0, 1.0, scale)
+    lacking = max(0, len(scale) - len(slopes))
+    _, sizes, turned = np.linalg.svd(np.pad(slopes / scale, ((0, lacking), (0, 0))), full_matrices=False)
     least = np.finfo(float).eps * len(slopes) * 10
     with np.errstate(divide="ignore"):
         inverse = np.where(sizes > least * sizes.max(initial=0.0), 1 / sizes**2, np.inf)

@@ -24,7 +24,7 @@ from commonlaw.experiments.plan import Design, Forecasts, Gain, Planned
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, SETTLED, Search
 from commonlaw.law import Law, PlausibleLaw
-from commonlaw.law.alignment import matched
+from commonlaw.law.alignment import matched, refuse_observation
 from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
@@ -246,6 +246,8 @@ def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
     if not laws or not all(isinstance(each, Law) for each in laws):
         raise CommonlawError("design-without-laws")
     first = laws[0]
+    for each in laws:
+        refuse_observation(each)
     for each in laws[1:]:
         same = (each.terms.variables.measured, each.objects, each.schema.logarithmic) == (
             first.terms.variables.measured,

@@ -331,7 +331,7 @@ def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
 
     Raises `CommonlawError` if the law is in discrete time, or not finite near the samples of a trial.
     """
-    errors, trials = law.uncertainty.error_model, matched(law, trials)
+    errors, trials = law.uncertainty.error_model, matched(law, trials, observed=True)
     solution = replace(law, uncertainty=replace(law.uncertainty, error_model=NO_ERRORS))
     return_std = return_std and not errors.of_law
     fit = solution.predict(trials, start="all", return_std=return_std, averaged=False)

@@ -4,10 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-enum {
-    ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, NEGATE, ABS, SQRT, EXP, LOG, SIN, COS, TAN, SINH, COSH, TANH, ARCTAN, SIGN
-};
-
 static double sign(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : x; }
 
 /* Mark what the terms of these coefficients need: those that are not zero, and if wanted those that are free. */
@@ -47,6 +43,7 @@ void operate(int64_t operation, const double *x, const double *y, double *restri
     switch (operation) {
     case ADD: EACH_LANE { out[l] = x[l] + y[l]; left[l] = 1; right[l] = 1; } return;
     case SUBTRACT: EACH_LANE { out[l] = x[l] - y[l]; left[l] = 1; right[l] = -1; } return;
+    case MULTIPLY: EACH_LANE { out[l] = x[l] * y[l]; left[l] = y[l]; right[l] = x[l]; } return;
     case DIVIDE: EACH_LANE { out[l] = x[l] / y[l]; left[l] = 1 / y[l]; right[l] = -out[l] / y[l]; } return;
     case NEGATE: EACH_LANE { out[l] = -x[l]; left[l] = -1; } return;
     case ABS: EACH_LANE { out[l] = fabs(x[l]); left[l] = sign(x[l]); } return;

@@ -86,6 +86,11 @@ typedef struct {
 
 enum { START, END, MIDDLE };
 
+/* Operations, in the order of library/grammar.py; those up to POWER have two operands. */
+enum {
+    ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, NEGATE, ABS, SQRT, EXP, LOG, SIN, COS, TAN, SINH, COSH, TANH, ARCTAN, SIGN
+};
+
 /* Which operations have to be done for some coefficients. */
 typedef struct {
     int64_t count, terms;

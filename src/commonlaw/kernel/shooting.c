@@ -37,15 +37,9 @@ static void run_program(Shooting *s, bool linear) {
     double left[LANES], right[LANES];
     for (int64_t m = 0; m < program->operations; ++m) {
         const int64_t *code = program->code + 3 * m;
-        bool binary = code[0] <= 4;
+        bool binary = code[0] <= POWER;
         operate(code[0], s->registers + code[1] * LANES, s->registers + code[2] * LANES,
                 s->registers + (first + m) * LANES, left, right, linear);
-        if (code[0] == 2) {
-            memcpy(left, s->registers + code[2] * LANES, sizeof left);
-            memcpy(right, s->registers + code[1] * LANES, sizeof right);
-            double *out = s->registers + (first + m) * LANES;
-            EACH_LANE out[l] = left[l] * right[l];
-        }
         if (!linear) continue;
         for (int64_t v = 0; v < V; ++v) {
             if (!s->depends[(first + m) * V + v]) continue;

@@ -29,15 +29,17 @@ if TYPE_CHECKING:
     from commonlaw.law.law import Law
 
 
-def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same") -> Trials:
+def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same", observed: bool = False) -> Trials:
     """Return trials of the variables of a law in its units; everything that takes a law and trials begins with this.
 
     What has no unit there or in the law is taken as it is. Left out are rates of the law's states and objects at rest
     that the law left out. Latent states come with their initial values, and doses as they are added. Only with `inputs`
-    "any" may the trials have other inputs than the law.
+    "any" may the trials have other inputs than the law. Columns are states, unless what `observed` them is known.
 
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
+    if not observed:
+        refuse_observation(law)
     schema = measured_schema(law)
     trials = without_rates(trials, schema.rates)
     if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
@@ -51,6 +53,12 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
             raise CommonlawError("columns-differ", kind=kind, expected=wanted or ["none"], given=given or ["none"])
     converted = with_doses(in_units(trials, _units(law, trials.schema)), schema.doses)
     return with_starts(converted, starts, schema.starts_at)
+
+
+def refuse_observation(law: Law) -> None:
+    """Refuse a law whose states were not measured themselves, or whose initial values are known."""
+    if law.observation is not None:
+        raise CommonlawError("law-with-observation")
 
 
 def measured_schema(law: Law) -> Schema:

@@ -469,8 +469,10 @@ class Law(ShownInNotebooks):
         options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
         if self.observation is not None:
-            del options["input_between"]
-            return cast("Forecast", _call("estimation:predict_observed", self, trials, times=times, **options))
+            if discrepancy:
+                raise CommonlawError("discrepancy-missing")
+            known = self, self.observation, trials
+            return cast("Forecast", _call("estimation:predict_observed", *known, times=times, **options))
         return cast("Forecast", _call("forecast:predict", self, trials, times=times, **options, **how))
 
     # Comparison with measurements

@@ -1,12 +1,22 @@
 """How the states of a law were measured: observation equations, initial values, noise."""
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.trials import Schema
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+Initial = str | tuple[float, float] | Mapping[str, float]
+"""An initial value: an expression of parameters and properties, a mean and a standard deviation, numbers by object."""
 
 
 @dataclass(frozen=True)
@@ -32,37 +42,65 @@ class Observation:
         What measured quantities are, by name, as expressions of states, inputs, time and parameters; the others are
         states.
     initial
-        Initial values of states and rates as expressions of parameters and properties; the others are estimated in each
-        trial.
+        Initial values of states and rates; the others are estimated in each trial.
     initial_time
         Their time, None for that of the first sample of each trial.
     noise
-        Standard deviation of the measurement noise by measured quantity, relative where it is log-scaled; no entry
-        where each measurement has its own.
+        Standard deviation of the measurement noise by measured quantity, relative where it is log-scaled, for
+        measurements without one of their own.
+    sizes
+        The largest absolute value of each state and rate in the fitted solutions.
     estimated
         Initial values that were estimated.
     log_likelihood
         Of the measurements, at the maximum.
+
+    Raises
+    ------
+    CommonlawError
+        If a noise or a size is not a positive number, or of something that was not measured.
     """
 
     measured: Schema
     equations: Mapping[str, str]
-    initial: Mapping[str, str]
+    initial: Mapping[str, Initial]
     initial_time: float | None
     noise: Mapping[str, float]
+    sizes: Mapping[str, float]
     estimated: tuple[InitialValue, ...]
     log_likelihood: float
+
+    def __post_init__(self) -> None:
+        for name in (*self.equations, *self.noise):
+            check_choice("measured quantity", name, self.measured.states)
+        for name, value in (*self.noise.items(), *self.sizes.items()):
+            if not 0 < value < np.inf:
+                raise CommonlawError("observation-not-positive", name=name, value=value)
 
     @property
     def lines(self) -> list[str]:
         """The observation equations and initial values, as they are printed."""
+        starts = [(name, start) for name, start in self.initial.items() if not isinstance(start, Mapping)]
         return [
             *(f"{name} = {right}" for name, right in self.equations.items()),
-            *(f"{name}(0) = {right}" for name, right in self.initial.items() if right.strip("`") != f"{name}(0)"),
+            *(f"{name}(0) = {s if isinstance(s, str) else f'{s[0]:g} ± {s[1]:g}'}" for name, s in starts),
         ]
 
     @property
     def noise_levels(self) -> Floats | None:
-        """The noise of each measured quantity, shape (m,); None if a quantity has none of its own."""
+        """The noise of each measured quantity, shape (m,); None if that of a quantity is not known."""
         found = np.array([self.noise.get(name, np.nan) for name in self.measured.states])
         return found if np.isfinite(found).all() else None
+
+    def place_of(self, parameter: str) -> str:
+        """Return the left-hand side of the equation in which a parameter stands first; empty if in none of these."""
+        texts = dict(self.equations) | {f"{n}(0)": s for n, s in self.initial.items() if isinstance(s, str)}
+        word = re.compile(rf"(?<!\w){re.escape(parameter)}(?!\w)")
+        return next((name for name, text in texts.items() if word.search(text)), "")
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return the estimated initial values: object, trial, state, estimate, standard error."""
+        import pandas as pd
+
+        columns = ["object", "trial", "state", "estimate", "standard error"]
+        return pd.DataFrame([astuple(each) for each in self.estimated], columns=columns)

@@ -15,6 +15,7 @@ from commonlaw.law.parameters import (
     named_parameters,
     standard_errors,
 )
+from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.text import Written, probability_text, rounded
 from commonlaw.runtime.arguments import check_whole_number
@@ -80,10 +81,15 @@ def parameter_frame(law: Law, level: float | None = None, averaged: bool = True)
         labels = [by_place.get(place, "") for place in places]
         units = [known.get((lefts[a], law.terms.names[b]), "") for a, b in places]
         ends = None if level is None else coefficient_intervals(law, level, averaged)
+    equations, terms = [lefts[each] for each in j.tolist()], [law.terms.names[each] for each in k.tolist()]
+    if law.observation is not None:  # Parameters that no differential equation has stand in other equations
+        inside = {each.name for each in read_equations(law.provenance.equations, law.schema).coefficients}
+        for i in (i for i, label in enumerate(labels) if label not in inside):
+            equations[i], terms[i] = law.observation.place_of(labels[i]), ""
     columns: dict[str, Any] = {
         "object": [law.objects[each] for each in rows.tolist()],
-        "equation": [lefts[each] for each in j.tolist()],
-        "term": [law.terms.names[each] for each in k.tolist()],
+        "equation": equations,
+        "term": terms,
         "parameter": labels,
         "estimate": values[indices],
         "standard error": errors[indices],
@@ -217,6 +223,8 @@ def readable_candidates(alternatives: Sequence[Alternative]) -> pd.DataFrame:
 def summary(law: Law) -> str:
     """Return the law as it prints, with its tables, see `Law.summary`."""
     tables = [readable(law.params).dropna(axis=1, how="all")]
+    if law.observation is not None and law.observation.estimated:
+        tables.append(readable(law.observation.to_frame()))
     if law.provenance.alternatives:
         tables.append(readable_candidates(law.provenance.alternatives))
     return "\n\n".join([str(law), *(each.to_string(index=False, na_rep="") for each in tables)])

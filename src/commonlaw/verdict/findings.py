@@ -92,8 +92,8 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     The law was fitted to `learned`, by default all trials; `bands` says whether forecasts have bands. Raises
     `CommonlawError` if the trials do not have the variables of the law.
     """
-    whole = matched(law, trials)
-    training = whole if learned is None or learned is trials else matched(law, learned)
+    whole = matched(law, trials, observed=True)
+    training = whole if learned is None or learned is trials else matched(law, learned, observed=True)
     lacking = list[str]()
     bands = bands and has_bands(law)
     fit = _tried(_NOT_FITTED, partial(fitted, law, training, bands), lacking) if law.order != 0 else None

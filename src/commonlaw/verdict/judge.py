@@ -160,7 +160,8 @@ _POOR = 0.5
 
 def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
     """Return what a law is good for, see `Law.assess`."""
-    trials, learned = matched(law, trials), None if learned is None else matched(law, learned)
+    trials = matched(law, trials, observed=True)
+    learned = None if learned is None else matched(law, learned, observed=True)
     judged, found, unjudged = list[Segment](), list[SegmentErrors](), list[str]()
     whole = {(each.object, each.name): each for each in trials}
     parts = segments(trials, learned, law.order)

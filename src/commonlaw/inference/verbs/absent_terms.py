@@ -11,6 +11,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.diagnose.coefficient_limits import Bound, Bounds
 from commonlaw.inference.verbs.other_terms import candidate_law
 from commonlaw.law import Law, Provenance
+from commonlaw.law.alignment import refuse_observation
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, standard_errors
 from commonlaw.law.quantiles import two_sided, upper_bound
@@ -30,6 +31,7 @@ def bounds(
     """Return how large coefficients of absent terms could be, see `Law.bounds`."""
     two_sided(level)
     progress = on_terminal() if progress is None else progress
+    refuse_observation(law)
     if law.order == 0 or not shares_terms(law):
         raise CommonlawError("limits-unsupported")
     pairs = _absent(law, terms)

@@ -11,13 +11,14 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.law import Law, Step
-from commonlaw.law.alignment import matched
+from commonlaw.law.alignment import matched, refuse_observation
 from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.trials import Trials
 
 
 def adapt(law: Law, trials: Trials) -> Law:
     """Return the law of the objects of these trials, their coefficients updated by them, see `Law.update`."""
+    refuse_observation(law)
     law.uncertainty.known_covariance()
     if law.uncertainty.noise is None or law.uncertainty.error_model:
         lacks = "has errors other than white noise" if law.uncertainty.noise is not None else "has no noise estimate"
