@@ -1,4 +1,4 @@
-"""Laws with a state that nobody measured, found by `discover`."""
+"""Laws with a latent state, found by `discover`."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""States that nobody measured and that start where nobody knows."""
+"""Latent states with unknown initial values."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""States that nobody measured, with known starts: doses that are absorbed, compartments, the susceptible."""
+"""Latent states, with known starts: doses that are absorbed, compartments, the susceptible."""
 
 from types import SimpleNamespace
 

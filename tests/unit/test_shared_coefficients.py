@@ -1,4 +1,4 @@
-"""Coefficients before several terms, and parameters inside of terms, beside states that nobody measured."""
+"""Coefficients of several terms, and parameters inside terms, in laws with latent states."""
 
 import numpy as np
 import pytest

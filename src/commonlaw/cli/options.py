@@ -218,11 +218,11 @@ ENDINGS = {
     "table": (".csv", ".parquet"),
     "schema": (".toml",),
 }
-"""By what a file is told that a result is written to."""
+"""Endings of the files that a result is written to, by its kind."""
 
 
 def is_of_kind(path: str, kind: str) -> bool:
-    """Whether a file is told by its ending to be of a kind."""
+    """Return whether a file has an ending of a kind."""
     return path.lower().endswith(ENDINGS[kind])
 
 

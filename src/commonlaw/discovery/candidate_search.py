@@ -222,7 +222,7 @@ class CandidateSearch:
         return with_latent_state(pool, trials, most_samples=self.options.max_samples, progress=self.progress)
 
     def _offers(self, screened: Screened) -> tuple[tuple[ParametricTerm, ...], list[Offer]]:
-        """Return the drives that nobody measured among what equations may have besides plain terms, and all of that."""
+        """Return the latent drives among what equations may have besides plain terms, and all of that."""
         variables = screened.terms.variables
         forced = self.options.unmeasured and highest_order(screened.whole.order) == 2
         driven = drives(variables) if forced else ()

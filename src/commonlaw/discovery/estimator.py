@@ -366,7 +366,7 @@ def discover(
     universal
         Terms that have one coefficient for all objects, such as gravity: ``("1",)``; named as in `known`.
     unmeasured
-        1 to ask, too, for a state that nobody measured, see `TrajectoryLikelihood`.
+        1 to look for a latent state, too, see `TrajectoryLikelihood`.
     progress
         Takes the text of each step. Default: it is written to the terminal after two seconds.
     cache

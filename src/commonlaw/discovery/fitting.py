@@ -108,7 +108,7 @@ def fit(
         best value is outside is at its bound, which an outcome says with a one-sided interval.
     trials
         What was measured. Each object has its own coefficients. A stream is fitted file by file, see `refine`; such a
-        law has no parameters inside terms, and no states that nobody measured.
+        law has no parameters inside terms, and no latent states.
     starts
         Initial values of states in the first sample of each trial, by name: a number, the name of a property of the
         objects, such as a dose, an expression of parameters and properties, a number for each object, a mean and a
@@ -146,8 +146,8 @@ def fit(
     ------
     CommonlawError
         If the text cannot be read, the message says at which character and lists the variables; if a state has neither
-        a column nor a start, or nothing tells its scale or a coefficient; if a setting does not fit; or if the trials
-        cannot be used as they are.
+        a column nor an initial value, or its scale or a coefficient is not identifiable; if a setting does not fit; or
+        if the trials cannot be used as they are.
 
     Examples
     --------
@@ -271,9 +271,9 @@ def _of_model(
         raise CommonlawError("not-with-observation", settings=refused)
     between = settings.get("input_between") or ("linear" if trials.schema.doses else "auto")
     if between != "auto" or not trials.schema.inputs:
-        tried = (between.replace("auto", trials.schema.input_between),)
+        tried = [between.replace("auto", trials.schema.input_between)]
     else:
-        tried = ("linear", *(each for each in BETWEEN if each != "linear"))
+        tried = ["linear", *(each for each in BETWEEN if each != "linear")]
     laws = [
         fit_model(
             text,
@@ -466,7 +466,7 @@ def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
 def _with_unmeasured(
     trials: Trials, asked: Sequence[Equation], starts: Mapping[str, Start], starts_at: float | None
 ) -> Trials:
-    """Return trials with the states of equations that nobody measured, and whose starts are known."""
+    """Return trials with the latent states of equations, whose initial values are given."""
     schema, states = trials.schema, [each.state for each in asked]
     for name in starts:
         check_choice("state of the equations", name, states)

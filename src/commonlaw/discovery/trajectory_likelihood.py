@@ -94,7 +94,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 
 
 def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
-    """Return the method that asks, too, for so many states that nobody measured."""
+    """Return the method that looks for so many latent states, too."""
     if not count:
         return method
     if not isinstance(method, TrajectoryLikelihood):

@@ -76,7 +76,7 @@ class AbstractLibrary(ABC):
 
     @property
     def seeks_unmeasured(self) -> bool:
-        """Whether it stands for laws with a state that nobody measured, too."""
+        """Whether it stands for laws with a latent state, too."""
         return False
 
     def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":

@@ -130,7 +130,7 @@ def is_time(cell: object) -> bool:
 
 
 def refuse_dates(table: Table, name: str) -> None:
-    """Refuse a table whose rows are not all there, so that nobody knows the earliest date."""
+    """Refuse a table whose rows are not all there, so that the earliest date is unknown."""
     if holds_dates(table.columns[name]):
         raise CommonlawError("dates-in-stream", where=table.source, column=name)
 

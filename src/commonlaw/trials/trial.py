@@ -96,12 +96,12 @@ class Schema:
 
     @property
     def unmeasured(self) -> Bools:
-        """Which states nobody measured, so that only their starts are known, shape (states,)."""
+        """Which states are latent, so that only their initial values are known, shape (states,)."""
         return np.array([name in self.starts for name in self.states], dtype=np.bool_)
 
     @property
     def with_free_start(self) -> Bools:
-        """Which of these start where nobody knows, shape (states,)."""
+        """Which of these have unknown initial values, shape (states,)."""
         return np.array([self.starts.get(name, 0.0) is None for name in self.states], dtype=np.bool_)
 
 

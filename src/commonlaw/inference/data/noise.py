@@ -24,7 +24,7 @@ def spread_within(trials: Trials) -> Floats:
 
 
 def scales_of_starts(trials: Trials) -> Floats:
-    """Return the scale of each state, shape (states,), by the standard deviations of starts that nobody measured."""
+    """Return the scale of each state, shape (states,), by the standard deviations of unmeasured initial values."""
     of_starts = np.max([trial.noise[0] for trial in trials], axis=0)
     return np.asarray(of_starts / np.where(trials.schema.with_free_start, settings.VAGUE, settings.ROUNDING))
 
@@ -32,7 +32,7 @@ def scales_of_starts(trials: Trials) -> Floats:
 def noise_floor(trials: Trials) -> Floats:
     """Return what noise a law is fitted under at least, shape (d,): a small share of each state, or that of its digits.
 
-    Of a state that nobody measured it is that of its starts.
+    Of a latent state it is that of its starts.
     """
     return noise_told(trials, 1.0)[0]
 
@@ -69,8 +69,8 @@ def noise_of_digits(trials: Trials) -> Floats:
 def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:
     """Return the noise of every state, shape (states,), whose name may be given with its unit: ``U [V]``.
 
-    Of states whose measurements have standard deviations of their own it is the median of these, and NaN of states
-    that nobody measured; None if nothing is known of any state.
+    Of states whose measurements have standard deviations of their own it is the median of these, and NaN of latent
+    states; None if nothing is known of any state.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def told_by_repeats(trials: Trials) -> Bools:
 def estimated_noise(trials: Trials) -> tuple[Floats, str]:
     """Return the noise of each state, of all trials in which it changes, shape (d,), and what it was taken from.
 
-    Of states that nobody measured it is NaN.
+    Of latent states it is NaN.
     """
     squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
     repeated, freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))

@@ -24,7 +24,7 @@ from commonlaw.likelihood import Estimate, NotPositiveError, whitened_from_start
 class AlikeStarts:
     """What the starts of trials say of laws, compared with a law of reference, in minus twice the log-evidence.
 
-    Nothing of few trials, of very many samples, of errors that have a memory, and of states that nobody measured; nor
+    Nothing of few trials, of very many samples, of errors that have a memory, and of latent states; nor
     where starts are known much better than they scatter.
     """
 

@@ -1,4 +1,4 @@
-"""States that nobody measured: how exactly their starts are known, and where a fit begins.
+"""Latent states: how exactly their starts are known, and where a fit begins.
 
 No curve tells the coefficients of their equations. So a fit begins at many of them, drawn at random: each gives the
 states along the curves of those that were measured, and least squares then the coefficients of the others.
@@ -25,7 +25,7 @@ from commonlaw.trials.transformations import natural
 
 
 def visited_besides(trials: Trials, estimates: Sequence[Estimate]) -> dict[str, tuple[float, float]]:
-    """Return the least and the largest value of states that start where nobody knows, by name."""
+    """Return the least and the largest value of states with unknown initial values, by name."""
     states = np.concatenate([path for each in estimates for path in each.states])
     free = np.flatnonzero(trials.schema.with_free_start)
     return {trials.schema.states[j]: (float(states[:, j].min()), float(states[:, j].max())) for j in free}
@@ -43,7 +43,7 @@ def unmeasured_in_words(trials: Trials) -> str:
 def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
     """Return trials whose known starts have standard deviations that are small compared with the scale of their states.
 
-    Starts that nobody knows are zero, with standard deviations that say next to nothing. Scales are those of starts, or
+    Unknown initial values are zero, with standard deviations that say next to nothing. Scales are those of starts, or
     follow from the equations. Coefficients that are known have the shape (equations, terms), NaN where they are to be
     found.
 
@@ -78,7 +78,7 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
 
 
 def with_noise_of_unmeasured(noise: Floats, trials: Trials) -> Floats:
-    """Return the noise of each state, shape (states,), with that of states that nobody measured as if they had been.
+    """Return the noise of each state, shape (states,), with that of latent states as if they had been.
 
     It is the same share of their scale as of others. Model errors are relative to it, and so is what says next to
     nothing of a state; starts have standard deviations of their own.
@@ -179,7 +179,7 @@ class Draw(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Guesses:
-    """Coefficients to try of equations of states that nobody measured, by known ones of shape (equations, terms)."""
+    """Coefficients to try of equations of latent states, by known ones of shape (equations, terms)."""
 
     trials: Trials
     terms: Terms
@@ -321,7 +321,7 @@ Begun = tuple[Estimate, list[Curve]]
 
 @dataclass(frozen=True, eq=False)
 class _Object:
-    """An object: its model, trials and curves, and which states nobody measured, or start where nobody knows, too.
+    """An object: its model, trials and curves, and which states are latent, or have unknown initial values, too.
 
     Its coefficients likely have some signs, shape (equations, terms).
     """

@@ -1,7 +1,7 @@
 """Fits of several objects to one law: the best of several beginnings, and what other objects alone determine.
 
-An object in whose trials a term does not bend tells no constant inside it, which would leave for infinity. How the
-parameters of the others scatter says where it may be.
+A parameter inside a term is not identifiable from an object in whose trials the term is linear, and would diverge. The
+scatter of the parameters of the others limits it.
 """
 
 from collections.abc import Callable, Sequence

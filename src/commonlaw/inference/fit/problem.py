@@ -57,7 +57,7 @@ class SearchProblem:
     `first_noise` is that before any law, which stays if it was given.
     Coefficients that are known have shape (objects,
     equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step. The
-    `samples` say which of all are fitted, nothing if all are. Of states that nobody measured, coefficients that would
+    `samples` say which of all are fitted, nothing if all are. Of latent states, coefficients that would
     fit the first object about `as_good` as those that it begins with may be known, each of shape (equations, terms).
     So many terms were to choose from `besides`, which the price of supports counts. Where terms are given, their
     residuals may tell the noise that differences of few samples do not. The path of the solver lists the candidates
@@ -410,7 +410,7 @@ def prepare(
 
 
 def _with_starts(mesh: Mesh, levels: Floats, started: Bools) -> Mesh:
-    """Return a mesh on which starts of states that nobody measured are as exact as they are."""
+    """Return a mesh on which starts of latent states are as exact as they are."""
     if not started.any():
         return mesh
     return mesh.with_scale(

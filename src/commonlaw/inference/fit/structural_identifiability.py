@@ -1,4 +1,4 @@
-"""What a state that nobody measured may be exchanged for without a change of what was measured.
+"""What a latent state may be exchanged for without a change of what was measured.
 
 That is so if the exchange turns the law into one of the same terms: twice the state, say, with other coefficients,
 leaves what was measured as it is (a Lie symmetry of the equations; Yates, Evans and Chappell 2009). Of small changes it

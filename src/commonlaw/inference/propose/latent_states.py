@@ -41,7 +41,7 @@ _NAME = "u"
 
 @dataclass(frozen=True)
 class Family:
-    """What a state that nobody measured may do.
+    """What a latent state may do.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ FAMILIES = (
 
 
 def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress: ProgressCallback) -> Pool:
-    """Return a pool with laws that have a state that nobody measured.
+    """Return a pool with laws that have a latent state.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def _structure(fit: Fit) -> tuple[str, ...]:
 
 
 def _fit_alike(one: Fit, other: Fit) -> bool:
-    """Return whether laws with a state that nobody measured leave the same, with as many coefficients."""
+    """Return whether laws with a latent state leave the same, with as many coefficients."""
     states = (one.problem.trials.schema.states, other.problem.trials.schema.states)
     return (
         states[0] == states[1]
@@ -183,7 +183,7 @@ def _listed(states: Sequence[str]) -> Iterator[tuple[Family, str]]:
 
 @dataclass(frozen=True, eq=False)
 class _LatentStateModel:
-    """A law with a state of this name that nobody measured, which does what a family says, perhaps to a state.
+    """A law with a latent state of this name, which does what a family says, perhaps to a state.
 
     The law without it, as it was found, has the terms that are to choose from.
     """
@@ -311,11 +311,11 @@ class _LatentStateModel:
 
 
 UNMEASURED_STATE = "latent state"
-"""Of the history of a law: what was chosen of a state that nobody measured."""
+"""Of the history of a law: what was chosen of a latent state."""
 
 
 def drives(variables: Variables) -> tuple[ParametricTerm, ...]:
-    """Return what a law of second order may be driven by that nobody measured: functions of time.
+    """Return what a law of second order may be driven by without an input: functions of time.
 
     They are the solutions of u' = -r u and of u'' = -w^2 u.
     """

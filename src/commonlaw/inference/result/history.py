@@ -115,8 +115,8 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
 
 
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
-    """Return a word on coefficients of a law of states that nobody measured not identifiable, or that fit as well."""
-    found = _not_told(law) if problem.trials.schema.starts else ()
+    """Return notes on coefficients of laws with latent states that are not, or not well, identifiable."""
+    found = _not_identifiable(law) if problem.trials.schema.starts else ()
     if not problem.as_good:
         return found
     names = ", ".join(problem.trials.schema.starts)
@@ -128,7 +128,7 @@ def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, .
     return (*found, note("latent-state-ambiguous", object=law.objects[0], others=others, states=names))
 
 
-def _not_told(law: Law) -> tuple[Outcome, ...]:
+def _not_identifiable(law: Law) -> tuple[Outcome, ...]:
     """Return which coefficients have standard errors larger than themselves, of which objects."""
     lost = dict[str, list[str]]()
     parameters = named_parameters(law)

@@ -163,7 +163,7 @@ def on_log_scale(law: Law, states: Sequence[str]) -> Law:
     Raises
     ------
     CommonlawError
-        If the law is not of order 1, or has no such state, or nobody measured it.
+        If the law is not of order 1, or has no such state, or it is latent.
     """
     names = tuple(dict.fromkeys(find_name(name, law.schema.states, "state") for name in states))
     if unmeasured := [name for name in names if name in law.schema.starts]:
