@@ -5,7 +5,7 @@ import click
 from commonlaw.cli.command import Commands
 from commonlaw.cli.options import AS_JSON, in_options, saving
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
-from commonlaw.cli.source import EVERY_OPTION, WITHOUT_LAW, Source, with_table, written_schema
+from commonlaw.cli.source import EVERY_OPTION, WITH_LAW, Source, with_table, written_schema
 from commonlaw.runtime.files import write_whole
 from commonlaw.text import counted, in_line
 
@@ -73,7 +73,7 @@ def list_() -> None:
 
 
 @data.command()
-@with_table(*WITHOUT_LAW)
+@with_table(*WITH_LAW)
 @saving(table="the table", required=True)
 def export(source: Source, save: tuple[str, ...]) -> None:
     """Write trials as a table that commonlaw and others read without loss.

@@ -146,7 +146,8 @@ def fit(
         return
     with working("Fitting ...") as show:
         other = cl.Law.load(against) if against else None
-        source = replace(source, inputs=tuple(dict.fromkeys((*source.inputs, *doses))))
+        if doses:
+            source = source.reading(inputs=tuple(dict.fromkeys((*source.roles.get("inputs", ()), *doses))))
         later = LaterSteps()
         known = {name: number_or_text(value) for name, value in by_name("--initial-value", starts).items()}
         trials = without_notes_on(doses, load(source, [equations], [other] if other else (), known))

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -194,9 +193,9 @@ def _with_properties(source: Source, law: "Law") -> Trials:
     if law.provenance.with_discrepancy:
         taken = (*taken, *law.provenance.with_discrepancy.schema.inputs[len(law.schema.inputs) :])
     known = {name for values in trials.properties.values() for name in values}
-    if source.path and not source.properties and not {*taken} <= known:
+    if source.path and "properties" not in source.roles and not {*taken} <= known:
         with suppress(CommonlawError):
-            return replace(source, properties=taken).load(columns_of(law))
+            return source.reading(properties=list(taken)).load(columns_of(law))
     return trials
 
 

@@ -101,17 +101,17 @@ def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), s
     named = (*(each.state for each in split_equations(text.equations)), *text.observed)
     columns = (*trials.schema.states, *trials.schema.inputs)
     states = tuple(name for name in named if name in columns or (text.is_plain and name not in starts))
-    if source.dataset or source.states:
+    if source.dataset or "states" in source.roles:
         return trials
     if trials.schema.wide and len(states) == 1:
-        return replace(source, wide=source.wide or states[0]).load()
+        return source.reading(wide=source.roles.get("wide") or states[0]).load()
     taken = {name for schema in schemas for name in schema.inputs}
     others = [name for name in (*trials.schema.states, *trials.schema.inputs) if name not in states]
     inputs = tuple(name for name in others if name in taken or any(_occurs(name, each) for each in equations))
     if {*states} == {*trials.schema.states} and {*inputs} == {*trials.schema.inputs}:
         return trials
     try:
-        return replace(source, states=states, inputs=source.inputs or inputs).load()
+        return source.reading(states=states, inputs=source.roles.get("inputs", inputs)).load()
     except CommonlawError as error:
         name = error.parameters.get("name")
         if name not in states or error.parameters.get("kind") != "column":

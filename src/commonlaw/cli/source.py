@@ -5,8 +5,8 @@ import re
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
-from functools import partial, reduce
+from dataclasses import dataclass, field, fields, replace
+from functools import partial, reduce, wraps
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -19,11 +19,11 @@ from commonlaw.cli.options import (
     Decorator,
     ReadFile,
     ReadTable,
-    as_one,
     by_name,
     number_or_text,
     option,
     pairs,
+    with_options,
 )
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
@@ -126,8 +126,8 @@ _OPTIONS = {
 }
 """All that can be said of a table, by field of `Source`."""
 
-_HELD_OUT = (
-    option(
+_HELD_OUT = {
+    "hold_out": option(
         "Table",
         "--hold-out",
         metavar="NAME=VALUE",
@@ -136,14 +136,14 @@ _HELD_OUT = (
         help="Learn nothing from trials that fit, written as for --where, and check the law on them; ball=Golf Ball "
         "holds an object out.",
     ),
-    option(
+    "learn_until": option(
         "Table",
         "--learn-until",
         type=float,
         metavar="TIME",
         help="Learn from samples up to this time, check on the others.",
     ),
-)
+}
 
 _EVERYDAY = ("schema", "object", "trial", "time", "states", "where")
 
@@ -160,9 +160,19 @@ def with_table(*names: str, training: bool = False) -> Decorator:
     a table are in its schema; as options of each command they are deprecated.
     """
     argument = click.argument("path", required=False, metavar="TABLE", type=ReadTable())
-    everyday = {name: made(everyday=name in _EVERYDAY) for name, made in _OPTIONS.items() if name in names}
+    shown = [made(everyday=name in _EVERYDAY) for name, made in _OPTIONS.items() if name in names]
     others = [made(replaced_by=_INSTEAD) for name, made in _OPTIONS.items() if name not in names]
-    return as_one("source", Source, (argument, *everyday.values(), *others, *(_HELD_OUT if training else ())))
+    options = [argument, *shown, *others, *(_HELD_OUT.values() if training else ())]
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def wrapped(*, path: str | None, **values: Any) -> None:
+            given = {name: values.pop(name) for name in (*_OPTIONS, *_HELD_OUT) if name in values}
+            command(source=Source.of(path, given), **values)
+
+        return with_options(wrapped, options)
+
+    return decorate
 
 
 WITHOUT_LAW = ("schema", "object", "trial", "time", "where")
@@ -179,42 +189,39 @@ _COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
 
 @dataclass(frozen=True)
 class Source:
-    """What the shared options say."""
+    """A table or data set, how it is read, and which of its trials are taken.
+
+    `roles` has the arguments of `Trials.read` that are given.
+    """
 
     path: str | None
-    schema: str | None
-    object: str | None
-    object_name: str | None
-    trial: str | None
-    time: str | None
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    noise_columns: tuple[str, ...]
-    properties: tuple[str, ...]
-    units: tuple[str, ...]
-    wide: str | None
-    restarts: Restarts | None
-    missing: tuple[str, ...]
-    decimal: DecimalMark | None
-    dates: DateOrder | None
-    sheet: str | None
-    where: tuple[str, ...]
-    exclude: tuple[str, ...]
-    clip: bool
+    roles: Mapping[str, Any] = field(default_factory=dict)
+    sheet: str | None = None
+    clip: bool = False
+    exclude: tuple[str, ...] = ()
+    where: tuple[str, ...] = ()
     hold_out: tuple[str, ...] = ()
     learn_until: float | None = None
     dataset: str = ""
 
-    def __post_init__(self) -> None:
-        """Take what no option gives from the file of ``--schema``."""
-        if self.schema:
-            for name, value in read_schema(self.schema).items():
-                if getattr(self, name) in (None, (), False):
-                    object.__setattr__(self, name, value)
-            object.__setattr__(self, "schema", None)
-        if self.path and self.path.startswith(DATASET):
-            object.__setattr__(self, "dataset", self.path.removeprefix(DATASET))
-            object.__setattr__(self, "path", None)
+    @classmethod
+    def of(cls, table: str | None, given: Mapping[str, Any]) -> "Source":
+        """Return what options say, by their names; what none says is taken from the file of ``--schema``."""
+        said = {name: value for name, value in given.items() if value not in ((), None) and value is not False}
+        for name, flag in (("noise_columns", "--noise-column"), ("units", "--unit")):
+            if name in said:
+                said[name] = by_name(flag, said[name]) if any(said[name]) else {}
+        if "properties" in said:
+            said["properties"] = list(said["properties"])
+        schema = said.pop("schema", None)
+        said = (read_schema(schema) if schema else {}) | said
+        own = {each.name: said.pop(each.name) for each in fields(cls) if each.name in said}
+        dataset = table.removeprefix(DATASET) if table and table.startswith(DATASET) else ""
+        return cls(None if dataset else table, said, dataset=dataset, **own)
+
+    def reading(self, **roles: Any) -> "Source":
+        """Return the same, read with other arguments."""
+        return replace(self, roles={**self.roles, **roles})
 
     @property
     def name(self) -> str:
@@ -247,8 +254,10 @@ class Source:
 
     def check_streams(self) -> None:
         """Refuse what does not go with files that are streamed."""
-        of_tables = ("object_name", "wide", "restarts", "sheet", "clip", "missing", "decimal", "dates")
-        if refused := [name for name in of_tables if getattr(self, name)]:
+        of_tables = ("object_name", "wide", "restarts", "missing", "decimal", "dates")
+        refused = [name for name in of_tables if name in self.roles]
+        refused += [name for name in ("sheet", "clip") if getattr(self, name)]
+        if refused:
             raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out")
         if not self.path:
             raise click.UsageError("give Parquet files, such as 'runs/*.parquet'")
@@ -256,34 +265,12 @@ class Source:
     def stream(self) -> TrialStream:
         """Return the trials of Parquet files as a stream."""
         self.check_streams()
-        roles: dict[str, Any] = {
-            "object": self.object, "trial": self.trial, "time": self.time, "states": self.states,
-            "inputs": self.inputs, "noise_columns": self._noise_columns(),
-            "units": by_name("--unit", self.units), "properties": list(self.properties),
-        }  # fmt: skip
-        stream = TrialStream.from_parquet(str(self.path), **{name: value for name, value in roles.items() if value})
-        return self._without_excluded(stream)
+        given = {name: value for name, value in self.roles.items() if value}
+        return self._without_excluded(TrialStream.from_parquet(str(self.path), **given))
 
     def named_like(self, schema: Schema | None) -> "Source":
         """Return the same with the names of a schema for those that no option gives."""
-        if schema is None:
-            return self
-        return replace(
-            self,
-            object=self.object or schema.object,
-            trial=self.trial or schema.trial,
-            time=self.time or schema.time,
-            states=self.states or schema.measured,
-            inputs=self.inputs or schema.inputs,
-        )
-
-    def _wide_like(self, schema: Schema | None) -> str | None:
-        """Return what was measured in the columns of a table as wide as that of a schema, without its state."""
-        if not (self.path and schema and schema.wide):
-            return None
-        (state,) = schema.measured
-        there = read_table(self.path, self.sheet).columns
-        return None if state in there else join_header(state, schema.units.get(state, ""))
+        return self if schema is None else self.reading(**_names_of(schema) | {**self.roles})
 
     @property
     def holds_out(self) -> bool:
@@ -320,16 +307,18 @@ class Source:
         kept = (f".split({excluded})[1]" if excluded else "") + ".clip_irregular()" * self.clip
         learned = (f".select({where})" if where else "") + (f".split({held_out})[1]" if held_out else "")
         learned += "" if self.learn_until is None else f".until({self.learn_until!r})"
-        reading = {name: getattr(self, name) for name in ("object_name", "wide", "restarts", "sheet")}
-        reading |= {"noise_columns": {}} if self.noise_columns == ("",) else {}
-        training = f"measured{learned}" if learned else ""
-        return Program(str(self.path), properties=self.properties, training=training, reading=reading, kept=kept)
+        named = ("object_name", "wide", "restarts", "missing", "decimal", "dates")
+        reading = {name: self.roles[name] for name in named if name in self.roles}
+        reading |= {"sheet": self.sheet} if self.sheet else {}
+        reading |= {"noise_columns": {}} if self.roles.get("noise_columns") == {} else {}
+        training, properties = f"measured{learned}" if learned else "", tuple(self.roles.get("properties", ()))
+        return Program(str(self.path), properties=properties, training=training, reading=reading, kept=kept)
 
     def stream_program(self) -> "Program":
         """Return where a program finds the trials of files."""
         from commonlaw.law.script import Source as Program
 
-        return Program(self.path or "", properties=self.properties, stream=True)
+        return Program(self.path or "", properties=tuple(self.roles.get("properties", ())), stream=True)
 
     def _without_excluded(self, trials: S) -> S:
         return trials.split(**_conditions("--exclude", self.exclude, trials))[1] if self.exclude else trials
@@ -340,42 +329,29 @@ class Source:
 
         return parse_spec("data set", self.dataset, DATASETS)
 
-    def _noise_columns(self, schema: Schema | None = None) -> Mapping[str, str] | None:
-        """Return the columns of standard deviations: as given, or of a schema if the file has them; None to guess."""
-        if any(self.noise_columns):
-            return by_name("--noise-column", self.noise_columns)
-        if self.noise_columns:
-            return {}
-        if not (self.path and schema and schema.noise_columns):
-            return None
-        there = read_table(self.path, self.sheet).columns
-        return {state: name for state, name in schema.noise_columns.items() if name in there} or None
-
     def _from_file(self, schema: Schema | None) -> Trials:
         if not self.path:
             raise click.UsageError(
                 "Missing argument 'TABLE': a file, or a data set, dataset:NAME (see: commonlaw data list)."
             )
-        wide = self.wide or self._wide_like(schema)
-        trials = Trials.read(
-            self.path,
-            object=schema.object if schema and self.object is None else self.object,
-            object_name=self.object_name,
-            trial=schema.trial if schema and self.trial is None else self.trial,
-            time=self.time or (schema.time if schema else None),
-            states=self.states or (schema.measured if schema and not wide else None),
-            inputs=self.inputs or (schema.inputs if schema else None),
-            noise_columns=self._noise_columns(schema),
-            properties=list(self.properties) or None,
-            units=by_name("--unit", self.units),
-            wide=wide,
-            restarts=self.restarts,
-            missing=self.missing,
-            decimal=self.decimal,
-            dates=self.dates,
-            sheet=self.sheet,
-        )
+        roles: dict[str, Any] = {**self.roles}
+        if schema:
+            there = read_table(self.path, self.sheet).columns if schema.wide or schema.noise_columns else {}
+            roles = _names_of(schema) | roles
+            deviations = {state: name for state, name in schema.noise_columns.items() if name in there}
+            roles.setdefault("noise_columns", deviations or None)
+            if schema.wide and "wide" not in roles and schema.measured[0] not in there:
+                roles["wide"] = join_header(schema.measured[0], schema.units.get(schema.measured[0], ""))
+            if roles.get("wide") and "states" not in self.roles:
+                del roles["states"]
+        trials = Trials.read(self.path, sheet=self.sheet, **roles)
         return without_notes_on(schema.doses if schema else (), trials)
+
+
+def _names_of(schema: Schema) -> dict[str, Any]:
+    """Return the columns of a schema by role."""
+    names: dict[str, Any] = {"object": schema.object, "trial": schema.trial, "time": schema.time}
+    return names | {"states": schema.measured, "inputs": schema.inputs}
 
 
 class _TableSchema(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
@@ -413,32 +389,25 @@ def read_schema(path: str) -> dict[str, Any]:
         schema = msgspec.convert(document, _TableSchema)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, msgspec.ValidationError) as error:
         raise CommonlawError("table-schema", path=path, problem=error) from None
-    found = {name: value for name, value in msgspec.structs.asdict(schema).items() if name in document}
-    for name in {"noise_columns", "units"} & found.keys():
-        found[name] = tuple(f"{column}={value}" for column, value in found[name].items())
-    if found.get("noise_columns") == ():
-        found["noise_columns"] = ("",)
-    return found
+    return {name: value for name, value in msgspec.structs.asdict(schema).items() if name in document}
 
 
 def written_schema(source: Source, trials: Trials) -> bytes:
     """Return the schema file of a table: its columns in the roles that they have in its trials, and how it is read."""
-    schema = trials.schema
+    schema, roles = trials.schema, source.roles
     found: dict[str, Any] = {"time": schema.time}
     if schema.wide:
         (state,) = schema.measured
-        found["wide"] = source.wide or join_header(state, schema.units.get(state, ""))
+        found["wide"] = roles.get("wide") or join_header(state, schema.units.get(state, ""))
     else:
         found |= {"object": schema.object, "trial": schema.trial, "states": schema.measured, "inputs": schema.inputs}
         found |= {"properties": property_names(trials.properties), "noise_columns": schema.noise_columns}
-    found |= {
-        name: getattr(source, name)
-        for name in ("object_name", "restarts", "missing", "decimal", "dates", "sheet", "exclude", "clip")
-    }
-    found |= {name: "" for name in ("object", "trial") if getattr(source, name) == ""}
-    found["units"] = by_name("--unit", source.units)
+    named = ("object_name", "restarts", "missing", "decimal", "dates", "units")
+    found |= {name: roles[name] for name in named if name in roles}
+    found |= {"sheet": source.sheet, "exclude": source.exclude, "clip": source.clip}
+    found |= {name: "" for name in ("object", "trial") if roles.get(name) == ""}
     kept = {name: value for name, value in found.items() if value or value == ""}
-    kept |= {"noise_columns": {}} if source.noise_columns == ("",) else {}
+    kept |= {"noise_columns": {}} if roles.get("noise_columns") == {} else {}
     return "".join(f"{name} = {_toml(value)}\n" for name, value in kept.items()).encode()
 
 
