@@ -54,6 +54,11 @@ class CommonlawError(ValueError):
         """Return the message in one line, in the dialect of a front end; by default as Python."""
         return in_line(self.diagnostic.sentence(dialect))
 
+    @property
+    def explained(self) -> str:
+        """The first of its codes with an explanation; empty for several errors, and those of other programs."""
+        return next((code for code in self.codes if code not in ("several", "other")), "")
+
     def __str__(self) -> str:
         return self.sentence() if self.code in ("several", "other") else f"{self.sentence()} [{self.code}]"
 

@@ -377,7 +377,7 @@ def test_what_cannot_be_fitted_is_refused_in_words(code, equations, settings):
         cl.fit(equations, trials_of({"A": (T, np.exp(-T) + 0.01)}), **settings)
 
 
-def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path):
+def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path, monkeypatch):
     source = np.random.default_rng(10)
     times = np.linspace(0, 8, 17)
     rows = ["patient,t,conc"]
@@ -410,6 +410,16 @@ def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path):
         cl.Trials.read(tmp_path / "marks.csv")
     marked = cl.Trials.read(tmp_path / "marks.csv", below={"BLQ": 0.5})
     assert np.array_equal(marked[0].below, trials[0].below, equal_nan=True)
+    monkeypatch.chdir(tmp_path)
+    refusal = CliRunner().invoke(commonlaw, ["fit", "marks.csv", "conc' = -k conc"])
+    assert "below = {'BLQ' = 0.5} (--schema)" in refusal.output
+    for words in (
+        ["data", "check", "marks.csv", "--below", "BLQ=0.5", "--save", "schema.toml"],
+        ["fit", "marks.csv", "conc' = -k conc; conc(0) = c0", "--universal", "c0", "--schema", "schema.toml", "--json"],
+    ):
+        done = CliRunner().invoke(commonlaw, words)
+        assert done.exit_code == 0, done.output
+    assert str(estimates(law, "a")["k"][0])[:8] in done.output
 
 
 def test_the_command_line_takes_observation_equations(tmp_path):

@@ -79,7 +79,8 @@ def text_in_page(text: str) -> str:
 
 def message(error: CommonlawError) -> str:
     """Return an error in the words of the page, with its code, which the page shows as a link to its explanation."""
-    return f"{error.sentence(in_page)} [{error.code}]"
+    sentence = error.sentence(in_page)
+    return f"{sentence} [{error.code}]" if error.explained == error.code else sentence
 
 
 def settings_form(options: type = FitOptions) -> list[dict[str, Any]]:

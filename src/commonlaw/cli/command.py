@@ -77,9 +77,8 @@ class Refusal(click.ClickException):
     """An error that a user can mend, in the words of the command that ran; its end says where more is to be read."""
 
     def __init__(self, error: CommonlawError, command: click.Command | None) -> None:
-        code = next(each for each in error.codes if each != "several" or len(error.codes) == 1)
         sentence = error.sentence(dialect(command) if command else str)
-        super().__init__(sentence if code == "several" else f"{sentence} [{reference(code)}]")
+        super().__init__(f"{sentence} [{reference(error.explained)}]" if error.explained else sentence)
 
     def show(self, file: IO[Any] | None = None) -> None:
         """Write the message as one line."""

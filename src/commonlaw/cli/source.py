@@ -21,6 +21,7 @@ from commonlaw.cli.options import (
     ReadTable,
     by_name,
     number_or_text,
+    numbers,
     option,
     pairs,
     with_options,
@@ -99,6 +100,12 @@ _OPTIONS = {
         multiple=True,
         metavar="MARK",
         help="Cells that are missing values, such as -999 or '<0.5', besides empty ones, NA, -, n.d.; repeat for more.",
+    ),
+    "below": _table(
+        "--below",
+        multiple=True,
+        metavar="MARK=LIMIT",
+        help="Cells below a limit of quantification, BLQ=0.5, besides <0.5; repeat for more.",
     ),
     "decimal": _table("--decimal", type=click.Choice([".", ","]), help="Decimal mark.  [default: as the cells show]"),
     "dates": _table(
@@ -211,6 +218,8 @@ class Source:
         for name, flag in (("noise_columns", "--noise-column"), ("units", "--unit")):
             if name in said:
                 said[name] = by_name(flag, said[name]) if any(said[name]) else {}
+        if "below" in said:
+            said["below"] = numbers("--below", said["below"])
         if "properties" in said:
             said["properties"] = list(said["properties"])
         schema = said.pop("schema", None)
@@ -254,7 +263,7 @@ class Source:
 
     def check_streams(self) -> None:
         """Refuse what does not go with files that are streamed."""
-        of_tables = ("object_name", "wide", "restarts", "missing", "decimal", "dates")
+        of_tables = ("object_name", "wide", "restarts", "missing", "below", "decimal", "dates")
         refused = [name for name in of_tables if name in self.roles]
         refused += [name for name in ("sheet", "clip") if getattr(self, name)]
         if refused:
@@ -307,7 +316,7 @@ class Source:
         kept = (f".split({excluded})[1]" if excluded else "") + ".clip_irregular()" * self.clip
         learned = (f".select({where})" if where else "") + (f".split({held_out})[1]" if held_out else "")
         learned += "" if self.learn_until is None else f".until({self.learn_until!r})"
-        named = ("object_name", "wide", "restarts", "missing", "decimal", "dates")
+        named = ("object_name", "wide", "restarts", "missing", "below", "decimal", "dates")
         reading = {name: self.roles[name] for name in named if name in self.roles}
         reading |= {"sheet": self.sheet} if self.sheet else {}
         reading |= {"noise_columns": {}} if self.roles.get("noise_columns") == {} else {}
@@ -369,6 +378,7 @@ class _TableSchema(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=Tru
     wide: str | None = None
     restarts: Restarts | None = None
     missing: tuple[str, ...] = ()
+    below: dict[str, float] = {}
     decimal: DecimalMark | None = None
     dates: DateOrder | None = None
     sheet: str | None = None
@@ -402,7 +412,7 @@ def written_schema(source: Source, trials: Trials) -> bytes:
     else:
         found |= {"object": schema.object, "trial": schema.trial, "states": schema.measured, "inputs": schema.inputs}
         found |= {"properties": property_names(trials.properties), "noise_columns": schema.noise_columns}
-    named = ("object_name", "restarts", "missing", "decimal", "dates", "units")
+    named = ("object_name", "restarts", "missing", "below", "decimal", "dates", "units")
     found |= {name: roles[name] for name in named if name in roles}
     found |= {"sheet": source.sheet, "exclude": source.exclude, "clip": source.clip}
     found |= {name: "" for name in ("object", "trial") if roles.get(name) == ""}
@@ -416,6 +426,8 @@ def _toml(value: Any) -> str:
         return "{" + ", ".join(f"{_toml(name)} = {_toml(each)}" for name, each in value.items()) + "}"
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, float):
+        return repr(value)
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return f"[{', '.join(map(_toml, value))}]"
