@@ -360,6 +360,8 @@ def test_files_with_observations_that_cannot_be_are_refused(change):
     [
         ("measured-without-equation", "x' = -k x", {"starts": {"x": 1}, "priors": {"k": (1, 1)}}),
         ("parameters-not-identified", "x' = -k x; y = a b x; x(0) = 1", {}),
+        ("observation-without-state", "x' = -k x; y = a + b z", {}),
+        ("bound-empty", "x' = -k x; y = a x; k > 3; k < 2; x(0) = 1", {}),
         ("initial-value-of-variables", "x' = -k x; y = a x; x(0) = y0 + t", {}),
         ("prior-not-positive", "x' = -k x; y = a x", {"priors": {"a": (1, 0)}}),
         ("not-with-observation", "x' = -k x; y = a x", {"errors": "walk"}),
@@ -420,6 +422,18 @@ def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path, monkeypatch):
         done = CliRunner().invoke(commonlaw, words)
         assert done.exit_code == 0, done.output
     assert str(estimates(law, "a")["k"][0])[:8] in done.output
+
+
+def test_reports_and_figures_show_what_was_measured():
+    law = cl.fit(
+        "x' = -k x; signal = c x; x(0) = x0 + 1", trials_of({"A": (T, SIGNAL)}, ["signal"]), priors={"c": (4, 1)}
+    )
+    assert r"\mathrm{signal} &= c x" in law.to_latex()
+    assert r"x(0) &= x_{0} + 1" in law.to_latex()
+    assert law.params.set_index("parameter")["equation"].to_dict() == {"k": "x'", "c": "signal", "x0": "x(0)"}
+    trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
+    assert "forecasts from the first" in law.report(trials).html.lower()
+    assert "signal" in cl.plots.plot_law(law, trials).get_suptitle()
 
 
 def test_the_command_line_takes_observation_equations(tmp_path):

@@ -20,6 +20,7 @@ from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, conv
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.covariance import errors_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law.alignment import refuse_observation
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.law.script import call
 from commonlaw.library import Terms
@@ -41,6 +42,7 @@ def discrepancy(
 ) -> Discrepancy[Law]:
     """Return the smooth function of a coordinate that all objects share in addition to a law, see `Law.discrepancy`."""
     called = call(discrepancy, locals(), "law.discrepancy", "trials") + ".law"
+    refuse_observation(law)
     if law.terms.parameters:
         inside = ", ".join(law.terms.variables.parameters)
         raise CommonlawError("discrepancy-with-parameters", parameters=inside)

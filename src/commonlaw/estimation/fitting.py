@@ -299,6 +299,10 @@ def _bounds(model: Model, trials: Trials, unknowns: _Unknowns) -> Bounds:
     low, high = (
         (np.array(each, dtype=np.float64) for each in zip(*limits, strict=True)) if limits else (np.zeros(0),) * 2
     )
+    for name, least, most in zip(unknowns.names, low, high, strict=True):
+        if not least < most:
+            own = [each.text for each in model.text.bounds if each.name == name]
+            raise CommonlawError("bound-empty", text="; ".join(own))
     longest = max(each.times[-1] - each.times[0] for each in trials)
     delays = [model.parameters[each] for each in model.delay if each >= 0]
     for i, name in enumerate(unknowns.names):

@@ -11,10 +11,10 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
 from commonlaw.law.observation import Initial
-from commonlaw.law.parse import meanings_of
+from commonlaw.law.parse import meanings_of, observation_equation
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in, is_bound, parts_of
-from commonlaw.library.equation import DERIVATIVE, Equation, split_equations
+from commonlaw.library.equation import DERIVATIVE, split_equations
 from commonlaw.library.grammar import columns_in
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
@@ -189,23 +189,19 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     state_rates = list(zip(second, variables.states[len(states) :], strict=False))
     meanings = meanings_of(schema, order)
 
-    def equation(name: str, right: str) -> Equation:
-        whole = f"{name} = {right}"
-        return Equation(whole, name, -1, len(name) + 2)
-
     plain = {name: f"`{name}`" for name in measured.states if name not in text.observed}
     for name in plain:
         if name not in variables.states:
             raise CommonlawError("measured-without-equation", name=name, states=variables.states)
     for name in text.observed:
         check_choice("measured quantity", name, measured.states)
-    observed = [equation(name, text.observed.get(name, f"`{name}`")) for name in measured.states]
+    observed = [observation_equation(name, text.observed.get(name, f"`{name}`")) for name in measured.states]
     rate_of = {f"{state}'": rate for state, rate in state_rates}
     given = {rate_of.get(name, name): start for name, start in text.initial.items()}
     for name in given:
         check_choice("state of the equations", name, variables.states)
     starts = {name: start for name, start in given.items() if isinstance(start, str)}
-    written = [*left, *observed, *(equation(f"{name}(0)", start) for name, start in starts.items())]
+    written = [*left, *observed, *(observation_equation(f"{name}(0)", start) for name, start in starts.items())]
     found = dict.fromkeys(name for each in written for name in each.expression(variables, state_rates, meanings)[1])
     found |= dict.fromkeys(delay for *_, delay in delays)
     variables = replace(variables, parameters=tuple(found))
@@ -225,6 +221,9 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     outputs = expressions[len(left) : len(left) + len(observed)]
     column = (*range(len(measured.inputs)), *(measured.inputs.index(name) for _, name, _ in delays))
     delay = (*([-1] * len(measured.inputs)), *(parameters.index(each) for *_, each in delays))
+    for name, each in zip(measured.states, outputs, strict=True):
+        if min(columns_in(each), default=first) >= len(variables.states):
+            raise CommonlawError("observation-without-state", name=name, states=variables.states)
     for bound in text.bounds:
         check_choice("parameter", bound.name, [name for name in parameters if name not in properties])
     return Model(

@@ -78,13 +78,16 @@ class Observation:
                 raise CommonlawError("observation-not-positive", name=name, value=value)
 
     @property
+    def written(self) -> dict[str, str]:
+        """Right-hand sides of observation equations, and of initial values that are expressions, by left-hand side."""
+        starts = {f"{name}(0)": start for name, start in self.initial.items() if isinstance(start, str)}
+        return {**self.equations, **starts}
+
+    @property
     def lines(self) -> list[str]:
         """The observation equations and initial values, as they are printed."""
-        starts = [(name, start) for name, start in self.initial.items() if not isinstance(start, Mapping)]
-        return [
-            *(f"{name} = {right}" for name, right in self.equations.items()),
-            *(f"{name}(0) = {s if isinstance(s, str) else f'{s[0]:g} ± {s[1]:g}'}" for name, s in starts),
-        ]
+        priors = {f"{name}(0)": f"{s[0]:g} ± {s[1]:g}" for name, s in self.initial.items() if isinstance(s, tuple)}
+        return [f"{left} = {right}" for left, right in (self.written | priors).items()]
 
     @property
     def noise_levels(self) -> Floats | None:
@@ -94,9 +97,8 @@ class Observation:
 
     def place_of(self, parameter: str) -> str:
         """Return the left-hand side of the equation in which a parameter stands first; empty if in none of these."""
-        texts = dict(self.equations) | {f"{n}(0)": s for n, s in self.initial.items() if isinstance(s, str)}
         word = re.compile(rf"(?<!\w){re.escape(parameter)}(?!\w)")
-        return next((name for name, text in texts.items() if word.search(text)), "")
+        return next((name for name, text in self.written.items() if word.search(text)), "")
 
     def to_frame(self) -> "pd.DataFrame":
         """Return the estimated initial values: object, trial, state, estimate, standard error."""

@@ -192,6 +192,15 @@ def left_hand_sides(law: Law) -> tuple[str, ...]:
     return text.left_hand_sides(law.schema.states, law.order)
 
 
+def equation_label(law: Law, equation: int, term: int) -> str:
+    """Return the left-hand side of the equation that a coefficient stands in: of an observation, if in no other."""
+    own = law.terms.terms[term].parameter
+    inside = frozenset[int]().union(*(each.columns() for each in law.terms.terms if each.parameter is None))
+    if law.observation is None or own is None or own in inside:
+        return left_hand_sides(law)[equation]
+    return law.observation.place_of(law.terms.variables.names[own])
+
+
 def rate_names(law: Law) -> tuple[str, ...]:
     """Return the names of the rates of the states of second order."""
     return law.terms.variables.states[len(law.schema.states) :]

@@ -14,7 +14,7 @@ from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
-from commonlaw.library.equation import Meanings, Summand, only_product, split_equations, with_parameters
+from commonlaw.library.equation import Equation, Meanings, Summand, only_product, split_equations, with_parameters
 from commonlaw.library.term import parse_term
 from commonlaw.trials import Schema
 
@@ -162,12 +162,25 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
 
 
 def latex_summands(
-    given: Sequence[str], schema: Schema, variables: Variables, state_rates: Sequence[tuple[str, str]]
+    given: Sequence[str],
+    schema: Schema,
+    variables: Variables,
+    state_rates: Sequence[tuple[str, str]],
+    observed: Mapping[str, str],
 ) -> tuple[tuple[tuple[bool, str], ...], ...]:
-    """Return the summands of the equations of a law in LaTeX, as they are written, and whether they are subtracted."""
+    """Return the summands of the equations of a law in LaTeX, as they are written, and whether they are subtracted.
+
+    Those of observation equations, by name, follow.
+    """
     equations = split_equations(given)
     meanings = meanings_of(schema, one_order([each.order for each in equations]))._replace(unclear={})
-    return tuple(each.latex(variables, state_rates, meanings) for each in equations)
+    written = (*equations, *(observation_equation(name, right) for name, right in observed.items()))
+    return tuple(each.latex(variables, state_rates, meanings) for each in written)
+
+
+def observation_equation(name: str, right: str) -> Equation:
+    """Return the equation of a measured quantity, or of an initial value, which gives no derivative."""
+    return Equation(f"{name} = {right}", name, -1, len(name) + 2)
 
 
 def _owners_of_parameters(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:

@@ -49,7 +49,8 @@ def latex_structure(law: Law) -> tuple[tuple[text.Addend, ...], ...]:
     """Return the right-hand sides of `Law.structure` in LaTeX."""
     variables = law.terms.variables
     if law.provenance.equations:
-        rows = latex_summands(law.provenance.equations, law.schema, variables, state_rates(law))
+        observed = {} if law.observation is None else law.observation.written
+        rows = latex_summands(law.provenance.equations, law.schema, variables, state_rates(law), observed)
         return tuple(tuple(text.Addend(negative, "", latex) for negative, latex in row) for row in rows)
     factors = zip(law.terms.names, law.terms.latex_factors(variables.names), strict=True)
     names = ["1" if name == "1" else latex for name, latex in factors]
@@ -74,6 +75,13 @@ def equations(law: Law, name: str | None, digits: int, errors: bool | None) -> t
     return tuple(text.equation(*row, names, digits, law.terms.have_parameters) for row in rows)
 
 
+def latex_lefts(law: Law) -> tuple[str, ...]:
+    """Return the left-hand sides of `latex_structure` in LaTeX."""
+    lefts = text.latex_left_hand_sides(law.schema.states, law.order)
+    observed = () if law.observation is None else law.observation.written
+    return (*lefts, *(latex_name(each.removesuffix("(0)")) + "(0)" * each.endswith("(0)") for each in observed))
+
+
 def latex(law: Law, name: str | None, digits: int, errors: bool | None) -> str:
     """Return the equations of one object in LaTeX, see `Law.to_latex`."""
     lefts = text.latex_left_hand_sides(law.schema.states, law.order)
@@ -84,9 +92,10 @@ def latex(law: Law, name: str | None, digits: int, errors: bool | None) -> str:
     values = _Values.of(law, name, errors)
     if law.provenance.equations:
         pairs = [(latex_name(key), pair) for key, pair in values.parameters(law).items()]
-        return text.aligned([*zip(lefts, latex_structure(law), strict=True), *text.latex_values(pairs, digits)])
-    rows = zip(lefts, values.factors(law), values.errors, strict=True)
-    written = text.latex_equations(rows, terms, digits, law.terms.have_parameters)
+        rows = zip(latex_lefts(law), latex_structure(law), strict=True)
+        return text.aligned([*rows, *text.latex_values(pairs, digits)])
+    factors = zip(lefts, values.factors(law), values.errors, strict=True)
+    written = text.latex_equations(factors, terms, digits, law.terms.have_parameters)
     return text.aligned(
         [*written, *text.latex_values(zip(parameters, values.inner_parameters(law), strict=True), digits)]
     )

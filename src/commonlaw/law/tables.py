@@ -11,11 +11,11 @@ from commonlaw.law.law import Law, object_index, only_object
 from commonlaw.law.parameters import (
     coefficient_intervals,
     coefficient_units,
+    equation_label,
     left_hand_sides,
     named_parameters,
     standard_errors,
 )
-from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.text import Written, probability_text, rounded
 from commonlaw.runtime.arguments import check_whole_number
@@ -81,15 +81,11 @@ def parameter_frame(law: Law, level: float | None = None, averaged: bool = True)
         labels = [by_place.get(place, "") for place in places]
         units = [known.get((lefts[a], law.terms.names[b]), "") for a, b in places]
         ends = None if level is None else coefficient_intervals(law, level, averaged)
-    equations, terms = [lefts[each] for each in j.tolist()], [law.terms.names[each] for each in k.tolist()]
-    if law.observation is not None:  # Parameters that no differential equation has stand in other equations
-        inside = {each.name for each in read_equations(law.provenance.equations, law.schema).coefficients}
-        for i in (i for i, label in enumerate(labels) if label not in inside):
-            equations[i], terms[i] = law.observation.place_of(labels[i]), ""
+    equations = [equation_label(law, *place) for place in zip(j.tolist(), k.tolist(), strict=True)]
     columns: dict[str, Any] = {
         "object": [law.objects[each] for each in rows.tolist()],
         "equation": equations,
-        "term": terms,
+        "term": [law.terms.names[each] for each in k.tolist()],
         "parameter": labels,
         "estimate": values[indices],
         "standard error": errors[indices],

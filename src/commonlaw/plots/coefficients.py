@@ -24,6 +24,7 @@ from commonlaw.law.law import object_index
 from commonlaw.law.parameters import (
     coefficient_intervals,
     coefficient_units,
+    equation_label,
     left_hand_sides,
     named_parameters,
     standard_errors,
@@ -52,13 +53,14 @@ _OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One coefficient of every object: equation, term, labels, and values of shape (objects,), with intervals.
+    """One coefficient of every object: equation, left-hand side, term, labels; values, shape (objects,), and intervals.
 
     It is a coefficient by its name where the law was given as equations. Unknown names and units are empty, unknown
     values NaN, and unknown standard errors zero.
     """
 
     equation: int
+    left: str
     name: str
     term: str
     letter: str
@@ -105,7 +107,7 @@ class DotPlot:
                 # The equations of an explained law have letters of their own
                 letter = letter_of(law, j, k) if law.uncertainty.explanation is None else ""
                 ends = low[:, j, k], high[:, j, k]
-                found.append(Coefficient(j, name, labels[k], letter, unit, learned, true, errors, *ends))
+                found.append(Coefficient(j, lefts[j], name, labels[k], letter, unit, learned, true, errors, *ends))
         return found
 
     @property
@@ -127,7 +129,8 @@ class DotPlot:
             label, unit = math(latex_name(each.name), each.name), unit_text(parameters.units[i] or "")
             ends = (values[:, i],) * 2 if law.uncertainty.covariance is None else (low[:, i], high[:, i])
             own = values[:, i], true, np.nan_to_num(errors[:, i]), *ends
-            found.append(Coefficient(each.equation, each.name, label, label, unit, *own))
+            left = equation_label(law, each.equation, each.term)
+            found.append(Coefficient(each.equation, left, each.name, label, label, unit, *own))
         return found
 
     @property
@@ -281,8 +284,7 @@ class IntervalPanels:
     def captions(self) -> list[str]:
         """What each panel shows."""
         before = "" if self.law.provenance.equations and self.law.uncertainty.explanation is None else "before "
-        lefts = left_hand_sides(self.law)
-        return [f"{before}{each.name} in {lefts[each.equation]}" for each in self._dots.coefficients]
+        return [f"{before}{each.name} in {each.left}" for each in self._dots.coefficients]
 
     @styled()
     def draw(self, panel: int) -> Figure:

@@ -4,7 +4,7 @@ import numpy as np
 
 from commonlaw.law import Law
 from commonlaw.law.parameters import left_hand_sides, named_parameters, state_rates
-from commonlaw.law.printing import latex_structure
+from commonlaw.law.printing import latex_lefts, latex_structure
 from commonlaw.law.text import latex_left_hand_sides
 from commonlaw.library import Terms
 from commonlaw.library.notation import latex_name
@@ -38,6 +38,10 @@ def equation_lines(law: Law) -> str:
     lines = []
     for j, left in enumerate(equation_labels(law)):
         lines += _broken(f"{left} $=$", _summands(law, j))
+    if law.observation is not None:
+        lefts, names = latex_lefts(law)[len(law.schema.states) :], law.observation.written
+        for j, (left, name) in enumerate(zip(lefts, names, strict=True), len(law.schema.states)):
+            lines += _broken(f"{math(left, name)} $=$", _summands(law, j))
     rates = [
         f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
         for state, rate in state_rates(law)

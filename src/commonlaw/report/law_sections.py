@@ -383,7 +383,8 @@ def experiments(case: LawCase) -> Section:
     """Return the part on what to measure next."""
     title, found = "Next experiment", suggestions(case.law, case.findings.training)
     if not found:
-        text = "No suggestion: experimental design needs a law in continuous time with a covariance matrix."
+        needs = "a law in continuous time of measured states, with a covariance matrix"
+        text = f"No suggestion: experimental design needs {needs}."
         return Section("experiments", title, (Text(text),))
     intro = (
         "The most informative further trial, with initial conditions in the range of the data, and duration and "

@@ -12,9 +12,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters
-from commonlaw.law.printing import latex_structure
+from commonlaw.law.printing import latex_lefts, latex_structure
 from commonlaw.law.simplify import within_errors
-from commonlaw.law.text import aligned, latex_left_hand_sides, said_within_errors
+from commonlaw.law.text import aligned, said_within_errors
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import visible
 
@@ -73,7 +73,7 @@ def _has_numbers(law: Law) -> bool:
 
 def _structure_latex(law: Law) -> str:
     """Return the form of the equations, with letters for coefficients, as LaTeX; see `Law.structure`."""
-    return aligned(zip(latex_left_hand_sides(law.schema.states, law.order), latex_structure(law), strict=True))
+    return aligned(zip(latex_lefts(law), latex_structure(law), strict=True))
 
 
 def _own(law: Law) -> Iterator[str]:

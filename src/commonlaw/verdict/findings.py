@@ -103,7 +103,7 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     others = [each for each in whole if (each.object, each.name) not in learned_from]
     held_out = [each for each in others if each.object in law.objects]
     checked = whole.with_trials(held_out or [each for each in whole if (each.object, each.name) in learned_from])
-    start = samples_before(min(map(len, checked)), law.order) if can_fit_initial_state(law) else None
+    start = samples_before(min(map(len, checked)), law.order) if can_fit_initial_state(law) or law.observation else None
     checking = partial(law.predict, checked, return_std=bands, start=start)
     forecast = _tried(_NOT_CHECKED, checking, lacking)
     if verdict is not None and verdict.usable is not None:
