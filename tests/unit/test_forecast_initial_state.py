@@ -199,8 +199,10 @@ def test_what_no_start_can_be_fitted_to_is_refused_by_name():
         law.predict(trials, start=1)
     with refused("initial-values-too-few", name="y", measured=0, samples=8, least=1):
         law.predict(trials, start=8)
-    with refused("forecast-start-count", start=0):
+    with refused("forecast-start", start=0):
         law.predict(trials, start=0)
+    with refused("forecast-start", start=0.5):
+        law.predict(trials, start=0.5)
     with refused("forecast-start", start="first"):
         law.predict(trials, start="first")
     with refused("initial-values-without-noise", lacking="has no noise estimate"):

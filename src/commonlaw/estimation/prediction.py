@@ -175,7 +175,7 @@ def _used(trial: Trial, start: int | Literal["all"] | None, from_time: float | N
     used = (np.isfinite(trial.states) | np.isfinite(trial.below)).any(axis=1)
     if from_time is not None:
         used = used & (trial.times < from_time)
-    if isinstance(start, int):
+    if start is not None and start != "all":
         rows = np.flatnonzero(used)
         used = np.isin(np.arange(len(trial)), rows[-start:] if from_time is not None else rows[:start])
     return np.asarray(used)

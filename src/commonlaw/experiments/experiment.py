@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
+from numbers import Real
 from typing import TypeGuard
 
 import numpy as np
@@ -396,7 +397,7 @@ def check_prices(prices: Mapping[str, float], settings: Mapping[str, object], la
 
 def _number(settings: Mapping[str, Value], name: str, otherwise: float = 0.0) -> float:
     value = settings.get(name, otherwise)
-    if not isinstance(value, float | int):
+    if not isinstance(value, Real):
         raise CommonlawError("experiment-number", name=name, value=value)
     return float(value)
 
@@ -419,7 +420,7 @@ def _start(law: Law, settings: Mapping[str, Value], name: str) -> float:
     if name in settings:
         return _number(settings, name)
     value = law.schema.starts[name]
-    if not isinstance(value, float | int):
+    if not isinstance(value, Real):
         raise CommonlawError("experiment-start", name=name)
     return float(value)
 

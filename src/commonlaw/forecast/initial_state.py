@@ -238,10 +238,6 @@ def begin(
     wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
     if not np.isfinite(wanted).all() or (law.order == 0 and len(wanted)):
         raise CommonlawError("forecast-times")
-    if isinstance(start, str) and start != "all":
-        raise CommonlawError("forecast-start", start=start)
-    if isinstance(start, int) and start < 1:
-        raise CommonlawError("forecast-start-count", start=start)
     if start == "all":
         law, start = with_weights(law, trials), max(map(len, trials))
     if from_time is not None and not np.isfinite(from_time):

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Integral
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 
@@ -466,6 +467,8 @@ class Law(ShownInNotebooks):
         averaged
             Whether to average over `models`: forecasts are weighted medians, intervals those of the mixture.
         """
+        if start not in (None, "all") and (not isinstance(start, Integral) or start < 1):
+            raise CommonlawError("forecast-start", start=start)
         options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
         if self.observation is not None:

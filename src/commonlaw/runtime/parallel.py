@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar, copy_context
 from functools import partial
+from numbers import Integral
 from threading import Lock, Semaphore, Thread
 from typing import Any, TypeVar
 
@@ -38,7 +39,7 @@ def threads(n_jobs: int) -> Iterator[None]:
     if _TEAM.get() is not None:
         yield
         return
-    token = _TEAM.set(_Team(cores() if n_jobs == -1 else n_jobs))
+    token = _TEAM.set(_Team(cores() if n_jobs == -1 else int(n_jobs)))
     try:
         yield
     finally:
@@ -75,7 +76,7 @@ def in_parallel(
 
 def check_n_jobs(n_jobs: int) -> None:
     """Refuse what is no number of jobs."""
-    if isinstance(n_jobs, bool) or not isinstance(n_jobs, int) or n_jobs < -1 or not n_jobs:
+    if isinstance(n_jobs, bool) or not isinstance(n_jobs, Integral) or n_jobs < -1 or not n_jobs:
         raise CommonlawError("n-jobs", value=n_jobs)
 
 
