@@ -319,6 +319,6 @@ def test_candidates_can_be_judged_by_forecasts_of_held_out_trials():
         cl.discover(pairs.select(trial=1), library="poly:2", method=method, order=1)
 
 
-def test_a_bare_frame_is_refused_with_the_way_to_trials(drops):
-    with refused("not-trials", type="DataFrame"):
-        cl.discover(drops.to_frame(), order=1, library="poly:3")
+def test_what_is_no_table_is_refused_with_the_way_to_trials():
+    with refused("frame-unknown", type="str"):
+        cl.discover("drops.csv", order=1, library="poly:3")

@@ -92,8 +92,8 @@ class LawDiscovery:
         self.cache = cache
         self.client = client
 
-    def fit(self, trials: Trials | TrialStream, y: None = None) -> Self:
-        """Find the law of these trials.
+    def fit(self, trials: Trials | TrialStream | Any, y: None = None) -> Self:
+        """Find the law of these trials, or of those that `Trials.from_frame` makes of a table.
 
         A stream is gone through once.
 
@@ -104,7 +104,7 @@ class LawDiscovery:
             trial and says what to do.
         """
         if not isinstance(trials, Trials | TrialStream):
-            raise CommonlawError("not-trials", type=type(trials).__name__)
+            trials = Trials.from_frame(trials)
         if isinstance(trials, Trials):
             refuse_client(self.client)
             check_gaps(tuple(trials), trials.schema)
@@ -325,7 +325,7 @@ def _named(pairs: Sequence[tuple[Trial, Trial]]) -> str:
 
 
 def discover(
-    trials: Trials | TrialStream,
+    trials: Trials | TrialStream | Any,
     order: AskedOrder = "auto",
     library: AbstractLibrary | str = "auto",
     method: AbstractMethod | None = None,
@@ -341,7 +341,7 @@ def discover(
     Parameters
     ----------
     trials
-        What was measured.
+        What was measured: trials, or a table as `Trials.from_frame` takes it.
     order
         Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time,
         ``x[k+1] = f(x[k])``. By state where equations differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 where such a law

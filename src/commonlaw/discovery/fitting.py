@@ -59,7 +59,7 @@ _OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
 
 def fit(
     equations: str | Sequence[str],
-    trials: Trials | TrialStream,
+    trials: Trials | TrialStream | Any,
     *,
     starts: Mapping[str, InitialGiven] | None = None,
     starts_at: float | None = None,
@@ -107,7 +107,8 @@ def fit(
         added to, within bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``. A coefficient whose
         best value is outside is at its bound, which an outcome says with a one-sided interval.
     trials
-        What was measured. Each object has its own coefficients. A stream is fitted file by file, see `refine`; such a
+        What was measured: trials, or a table as `Trials.from_frame` takes it. Each object has its own coefficients. A
+        stream is fitted file by file, see `refine`; such a
         law has no parameters inside terms, and no latent states.
     starts
         Initial values of states in the first sample of each trial, by name: a number, the name of a property of the
@@ -158,8 +159,10 @@ def fit(
     <BLANKLINE>
     with v = x', g [m/s²] = 9.8000 ± 0.0010, c [1/s] = 0.380000 ± 0.000093
     """
-    if isinstance(equations, Trials | TrialStream):
+    if isinstance(equations, Trials | TrialStream) or isinstance(trials, str):
         raise CommonlawError("arguments-swapped")
+    if not isinstance(trials, Trials | TrialStream):
+        trials = Trials.from_frame(trials)
     settings = {name: value for name, value in locals().items() if name in settings_of(FitOptions, "fit")}
     check_settings("fit", settings)
     settings["progress"] = progress

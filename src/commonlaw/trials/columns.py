@@ -21,6 +21,7 @@ from commonlaw.trials.trial import nearest
 
 if TYPE_CHECKING:
     import narwhals as nw
+    import pandas as pd
 
 Codes = NDArray[np.int64]
 Column = NDArray[Any]
@@ -297,9 +298,16 @@ def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
 
 
 def frame_table(frame: Any, source: str = "the frame") -> Table:
-    """Return the table in a pandas, polars or pyarrow frame, or in any other that narwhals reads."""
+    """Return the table in a frame, as narwhals reads it, a mapping, a structured array or an xarray Dataset."""
     import narwhals as nw
 
+    units = dict[str, str]()
+    if hasattr(frame, "data_vars"):  # An xarray Dataset
+        attributes = {str(name): variable.attrs.get("units") for name, variable in frame.variables.items()}
+        units = {name: unit for name, unit in attributes.items() if isinstance(unit, str) and known_unit(unit)}
+        frame = frame.to_dataframe().reset_index()
+    elif isinstance(frame, Mapping) or (isinstance(frame, np.ndarray) and frame.dtype.names):
+        frame, units = _frame_of_columns(frame if isinstance(frame, Mapping) else _fields(frame), source)
     try:
         data = nw.from_native(_with_named_indices(frame, source))
         eager = _collected(data, source) if isinstance(data, nw.LazyFrame) else data
@@ -311,7 +319,34 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
         raise CommonlawError("frame-unknown", type=type(frame).__name__) from None
     columns = [_series_column(each) for each in eager.iter_columns()]
     loose = [i for i, (_, is_mixed) in enumerate(columns) if is_mixed]
-    return filled_table(source, headers, [column for column, _ in columns], loose=loose)
+    table = filled_table(source, headers, [column for column, _ in columns], loose=loose)
+    named = dict(zip(split_headers(source, headers)[0], headers, strict=True)) if units else {}
+    return replace(table, units={**table.units, **{name: units[own] for name, own in named.items() if own in units}})
+
+
+def with_unit(values: Any) -> tuple[Any, str]:
+    """Return the values and the unit of a quantity of pint, or of a list of these; other values and no unit."""
+    if isinstance(values, list | tuple) and values and all(hasattr(each, "magnitude") for each in values):
+        return [each.m_as(values[0].units) for each in values], f"{values[0].units:~C}"
+    return (values.magnitude, f"{values.units:~C}") if hasattr(values, "magnitude") else (values, "")
+
+
+def _fields(records: NDArray[Any]) -> dict[str, Column]:
+    """Return the fields of a structured array, bytes as text."""
+    fields = {name: records[name] for name in records.dtype.names or ()}
+    return {name: np.char.decode(own, "utf-8") if own.dtype.kind == "S" else own for name, own in fields.items()}
+
+
+def _frame_of_columns(columns: Mapping[Any, Any], source: str) -> tuple["pd.DataFrame", dict[str, str]]:
+    """Return columns by name as a frame, in order whatever their indices are, and the units of quantities."""
+    import pandas as pd
+
+    read = {str(name): with_unit(values) for name, values in columns.items()}
+    arrays = {name: own.to_numpy() if hasattr(own, "to_numpy") else own for name, (own, _) in read.items()}
+    try:
+        return pd.DataFrame(arrays), {name: unit for name, (_, unit) in read.items() if unit}
+    except (TypeError, ValueError) as error:
+        raise CommonlawError("columns-unequal", where=source, problem=error) from None
 
 
 def _with_named_indices(frame: Any, source: str) -> Any:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError
 from commonlaw.text import as_text, shown
-from commonlaw.trials.columns import Codes, Table, frame_table, with_numbers
+from commonlaw.trials.columns import Codes, Table, frame_table, with_numbers, with_unit
 from commonlaw.trials.dates import Elapsed, elapsed, is_time, with_dates_as_times
 from commonlaw.trials.files import name_of_table, read_table
 from commonlaw.trials.grouping import are_used, groups_of, inputs_before, read_cells, repeats_in_words, trials_of
@@ -175,7 +175,7 @@ def _labels(table: Table, column: str | None, what: str, default: str) -> tuple[
 
 
 def trials_from_arrays(
-    times: Sequence[Any] | NDArray[Any],
+    times: Sequence[Any] | NDArray[Any] | float,
     states: ArrayLike,
     object: object,
     trial: object,
@@ -186,8 +186,12 @@ def trials_from_arrays(
     properties: str | os.PathLike[str] | PropertyTable | Any,
 ) -> TrialData:
     """Return the trials in arrays, see `Trials.from_arrays`."""
-    single = not hasattr(times, "__iter__") or np.ndim(next(iter(times), [])) == 0
-    runs, clock = _elapsed([times] if single else list(times))
+    (times, clock_unit), (states, state_unit) = with_unit(times), with_unit(states)
+    (inputs, input_unit), (noise, noise_unit) = with_unit(inputs), with_unit(noise)
+    if noise_unit and noise_unit != state_unit:
+        raise CommonlawError("noise-in-other-unit", unit=noise_unit, state_unit=state_unit or "no unit")
+    runs, single = _times_by_trial(times, states)
+    runs, clock = _elapsed(runs)
     count = len(runs)
     objects = [label(each) for each in _per_trial("objects", object, count)]
     counters = {name: itertools.count(1) for name in objects}
@@ -206,7 +210,9 @@ def trials_from_arrays(
     known = given_properties(properties, "object", list(dict.fromkeys(objects)))
     used = ["t", *columns[0], *columns[1], *known.names]
     noisy = {} if noise is None else {name: f"{name} noise" for name in columns[0]}
-    headers = {**known.units, **({"t": clock.unit} if clock else {})}
+    own_units = {"t": clock.unit if clock else clock_unit}
+    own_units |= dict.fromkeys(columns[0], state_unit) | dict.fromkeys(columns[1], input_unit)
+    headers = known.units | {name: unit for name, unit in own_units.items() if unit}
     schema = Schema(*columns, units=joined_units(headers, units, used, used), noise_columns=noisy)
     gaps = [
         f"{each.label}: {shown([f'sample {here[0] + 1}', *(str(i + 1) for i in here[1:])])}"
@@ -218,6 +224,31 @@ def trials_from_arrays(
     return TrialData(
         made, schema, known.values, (*known.notes, *notes, *repeats_in_words(made)), set(objects) == {"object"}
     )
+
+
+def _times_by_trial(times: Any, states: Any) -> tuple[list[Any], bool]:
+    """Return the times of each trial, which may be the same for all or a time step, and whether there is only one."""
+    is_step = not hasattr(times, "__iter__")
+    if not is_step and np.ndim(next(iter(times), [])):
+        return list(times), False
+    single = not _are_several(states, times)
+    if not is_step:
+        return [times] * (1 if single else len(states)), single
+    if not isinstance(times, float | int | np.number) or not 0 < times < np.inf:
+        raise CommonlawError("time-step", step=times)
+    return [float(times) * np.arange((np.shape(own) or (1,))[0]) for own in ([states] if single else states)], single
+
+
+def _are_several(states: Any, times: Any) -> bool:
+    """Say whether states at the same times, or in the same time steps, are those of several trials."""
+    if not isinstance(states, list | tuple):
+        return np.ndim(states) == 3
+    sizes = {np.ndim(own) for own in states}
+    if sizes != {1}:
+        return sizes == {2}
+    if hasattr(times, "__iter__"):
+        return len(states) != len(times) and all(len(own) == len(times) for own in states)
+    return not any(isinstance(own, list | tuple) for own in states)  # These are rows
 
 
 def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:

@@ -151,7 +151,11 @@ class Trials(ShownInNotebooks):
 
     @classmethod
     def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
-        """Return the trials in a frame of pandas, polars or pyarrow with a row for each sample, see `Reading`.
+        """Return the trials in a table with a row for each sample, see `Reading`.
+
+        It is a frame of pandas, polars or pyarrow, a mapping from names to columns, a structured array of NumPy, or an
+        xarray Dataset, whose dimensions and coordinates become columns. Columns that are quantities of pint have
+        their unit. Dates are times since the earliest, which `notes` says.
 
         Without a column of objects there is one object, named ``object``. Raises `CommonlawError` if a column is not
         there, or a value cannot be used; the message names the column and the row, counted from 1.
@@ -161,7 +165,7 @@ class Trials(ShownInNotebooks):
     @classmethod
     def from_arrays(
         cls,
-        times: Sequence[Any] | NDArray[Any],
+        times: Sequence[Any] | NDArray[Any] | float,
         states: ArrayLike,
         *,
         object: object = "object",
@@ -181,8 +185,9 @@ class Trials(ShownInNotebooks):
         ----------
         times, states, inputs, noise
             Sample times, shape (n,), states, inputs and standard deviations, shape (n,) or (n, variables); or lists of
-            such arrays. NaN is a missing measurement; samples without any measured state but the last are left out,
-            which `notes` says.
+            such arrays. Times of one trial are those of all; a number is the time step. Quantities of pint have their
+            unit, and dates are times since the earliest. NaN is a missing measurement; samples without any measured
+            state but the last are left out, which `notes` says.
         object, trial
             The object's name and the trial's label, or lists of them. Default: the trials of each object count from 1.
         names
