@@ -171,6 +171,28 @@ class FitSettings(SphinxDirective):
         return self.parse_text_to_nodes("\n".join([*lines, ""]))
 
 
+class NamedModels(SphinxDirective):
+    """Lists the named models by their fields: formula, equations, variables, parameters and source of each."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return a section for each field."""
+        found, lines = list[nodes.Node](), list[str]()
+        models = [*commonlaw.named_models.values()]
+        for field in dict.fromkeys(model.field for model in models):
+            section = nodes.section("", nodes.title(field, field), ids=[nodes.make_id(field)])
+            for model in (each for each in models if each.field == field):
+                symbols = {**model.variables, **model.parameters}
+                lines = [f"**{model.title}**: ``{model.name}``", "", ".. math::", ""]
+                lines += [f"   {line}" for line in model.to_latex().splitlines()]
+                lines += ["", "::", "", f"   {model.equations}", ""]
+                lines += ["; ".join(f"``{name}`` {meaning}" for name, meaning in symbols.items()) + "."]
+                lines += [f"Source: {model.source}.", ""]
+                target = nodes.target("", "", ids=[model.name])
+                section += [target, *self.parse_text_to_nodes("\n".join(lines))]
+            found.append(section)
+        return found
+
+
 class Messages(SphinxDirective):
     """Lists the messages of a topic by their codes, each with an anchor of that name; ``notes`` is a topic too."""
 
@@ -241,6 +263,7 @@ def setup(app: Sphinx) -> None:
     app.add_directive("public-names", PublicNames)
     app.add_directive("command-help", CommandHelp)
     app.add_directive("messages", Messages)
+    app.add_directive("named-models", NamedModels)
     app.add_directive("fit-options", FitSettings)
     app.connect("builder-inited", _check_names)
     app.connect("builder-inited", _write_pages)

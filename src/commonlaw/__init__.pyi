@@ -44,6 +44,7 @@ from .law import (
     Provenance as Provenance,
     Uncertainty as Uncertainty,
 )
+from .law.models import NamedModel as NamedModel, named_models as named_models
 from .library import (
     AutoLibrary as AutoLibrary,
     ConstantLibrary as ConstantLibrary,

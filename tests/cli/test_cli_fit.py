@@ -172,3 +172,27 @@ def test_what_is_in_the_place_of_another_is_recognised(run, tmp_path, given, pro
 def test_in_python_the_equations_come_first():
     with refused("arguments-swapped"):
         cl.fit(cl.datasets.linear_drag(), "x'' = -g")
+
+
+@pytest.mark.usefixtures("cups")
+def test_models_of_textbooks_are_fitted_by_name(run):
+    by_name = run("fit", "cups.csv", "newton-cooling", *ROLES, "--json")
+    written = run("fit", "cups.csv", "T' = -k (T - a); k > 0", *ROLES, "--json")
+    assert by_name[0] == written[0] == 0
+    laws = [json.loads(out)["law"]["coefficients"] for _, out, _ in (by_name, written)]
+    assert laws[0] == laws[1]
+    code, out, _ = run("compare", "cups.csv", "newton-cooling", "exponential-decay:x=T", *ROLES)
+    assert code == 0
+    assert out.startswith("newton-cooling is the most probable of these laws.")
+
+
+def test_models_are_listed_and_described(run):
+    code, out, _ = run("models")
+    assert code == 0
+    assert [name for name in cl.named_models if f"  {name} " not in out] == []
+    code, out, _ = run("models", "sir")
+    assert code == 0
+    assert "  b: transmission rate" in out
+    code, _, err = run("models", "sri")
+    assert code == 1
+    assert "did you mean 'sir'?" in err

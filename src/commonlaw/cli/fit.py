@@ -23,7 +23,16 @@ from commonlaw.cli.options import (
     saving,
 )
 from commonlaw.cli.output import print_history, print_json, say
-from commonlaw.cli.results import Learned, Outputs, compared, learned_by_stream, load, print_compared, with_outputs
+from commonlaw.cli.results import (
+    Learned,
+    Outputs,
+    compared,
+    learned_by_stream,
+    load,
+    over_table,
+    print_compared,
+    with_outputs,
+)
 from commonlaw.cli.source import (
     WITH_LAW,
     WITHOUT_LAW,
@@ -34,7 +43,7 @@ from commonlaw.cli.source import (
     with_cluster,
     with_table,
 )
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.trials.transformations import without_notes_on
 
@@ -119,13 +128,15 @@ def fit(
     EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
     dP/dt = c H P - d P", "s' = -V s/(K + s)". Letters are coefficients and constants to be found, numbers are known;
     v is the rate of x. Unless --state says otherwise, columns with an equation are states, and others that occur are
-    inputs. Observation equations and initial values may stand among them. The law is checked like one of `commonlaw
-    discover`. With --cluster Parquet files are fitted one by one.
+    inputs. Observation equations and initial values may stand among them. In place of equations, the name of a model
+    that `commonlaw models` lists: logistic. The law is checked like one of `commonlaw discover`. With --cluster Parquet
+    files are fitted one by one.
 
     \b
     Examples:
       commonlaw fit cups.csv "T' = -k (T - 20)" --save law.json
       commonlaw fit enzymes.csv "s' = -V s/(K + s)"
+      commonlaw fit mice.csv logistic:x=weight
       commonlaw fit doses.csv "d' = -a d; c' = b d - k c" --initial-value d=dose
       commonlaw fit cells.csv "x' = -k x; signal = c x (1 + x); x(0) = 1"
       commonlaw fit dataset:linear-drag:noise=0.05 "x'' = -g - c v"
@@ -145,6 +156,8 @@ def fit(
         outputs.give(*found)
         return
     with working("Fitting ...") as show:
+        equations, of_model = over_table(source, equations)
+        doses = doses or of_model
         other = cl.Law.load(against) if against else None
         if doses:
             source = source.reading(inputs=tuple(dict.fromkeys((*source.roles.get("inputs", ()), *doses))))
@@ -211,15 +224,15 @@ def _fitted(
     from commonlaw.law.parse import read_equations
 
     saved = {each: cl.Law.load(each) for each in laws if is_law_file(each)}
-    texts = [each for each in laws if each not in saved]
-    training = source.select(load(source, texts, saved.values()))
-    for each in texts:  # What cannot be read is refused before the others are fitted
+    texts = {each: over_table(source, each)[0] for each in laws if each not in saved}
+    training = source.select(load(source, [*texts.values()], saved.values()))
+    for each in texts.values():  # What cannot be read is refused before the others are fitted
         _naming(each, read_equations, training.schema)
     found = {}
     for number, each in enumerate(laws):
         share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))
         share(f"fitting {each}")
-        found[each] = saved.get(each) or _naming(each, cl.fit, training, **settings, progress=share)
+        found[each] = saved.get(each) or _naming(texts[each], cl.fit, training, **settings, progress=share)
     return training, found
 
 
@@ -282,3 +295,32 @@ def refine(
     if history:
         print_history(law)
     later.end((*(trials.notes if isinstance(trials, cl.Trials) else ()), *law.diagnostics))
+
+
+@command
+@click.argument("names", nargs=-1, metavar="[NAME...]")
+def models(names: tuple[str, ...]) -> None:
+    """List models of textbooks, which `commonlaw fit` takes by name, or describe those that are named.
+
+    \b
+    Example:
+      commonlaw models logistic
+      commonlaw fit mice.csv logistic:x=weight
+    """
+    from commonlaw.law.models import named_models
+
+    for name in names:
+        check_choice("named model", name, named_models)
+    for name in names:
+        model = named_models[name]
+        say(f"{name}: {model.title}\n  {model.equations}")
+        for symbol, meaning in {**model.variables, **model.parameters}.items():
+            say(f"  {symbol}: {meaning}")
+        say(f"  source: {model.source}\n")
+    if not names:
+        width, heading = max(map(len, named_models)), ""
+        for model in named_models.values():
+            if model.field != heading:
+                heading = model.field
+                say(f"\n{heading}:")
+            say(f"  {model.name:{width}}  {'; '.join(model.without_bounds)}")

@@ -20,6 +20,7 @@ from commonlaw.runtime.shutdown import end_at_once
 _MODULES = {
     "discover": "discover",
     "fit": "fit",
+    "models": "fit",
     "compare": "fit",
     "refine": "fit",
     "predict": "predict",
@@ -77,6 +78,7 @@ def commonlaw(context: click.Context, verbose: bool) -> None:
       commonlaw data check drops.csv --object ball --trial drop --time t --state height --save drops.toml
       commonlaw discover drops.csv --schema drops.toml --order 2 --save law.json --save report.html
       commonlaw fit drops.csv "height'' = -9.81 - c v" --schema drops.toml
+      commonlaw fit mice.csv logistic
       commonlaw compare drops.csv "height'' = -g" "height'' = -g - c v" --schema drops.toml
       commonlaw predict drops.csv law.json
       commonlaw explain law.json --property diameter,mass

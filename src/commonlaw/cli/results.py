@@ -27,6 +27,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import as_text, counted, in_line, r_squared
 from commonlaw.trials import TrialStream
+from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,6 +85,18 @@ def print_compared(frame: "pd.DataFrame") -> None:
     print_frame(frame, {"model error": "lack of fit"})
     say(f"\n{MEANINGS['2 log B']}.")
     say("Evidence penalizes additional coefficients. Probabilities assume that one of these laws is true.")
+
+
+def over_table(source: Source, text: str) -> tuple[str, tuple[str, ...]]:
+    """Return equations, or those of a named model over the columns of the table, and its inputs that are doses."""
+    from commonlaw.law.models import model_named
+
+    named = model_named(text)
+    if named is None:
+        return text, ()
+    trials = source.load()
+    textbook = named[0].over_columns(trials.schema, property_names(trials.properties), named[1])
+    return textbook.equations, textbook.doses
 
 
 def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), starts: Container[str] = ()) -> "Trials":

@@ -23,6 +23,7 @@ from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.inference.settings import STRONG
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law.models import model_named
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.provenance import Domain
@@ -93,7 +94,9 @@ def fit(
     Parameters
     ----------
     equations
-        One for each state, in one text between semicolons or in several, see `Law.from_text`. Coefficients are found,
+        One for each state, in one text between semicolons or in several, see `Law.from_text`; or the name of one of
+        `commonlaw.named_models`: ``"logistic"``, with the columns of its variables where these are not clear,
+        ``"logistic:x=weight"``. Coefficients are found,
         numbers are known and stay, and so do pi, and properties of the objects by their names:
         ``"x'' = -9.81 - c v"``; v is the rate of x, as is ``x'``; t is time, whatever its column is called.
 
@@ -166,6 +169,10 @@ def fit(
     settings = {name: value for name, value in locals().items() if name in settings_of(FitOptions, "fit")}
     check_settings("fit", settings)
     settings["progress"] = progress
+    if named := model_named(equations):
+        properties = property_names(trials.properties) if isinstance(trials, Trials) else []
+        textbook = named[0].over_columns(trials.schema, properties, named[1])
+        equations, doses = textbook.equations, doses or textbook.doses
     if isinstance(trials, TrialStream):
         if starts or doses or universal or guesses or observe or priors:
             raise CommonlawError("not-for-streams")

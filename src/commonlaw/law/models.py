@@ -1,0 +1,199 @@
+"""Models of textbooks by name: ``logistic`` stands for ``x' = r x (1 - x/K)``."""
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import reduce
+from itertools import chain
+from pathlib import Path
+
+import msgspec
+
+from commonlaw.errors import CommonlawError, check_choice, unknown
+from commonlaw.formulation import law_variables
+from commonlaw.law.parse import latex_summands
+from commonlaw.law.text import Addend, aligned, latex_left_hand_sides
+from commonlaw.library import one_order
+from commonlaw.library.bounds import is_bound, parts_of
+from commonlaw.library.equation import split_equations
+from commonlaw.library.grammar import FUNCTIONS, OTHER_NAMES
+from commonlaw.library.notation import latex_name, quoted
+from commonlaw.runtime.reading import read_file
+from commonlaw.trials import Schema
+
+
+@dataclass(frozen=True)
+class NamedModel:
+    """A model of a textbook, which `commonlaw.fit` takes by its name in place of equations.
+
+    Parameters
+    ----------
+    name
+        Such as ``logistic``.
+    title
+        What it is called: ``Logistic growth``.
+    field
+        Heading under which models are listed: ``Growth``.
+    equations
+        As `commonlaw.fit` takes them, with bounds, and initial values where these are known.
+    variables
+        What each state, input and property in the equations is, by name, states first.
+    parameters
+        What each parameter is, by name.
+    source
+        Where it was published.
+    inputs, properties, doses
+        Variables that are inputs or properties of the objects, and inputs that are amounts given at once.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> cl.named_models["logistic"].over({"x": "weight", "K": "capacity"}).equations
+    "weight' = r weight (1 - weight/capacity); r > 0; capacity > 0"
+    """
+
+    name: str
+    title: str
+    field: str
+    equations: str
+    variables: Mapping[str, str]
+    parameters: Mapping[str, str]
+    source: str
+    inputs: tuple[str, ...] = ()
+    properties: tuple[str, ...] = ()
+    doses: tuple[str, ...] = ()
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states."""
+        return tuple(name for name in self.variables if name not in (*self.inputs, *self.properties))
+
+    @property
+    def without_bounds(self) -> tuple[str, ...]:
+        """The equations and initial values, one by one, without the bounds of parameters."""
+        return tuple(each for each in parts_of(self.equations) if not is_bound(each))
+
+    def to_latex(self) -> str:
+        """Return the equations and initial values as an ``aligned`` block of LaTeX without dollars."""
+        delayed = re.compile(r"\w+\(t - \w+\)")
+        lagged = delayed.findall(self.equations)
+        texts = [delayed.sub(r"`\g<0>`", each) for each in self.without_bounds]
+        equations = split_equations([each for each in texts if "'" in each])
+        initial = dict(each.split(" = ") for each in texts if "'" not in each)
+        schema = Schema(self.states, (*self.inputs, *lagged, *self.properties))
+        order = one_order([each.order for each in equations])
+        variables = law_variables(schema, order)
+        rates = [(name, f"{name}'") for name in self.states] if order == 2 else []
+        variables = replace(variables, states=(*self.states, *(rate for _, rate in rates)))
+        rows = latex_summands([each.text for each in equations], schema, variables, rates, initial)
+        lefts = (*latex_left_hand_sides(self.states, order), *(f"{latex_name(each[:-3])}(0)" for each in initial))
+        addends = ([Addend(negative, "", latex) for negative, latex in row] for row in rows)
+        written = aligned(zip(lefts, addends, strict=True))
+        return reduce(lambda text, name: text.replace(latex_name(name), name), lagged, written)
+
+    def over(self, names: Mapping[str, str]) -> "NamedModel":
+        """Return the model with other names of variables and parameters.
+
+        Raises `CommonlawError` if a name is not of the model, or two things would have the same name.
+        """
+        self._check(names)
+        known = (*self.variables, *self.parameters)
+        new = [names.get(name, name) for name in known]
+        if twice := [name for name in new if new.count(name) > 1]:
+            raise CommonlawError("named-model-name-twice", model=self.name, name=twice[0])
+
+        def written(match: re.Match[str]) -> str:
+            name = names.get(match[0], match[0])
+            return f"`{name}`" if name in _NEED_QUOTES else quoted(name)
+
+        def renamed(own: Iterable[str]) -> tuple[str, ...]:
+            return tuple(names.get(name, name) for name in own)
+
+        return replace(
+            self,
+            equations=re.sub("|".join(rf"\b{re.escape(name)}\b" for name in known), written, self.equations),
+            variables={names.get(name, name): meaning for name, meaning in self.variables.items()},
+            parameters={names.get(name, name): meaning for name, meaning in self.parameters.items()},
+            inputs=renamed(self.inputs),
+            properties=renamed(self.properties),
+            doses=renamed(self.doses),
+        )
+
+    def over_columns(self, schema: Schema, properties: Sequence[str], names: Mapping[str, str]) -> "NamedModel":
+        """Return the model over the columns of trials: those that `names` gives, and those that are clear.
+
+        A variable is the column of its name, in capitals or not, or else the only column that is left in its role.
+
+        Raises `CommonlawError` if it is unclear which column a variable is.
+        """
+        self._check(names)
+        names = dict(names)
+        roles = ((self.states, schema.states), (self.inputs, schema.inputs), (self.properties, tuple(properties)))
+        columns = {name.casefold(): name for name in chain.from_iterable(there for _, there in roles)}
+        columns |= {name: name for name in columns.values()}
+        for name in self.variables:
+            same = columns.get(name, columns.get(name.casefold()))
+            if same is not None and same not in names.values():
+                names.setdefault(name, same)
+        for own, there in roles:
+            missing = [name for name in own if name not in names and not self._starts(name)]
+            free = [name for name in there if name not in names.values()]
+            if len(missing) == len(free) == 1:
+                names[missing[0]] = free[0]
+            elif missing:
+                example = f"{self.name}:{missing[0]}={free[0] if free else 'COLUMN'}"
+                raise CommonlawError(
+                    "named-model-columns", model=self.name, missing=missing, columns=free or ["none"], example=example
+                )
+        return self.over(names)
+
+    def _check(self, names: Iterable[str]) -> None:
+        for name in names:
+            check_choice(f"variable or parameter of {self.name}", name, (*self.variables, *self.parameters))
+
+    def _starts(self, name: str) -> bool:
+        """Return whether the equations have an initial value of a state, which then needs no column."""
+        return re.search(rf"\b{re.escape(name)}\(0\) *=", self.equations) is not None
+
+
+_NEED_QUOTES = (*FUNCTIONS, *OTHER_NAMES, "e", "pi", "t", "time")
+"""Words that have another meaning in equations."""
+
+
+class NamedModels(dict[str, NamedModel]):
+    """The named models by name, in the order in which they are listed."""
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{name}: {'; '.join(model.without_bounds)}" for name, model in self.items())
+
+
+def _read() -> NamedModels:
+    tables = tomllib.loads(read_file(Path(__file__).with_name("models.toml")).decode())
+    return NamedModels({name: msgspec.convert({"name": name, **table}, NamedModel) for name, table in tables.items()})
+
+
+named_models = _read()
+
+
+def model_named(text: str | Sequence[str]) -> tuple[NamedModel, dict[str, str]] | None:
+    """Return the model that ``logistic`` or ``logistic:x=weight:K=capacity`` names, and the other names of variables.
+
+    None if the text is of equations. Raises `CommonlawError` for a name that is nearly that of a model, and for what is
+    not of the form ``name:variable=column``.
+    """
+    if not isinstance(text, str):
+        return None
+    name, *parts = (part.strip() for part in text.split(":"))
+    if name not in named_models:
+        if re.fullmatch(r"[a-z][a-z-]+", name) and get_close_matches(name, named_models):
+            raise unknown("named model", name, named_models)
+        return None
+    names = dict[str, str]()
+    for part in parts:
+        own, sign, column = (each.strip() for each in part.partition("="))
+        if not (own and sign and column) or own in names:
+            raise CommonlawError("named-model-syntax", text=text, name=name)
+        names[own] = column
+    return named_models[name], names
