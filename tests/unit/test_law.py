@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import sympy
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
 from commonlaw.integration import Event
-from commonlaw.law import Law, Provenance
+from commonlaw.law import Law, PlausibleLaw, Provenance, Uncertainty
 from commonlaw.law.parameters import coefficient_units
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
@@ -205,3 +206,13 @@ def test_coefficients_are_checked_and_cannot_be_changed(drag):
         drag.coefficients[0, 0, 0] = 1
     with refused("law-array-shape", axes="objects, equations, terms"):
         Law(drag.terms, HEIGHT, 2, ("one",), np.zeros((1, 2, 6)))
+
+
+def test_laws_are_equal_by_what_they_are(drag, predators):
+    same = Law.from_json(drag.to_json())
+    assert same == drag
+    assert hash(same) == hash(drag)
+    assert replace(drag, provenance=Provenance()) == drag
+    assert drag not in (predators, drag.select(["heavy"]), replace(drag, coefficients=drag.coefficients * (1 + 1e-15)))
+    averaged = replace(drag, uncertainty=Uncertainty(other_laws=(PlausibleLaw(0.1, drag),)))
+    assert averaged == Law.from_json(averaged.to_json()) != drag

@@ -272,3 +272,15 @@ def test_dates_are_times_since_the_earliest_of_all_trials():
     assert stamps.times.tolist() == [0, 120, 360]
     with refused("not-an-array"):
         Trial("cup", "1", dates, np.ones(3))
+
+
+def test_trials_are_equal_by_what_was_measured(trials):
+    same = dataclasses.replace(copy.deepcopy(trials), notes=("sorted",))
+    assert same == trials
+    assert hash(same) == hash(trials)
+    assert same[0] == trials[0] != trials[1]
+    with_gap = np.where(trials[0].times[:, np.newaxis] > 0.1, np.nan, trials[0].states)
+    gap, again = (trials.with_trials([dataclasses.replace(trials[0], states=with_gap)]) for _ in range(2))
+    assert gap == again != trials.with_trials([trials[0]])
+    assert trials != trials.with_properties({trials.objects[0]: {"charge": 1.0}})
+    assert trials != "trials"

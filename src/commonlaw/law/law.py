@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, same_content
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.integration import Event, Trajectory
 from commonlaw.law import text
@@ -50,7 +50,8 @@ if TYPE_CHECKING:
 class Law(ShownInNotebooks):
     """Equations that several objects share, with each object's own coefficients.
 
-    A law is a value. What follows from it is computed when it is asked for, by the packages above this one.
+    A law is a value, equal to another if all is but how they were found. What follows from it is computed when it is
+    asked for, by the packages above this one.
 
     Raises `CommonlawError` if there is no object or term, the terms are not over the variables of schema and order, or
     an array has another shape or a value that it cannot have.
@@ -133,6 +134,14 @@ class Law(ShownInNotebooks):
             given = read_equations(self.provenance.equations, schema, variables)
             if (given.terms, given.order) != (self.terms, self.order):
                 raise CommonlawError("law-terms-and-equations", terms=self.terms.names, equations=given.texts)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Law):
+            return NotImplemented
+        return self.structure == other.structure and same_content(self, other, ("provenance",))
+
+    def __hash__(self) -> int:
+        return hash((self.objects, self.schema.states, self.order, self.coefficients.shape))
 
     if not TYPE_CHECKING:
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, same_content
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.trials.headers import label, plain
 from commonlaw.trials.repeats import Repeats, inputs_of_times, merged
@@ -182,6 +182,12 @@ class Trial:
 
     def __len__(self) -> int:
         return len(self.times)
+
+    def __eq__(self, other: object) -> bool:
+        return same_content(self, other) if isinstance(other, Trial) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((self.object, self.name, len(self)))
 
     @property
     def label(self) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from commonlaw.array_types import same_content
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
@@ -81,7 +82,8 @@ class Trials(ShownInNotebooks):
     """An immutable collection of trials with their objects' properties, variable names and units.
 
     A collection is indexed like a NumPy array of trials: ``trials[0]`` is a `Trial`, ``trials[[0, 2]]`` and
-    ``trials[:3]`` are `Trials`; so scikit-learn's splitters work on it.
+    ``trials[:3]`` are `Trials`; so scikit-learn's splitters work on it. Collections are equal if their trials, schemas
+    and properties are.
 
     Raises `CommonlawError` if there is no trial, a trial's columns do not match the schema, one object has two trials
     of the same name, or a property has no value that can be used or belongs to an object without trials.
@@ -229,6 +231,12 @@ class Trials(ShownInNotebooks):
 
     def __len__(self) -> int:
         return len(self.trials)
+
+    def __eq__(self, other: object) -> bool:
+        return same_content(self, other, ("notes", "nameless")) if isinstance(other, Trials) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.trials)
 
     def __iter__(self) -> Iterator[Trial]:
         return iter(self.trials)
