@@ -183,7 +183,7 @@ class Trial:
     def __len__(self) -> int:
         return len(self.times)
 
-    def __eq__(self, other: object) -> bool:
+    def __eq__(self, other: Any) -> bool:
         return same_content(self, other) if isinstance(other, Trial) else NotImplemented
 
     def __hash__(self) -> int:
