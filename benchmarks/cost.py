@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 import commonlaw as cl
 from benchmarks.families import Experiment, experiment
 from benchmarks.machine import machine
+from commonlaw.law import to_json
 
 GOAL = 10.0
 
@@ -146,7 +147,7 @@ def _two_threads(name: str, repeats: int) -> str:
     for _ in range(repeats):
         for count in (1, 2):
             start = time.perf_counter()
-            laws[count] = problem.law(cl.TrajectoryLikelihood(n_jobs=count)).to_json()
+            laws[count] = to_json(problem.law(cl.TrajectoryLikelihood(n_jobs=count)))
             times[count] = min(time.perf_counter() - start, times.get(count, np.inf))
     others = (_busy() - time.process_time() - before) / (time.perf_counter() - began)
     same = "yes" if laws[1] == laws[2] else "no"

@@ -13,6 +13,7 @@ import commonlaw as cl
 from benchmarks.families import Experiment, experiment
 from benchmarks.variational import term_values
 from commonlaw.differentiation import AbstractDifferentiator, parse_differentiation
+from commonlaw.law import pool_objects
 
 Floats = NDArray[np.float64]
 
@@ -93,4 +94,4 @@ def _outcome(name: str, level: float, seed: int) -> Outcome:
     trials = known.measured(level, seed)
     law = known.discover(trials)
     plain = tuple(plain_regression(known, trials, parse_differentiation(each)) for each in SMOOTHINGS)
-    return Outcome(stated(known, law), stated(known, law.pool()), plain)
+    return Outcome(stated(known, law), stated(known, pool_objects(law)), plain)

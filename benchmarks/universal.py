@@ -22,6 +22,7 @@ from joblib import Parallel, delayed
 
 import commonlaw as cl
 from benchmarks.machine import machine
+from commonlaw.law import relations_frame
 from commonlaw.law.parameters import left_hand_sides
 
 Truth = Mapping[str, Mapping[str, tuple[Any, ...]]]
@@ -132,7 +133,7 @@ def equations(truth: Truth) -> list[str]:
 def _score(law: cl.Law, trials: cl.Trials, truth: Truth, setting: Setting, noise: float, problem: str) -> Score:
     seen = law.select(law.objects[: setting.objects])
     explained = seen.explain(_with_decoys(seen.properties, setting.decoys, int(problem.rpartition(" ")[2])))
-    found = {(each["equation"], each["term"]): each for each in explained.relations().to_dict(orient="records")}
+    found = {(each["equation"], each["term"]): each for each in relations_frame(explained).to_dict(orient="records")}
     wrong, errors = [], []
     for left, term, want in ((left, term, want) for left, terms in truth.items() for term, want in terms.items()):
         got = found.pop((left, term), None)

@@ -8,6 +8,7 @@ import numpy as np
 import commonlaw as cl
 from benchmarks.machine import machine
 from benchmarks.variational import solve
+from commonlaw.inference import bounds
 
 EQUATIONS = (("1", "v", "v^2"),)
 LARGEST = 0.015
@@ -44,8 +45,8 @@ def drawn(seed: int, objects: int) -> list[tuple[bool, bool, bool]]:
     measured = [each + NOISE * random.standard_normal(each.shape) for each in heights]
     names = [f"ball {i + 1}" for i in range(objects)]
     trials = cl.Trials.from_arrays([times] * objects, measured, object=names, names=["x"])
-    bounds = cl.fit("x'' = -g - c v", trials, errors="white").bounds(trials, ["v^2"]).bounds
-    pairs = zip(bounds, squares.tolist(), strict=True)
+    limits = bounds(cl.fit("x'' = -g - c v", trials, errors="white"), trials, ["v^2"]).bounds
+    pairs = zip(limits, squares.tolist(), strict=True)
     return [(each.low <= true <= each.high, abs(true) <= each.at_most, not each.seen) for each, true in pairs]
 
 

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import commonlaw as cl
+from commonlaw.law import to_frame
 from commonlaw.plots.style import COLORS, GREY, frozen_layout, styled
 
 PICTURE = Path(__file__).parent / "first-page.png"
@@ -48,7 +49,7 @@ def _draw_coefficients(axes: Axes, law: cl.Law, truth: cl.Law, term: str, name: 
     for y, row in enumerate(table[table["term"] == term].itertuples()):
         axes.plot([row.low, row.high], [y, y], color=COLORS[y], lw=2, solid_capstyle="round")
         axes.plot(row.estimate, y, "o", color=COLORS[y])
-        axes.plot(truth.to_frame().loc[row.object, term], y, "|", color="black", ms=16)
+        axes.plot(to_frame(truth).loc[row.object, term], y, "|", color="black", ms=16)
     axes.set(yticks=[], ylim=(len(law.objects) - 0.5, -0.5), xlabel=name, title="95 % intervals, | true")
 
 

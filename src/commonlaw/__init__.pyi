@@ -1,6 +1,6 @@
 """The public names, each once; `__init__.py` loads them when they are first used."""
 
-from . import datasets as datasets, plots as plots
+from . import datasets as datasets, law as law, plots as plots
 from .differentiation import (
     CenteredDifference as CenteredDifference,
     FiniteDifference as FiniteDifference,
@@ -33,7 +33,12 @@ from .formulation import (
     StrongForm as StrongForm,
     WeakForm as WeakForm,
 )
-from .inference import Bounds as Bounds, compare as compare, refine as refine
+from .inference import (
+    Bounds as Bounds,
+    bounds as bounds,
+    compare as compare,
+    refine as refine,
+)
 from .integration import (
     Event as Event,
     Trajectory as Trajectory,

@@ -10,7 +10,7 @@ from commonlaw.datasets.sphere_drag import AIR_DENSITY
 from commonlaw.discovery import fit
 from commonlaw.experiments import Design, design
 from commonlaw.experiments.search import MAX_REPEATS
-from commonlaw.inference import Bounds
+from commonlaw.inference import Bounds, bounds
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.quantiles import upper_bound
@@ -45,23 +45,23 @@ def next_experiment(inquiry: Inquiry) -> Section:
     if drops is None:
         return left_out(_NAME, _TITLE, inquiry.missing)
     linear, quadratic = fit(_LINEAR, drops), fit(_QUADRATIC, drops)
-    bounds, masses = linear.bounds(drops, [_SQUARE]), _added_mass(linear, drops)
+    limits, masses = bounds(linear, drops, [_SQUARE]), _added_mass(linear, drops)
     more = {ball: _drop(linear, quadratic, ball, _HEIGHT, _FILMED) for ball in drops.objects}
     best = max(more, key=lambda ball: more[ball].chance)
     lower = _drop(linear, quadratic, best, _BRIDGE, _FILMED)
     faster = _drop(linear, quadratic, best, _HEIGHT, _FASTER)
     blocks = (
         Text(_ASKED),
-        Table("unseen-quadratic-drag", _BOUNDS, _bounds_frame(bounds), 3),
-        Text(f"{bounds.sentences[0]} A force in proportion to the square of the speed is far from excluded."),
+        Table("unseen-quadratic-drag", _BOUNDS, _bounds_frame(limits), 3),
+        Text(f"{limits.sentences[0]} A force in proportion to the square of the speed is far from excluded."),
         Table("next-drop", _DROPS, _drops_frame(more), 2),
         Picture("next-drop-forecasts", _FORECASTS, partial(plot_design, more[best])),
         Table("unseen-added-mass", _MASSES, masses, 3),
         Text(_FLUID),
     )
-    largest = max(each.at_most for each in bounds.bounds)
+    largest = max(each.at_most for each in limits.bounds)
     results = {
-        "at_most": {each.object: each.at_most for each in bounds.bounds},
+        "at_most": {each.object: each.at_most for each in limits.bounds},
         "chance": {ball: own.chance for ball, own in more.items()},
         "added_mass_at_most": dict(zip(masses["ball"], masses["at most, in air"], strict=True)),
     }

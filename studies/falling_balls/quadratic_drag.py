@@ -33,7 +33,7 @@ from studies.falling_balls.settings import (
     RELIABLE,
     SIMULATED_SINGLE_THRESHOLD,
 )
-from studies.falling_balls.simulation import average, captures, equation, learned, listed, on_grid, simulated
+from studies.falling_balls.simulation import captures, equation, learned, listed, mean_coefficients, on_grid, simulated
 
 _TRUE = {"1", "v", "v^2"}
 Grid = Mapping[tuple[float, int, float], tuple[Recovery, Recovery]]
@@ -76,7 +76,7 @@ def quadratic_drag(inquiry: Inquiry) -> Section:
     )
     results = {
         "quadratic_findable": {
-            "paper": {f"{threshold:g}": average(law) for threshold, law in path.items()},
+            "paper": {f"{threshold:g}": mean_coefficients(law) for threshold, law in path.items()},
             "exact": _nested({key: exact.share for key, (exact, _) in grid.items()}),
             "among": _nested({key: among.share for key, (_, among) in grid.items()}),
             "smallest": {
@@ -100,7 +100,7 @@ def _search(seed: int) -> Grid:
                 for drops in FINDING_TRIALS:
                     some = trials.with_trials([trial for trial in trials if int(trial.name) <= drops])
                     law = discover(some, order=2, library=FINDING_LIBRARY, method=method)
-                    right.setdefault((noise, drops, coefficient), []).append(set(average(law)))
+                    right.setdefault((noise, drops, coefficient), []).append(set(mean_coefficients(law)))
     return {
         key: (
             Recovery(sum(terms == _TRUE for terms in found), len(found)),
@@ -129,8 +129,8 @@ def _path_frame(path: Mapping[float, Law]) -> pd.DataFrame:
         {
             "threshold": threshold,
             "learned": equation(law),
-            "has v²": "v^2" in average(law),
-            "terms that are not there": ", ".join(term for term in average(law) if term not in _TRUE),
+            "has v²": "v^2" in mean_coefficients(law),
+            "terms that are not there": ", ".join(term for term in mean_coefficients(law) if term not in _TRUE),
         }
         for threshold, law in path.items()
     ]
@@ -208,7 +208,7 @@ def _drops(drops: int) -> str:
 def _verdict(laws: Mapping[str, Mapping[float, Law]], path: Mapping[float, Law], without: Law) -> Verdict:
     found = np.concatenate([captures(law) for row in laws.values() for law in row.values()])
     alone = [threshold for threshold, law in path.items() if captures(law).any()]
-    before, after = average(without)["v"], average(path[GROUP_THRESHOLD])["v"]
+    before, after = mean_coefficients(without)["v"], mean_coefficients(path[GROUP_THRESHOLD])["v"]
     moved = f"from {before:.2f} to {after:.2f} on average".replace("-", "−")
     if not found.any() and not alone:
         return Verdict(

@@ -33,13 +33,13 @@ from studies.falling_balls.settings import (
 )
 from studies.falling_balls.simulation import (
     agrees,
-    average,
     averages_table,
     by_noise,
     captures,
     equation,
     heat_maps,
     learned,
+    mean_coefficients,
     simulated,
 )
 from studies.falling_balls.tennis_ball import real_balls, tennis_ball_falls
@@ -97,7 +97,7 @@ def reynolds_drag(inquiry: Inquiry) -> Section:
             "x kept at the printed threshold": by_noise(kept),
         },
         "reynolds_drag_variants": {
-            name: {"group": by_noise(_averages(laws)), "other method": average(other[name])}
+            name: {"group": by_noise(_averages(laws)), "other method": mean_coefficients(other[name])}
             for name, laws in variants.items()
         },
     }
@@ -111,7 +111,7 @@ def _drops(**options: Any) -> Trials:
 
 
 def _averages(laws: Laws) -> dict[float, dict[str, float]]:
-    return {noise: average(law) for noise, law in laws["group"].items()}
+    return {noise: mean_coefficients(law) for noise, law in laws["group"].items()}
 
 
 def _titled(laws: Laws, thresholds: Mapping[str, float]) -> dict[str, Mapping[float, Law]]:
@@ -162,7 +162,7 @@ def _viscosity(averages: Mapping[float, Mapping[str, float]], in_air: Mapping[fl
 
 
 def _elsewhere(other: Mapping[str, Law]) -> str:
-    names = [name for name, law in other.items() if "v^2" in average(law)]
+    names = [name for name, law in other.items() if "v^2" in mean_coefficients(law)]
     first = equation(other[next(iter(VARIANTS))])
     return (
         "That $v^2$ is not found is not the data's doing. The method of the part before, with its shorter window, "

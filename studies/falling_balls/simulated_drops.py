@@ -8,7 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.datasets import linear_drag
 from commonlaw.discovery import DerivativeRegression, discover
-from commonlaw.law import Law
+from commonlaw.law import Law, average_law
 from commonlaw.plots import Figure
 from commonlaw.report import Picture, Section, Text, Verdict
 from commonlaw.solvers import STLSQ
@@ -33,12 +33,12 @@ from studies.falling_balls.settings import (
 )
 from studies.falling_balls.simulation import (
     agrees,
-    average,
     averages_table,
     by_noise,
     heat_maps,
     learned,
     listed,
+    mean_coefficients,
     on_grid,
     simulated,
 )
@@ -58,7 +58,8 @@ def simulated_drops(inquiry: Inquiry) -> Section:
         f"group, threshold {_THRESHOLDS['group']:g}": laws["group"],
     }
     averages = {
-        noise: average(law) for noise, law in learned(simulated(clean, NOISES, SEED), _THRESHOLDS)["group"].items()
+        noise: mean_coefficients(law)
+        for noise, law in learned(simulated(clean, NOISES, SEED), _THRESHOLDS)["group"].items()
     }
     many = _many(clean, range(inquiry.seed, inquiry.seed + RECOVERY_SEEDS))
     recoveries = _recoveries(many)
@@ -76,7 +77,7 @@ def simulated_drops(inquiry: Inquiry) -> Section:
             "simulated-drops-averages",
             "Coefficients of the group model, averaged over the five balls, for the noise of the authors' program "
             f"(seed {SEED}): what their program gave, and what came out here. The true averages are −9.8 and "
-            f"{_number(linear_drag.truth().average().coefficients[0, 0, 1])}.",
+            f"{_number(average_law(linear_drag.truth()).coefficients[0, 0, 1])}.",
             averages,
             LINEAR_AVERAGES,
         ),
@@ -158,7 +159,9 @@ def _over_seeds(recoveries: Recoveries, laws: Laws) -> str:
     at = recoveries[_GROUP][GOOD_UP_TO]
     low, high = at.interval()
     best = max(each.share for each in recoveries[_SINGLE].values())
-    supports = [set(average(law)) for noise, row in laws["group"].items() if noise <= GOOD_UP_TO for law in row]
+    supports = [
+        set(mean_coefficients(law)) for noise, row in laws["group"].items() if noise <= GOOD_UP_TO for law in row
+    ]
     wrong = [terms for terms in supports if terms != {"1", "v"}]
     bare = sum(terms == {"1"} for terms in wrong)
     drags = -linear_drag.truth().coefficients[:, 0, 1].sum()

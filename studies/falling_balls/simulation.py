@@ -9,7 +9,7 @@ import pandas as pd
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator, Rates, parse_differentiation
-from commonlaw.law import Law
+from commonlaw.law import Law, average_law
 from commonlaw.plots import Figure
 from commonlaw.report import Table
 from commonlaw.trials import Trial, Trials
@@ -41,11 +41,11 @@ def learned(drops: Mapping[float, Trials], thresholds: Mapping[str, float]) -> d
     }
 
 
-def average(law: Law) -> dict[str, float]:
+def mean_coefficients(law: Law) -> dict[str, float]:
     """Return the coefficients that some object has, averaged over all objects, by term."""
     return {
         term: float(value)
-        for term, value in zip(law.terms.names, law.average().coefficients[0, 0], strict=True)
+        for term, value in zip(law.terms.names, average_law(law).coefficients[0, 0], strict=True)
         if value
     }
 
@@ -129,7 +129,7 @@ def heat_maps(laws: Mapping[str, Mapping[float, Law]]) -> Figure:
 
 def equation(law: Law, digits: int = 3) -> str:
     """Return the equation of a law, averaged over its objects, as text."""
-    (text,) = law.average().equations(digits=digits)
+    (text,) = average_law(law).equations(digits=digits)
     return text.replace("-", "−").replace("^2", "²").replace("^3", "³")
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from commonlaw.law import average_law
 from commonlaw.report import Section, Table, Text, Verdict
 from commonlaw.trials import Trials
 from studies.falling_balls.errata import GROUP_TABLE
@@ -61,7 +62,7 @@ def _printed(kind: str) -> dict[str, dict[str, str]]:
 
 def _coefficients(kind: str, trials: Trials, printed: Printed) -> Found:
     """Return the average coefficients at each printed threshold."""
-    laws = {threshold: METHODS[kind](trials, float(threshold)).average() for threshold in printed}
+    laws = {threshold: average_law(METHODS[kind](trials, float(threshold))) for threshold in printed}
     return {threshold: coefficients_of(law, "average") for threshold, law in laws.items()}
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.law import average_law, to_frame
 from studies.falling_balls.printed import printed_table, prints_as
 
 PAPER = {"order": 2, "library": "poly:3"}
@@ -30,7 +31,7 @@ def rows_of(name):
 @pytest.mark.parametrize("drop", [1, 2])
 def test_the_group_models_of_all_balls_come_out_to_the_printed_decimals(drops, drop):
     law = cl.discover(drops.select(trial=drop), method=regression(solver="group-stlsq:1.5"), **PAPER)
-    learned = law.to_frame()
+    learned = to_frame(law)
     assert list(learned.columns) == ["1", "v"]
     printed = printed_table("learned_models").query("drop == @drop_text", local_dict={"drop_text": str(drop)})
     assert len(printed) == 10
@@ -76,7 +77,7 @@ def test_the_group_thresholds_averaged_over_the_balls(drops, row):
         row = row | {"v": "0.87"}  # the print has -0.8, which the method does not give
     solver = cl.STLSQ(float(row["threshold"]))
     law = cl.discover(drops.select(trial=1), method=regression(solver=solver, library_states="measured"), **PAPER)
-    assert_printed(law.average(), row)
+    assert_printed(average_law(law), row)
 
 
 def assert_printed(law, row):
@@ -122,7 +123,7 @@ def simulated(data_set, objects):
 def test_the_averages_of_linear_drag_with_the_seed_100(noise, expected):
     trials = simulated(cl.datasets.linear_drag, 5)[noise]
     law = cl.discover(trials, method=regression(solver="group-stlsq:1.5", library_states="measured"), **PAPER)
-    assert law.average().to_frame().iloc[0].round(6).to_dict() == expected
+    assert to_frame(average_law(law)).iloc[0].round(6).to_dict() == expected
 
 
 @pytest.mark.parametrize(
@@ -152,7 +153,7 @@ def test_the_averages_of_reynolds_dependent_drag_with_the_seed_100(noise, expect
 
     trials = simulated(data_set, 5)[noise]
     law = cl.discover(trials, method=regression(solver="group-stlsq:1", library_states="measured"), **PAPER)
-    averages = law.average().to_frame().iloc[0].to_dict()
+    averages = to_frame(average_law(law)).iloc[0].to_dict()
     assert averages.keys() == expected.keys()
     assert averages == pytest.approx(expected, abs=1e-6)
 
@@ -185,7 +186,7 @@ def test_the_falls_without_drag_and_with_linear_drag():
     fifty = {"noise": 0.0, "trials": 1, "samples": 50, "height": 40.0}
     assert fall(cl.datasets.linear_drag(drag=(0.0,), **fifty), "stlsq:0.1").equations() == ("v' = -9.8",)
     learned = fall(cl.datasets.linear_drag(drag=(-0.5,), **fifty), "stlsq:0.1")
-    assert learned.to_frame().iloc[0].round(3).to_dict() == {"1": -9.786, "v": -0.499}
+    assert to_frame(learned).iloc[0].round(3).to_dict() == {"1": -9.786, "v": -0.499}
 
 
 @pytest.mark.parametrize(
@@ -201,4 +202,4 @@ def test_the_fall_with_reynolds_dependent_drag(solver, expected):
         samples=50,
         height=40.0,
     )
-    assert fall(trials, solver).to_frame().iloc[0].round(3).to_dict() == expected
+    assert to_frame(fall(trials, solver)).iloc[0].round(3).to_dict() == expected

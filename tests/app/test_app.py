@@ -16,6 +16,7 @@ from axe_core_python.selenium import Axe
 from selenium.webdriver import ActionChains, Keys
 
 import commonlaw as cl
+from commonlaw.law import from_json
 from tests.ordinary_tables import ORDINARY
 from tests.served import served
 
@@ -111,7 +112,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         taken = {name: app.say("GET", link.partition(app.host)[2], patience=120)[1] for name, link in taken.items()}
         assert taken.pop("law.png").startswith(b"\x89PNG")
         taken = {name: content.decode() for name, content in taken.items()}
-        law = cl.Law.from_json(taken["law.json"])
+        law = from_json(taken["law.json"])
         assert law.structure == ("x'' = a + b v",)
         assert law.assess(trials, trials.select(trial=1)).sentences[0] in text(page, "verdict")
         assert text(page, "command").startswith("commonlaw discover drops.csv --order 2")
@@ -368,7 +369,7 @@ def test_an_ordinary_table_is_understood_and_a_click_confirms_it(page, tmp_path,
         found = page.find_elements("css selector", "#files a")
         (link,) = (each.get_attribute("href") for each in found if each.text == "law.json")
         law = app.say("GET", link.partition(app.host)[2], patience=120)[1].decode()
-        ordinary.check(cl.Law.from_json(law))
+        ordinary.check(from_json(law))
 
 
 def roles(page):

@@ -16,6 +16,7 @@ from commonlaw.app.result import of_terms, results, support_of
 from commonlaw.app.sessions import answer
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.forecast import fitted
+from commonlaw.law import to_script
 from commonlaw.law.parameters import named_parameters
 from commonlaw.report.markup import formula, law_latex
 from commonlaw.text import r_squared
@@ -242,7 +243,7 @@ def check_program(question, table):
     """Check that the program of a question makes the law that a search finds, and judges it as the page does."""
     made = next(answer(question, table, lambda _: None))
     scope = {}
-    exec(made.law.to_script(question.source(table)), scope)
+    exec(to_script(made.law, question.source(table)), scope)
     assert scope["law"].terms.names == made.law.terms.names
     np.testing.assert_array_equal(scope["law"].coefficients, made.law.coefficients)
     assert (scope["law"].uncertainty.explanation is None) == (made.law.uncertainty.explanation is None)

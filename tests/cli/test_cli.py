@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.law import Step
+from commonlaw.law import Step, from_json, to_frame
 from commonlaw.law.parameters import standard_errors
 
 DROPS = ["--object", "ball", "--trial", "drop", "--time", "t", "--state", "height"]
@@ -196,7 +196,7 @@ def test_json_holds_the_law_its_equations_and_the_errors_of_the_held_out_trials(
     found = json.loads(out)
     assert code == 0
     assert list(found["equations"]) == [f"Ball {i}" for i in range(1, 6)]
-    assert cl.Law.from_json(json.dumps(found["law"])).equations("Ball 2") == tuple(found["equations"]["Ball 2"])
+    assert from_json(json.dumps(found["law"])).equations("Ball 2") == tuple(found["equations"]["Ball 2"])
     assert found["forecast"]["of"] == "held out"
     assert {row["drop"] for row in found["forecast"]["errors"]} == {"2"}
     assert found["forecast"]["score"] > 0.999
@@ -206,7 +206,7 @@ def test_a_data_set_shows_its_truth_beside_what_was_learned(run):
     code, out, _ = run("discover", "dataset:linear-drag:noise=0.01:seed=1", *SETTINGS, "--json")
     found = json.loads(out)
     assert code == 0
-    truth, learned = (cl.Law.from_json(json.dumps(found[key])).to_frame() for key in ("truth", "law"))
+    truth, learned = (to_frame(from_json(json.dumps(found[key]))) for key in ("truth", "law"))
     assert (np.abs(learned / truth[learned.columns] - 1) < 0.03).all(axis=None)
     code, out, _ = run("discover", "dataset:linear-drag:noise=0.01:seed=1", *SETTINGS)
     assert "true b" in out

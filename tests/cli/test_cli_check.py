@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.law import from_json
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def test_known_physics_is_a_base_as_an_equation_and_as_a_law(run, tmp_path, know
     cl.Law.from_text("x'' = -g", {"g": 9.8}).save(tmp_path / "gravity.json")
     how = ("--order", "2", "--state", "x", "--library", "poly:1", "--known", known)
     code, out, _ = run("discover", "drops.csv", *how, "--json")
-    law = cl.Law.from_json(json.dumps(json.loads(out)["law"]))
+    law = from_json(json.dumps(json.loads(out)["law"]))
     assert code == 0
     assert law.coefficients[0, 0, law.terms.index("1")] == -9.8
     assert law.coefficients[0, 0, law.terms.index("v")] == pytest.approx(-0.3, rel=0.02)

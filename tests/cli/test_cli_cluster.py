@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.law import from_json
 
 pytest.importorskip("distributed")
 pytestmark = [
@@ -31,7 +32,7 @@ def test_files_of_a_pattern_give_one_law(run, tmp_path):
     assert "2 files with 2 objects" in out
     assert "Training data, 6 trials: " in out
     assert "2 of 2, on 2 workers" in err
-    law = cl.Law.from_json((tmp_path / "law.json").read_text())
+    law = from_json((tmp_path / "law.json").read_text())
     expected = cl.discover(drops, order=2, library="poly:1", method=cl.DerivativeRegression())
     np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-9)
 

@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.cli.options import WrittenFile
+from commonlaw.law import to_json
 from tests.hostile import command_cases, law_cases, table_cases
 from tests.hostile.case import Case
 
@@ -241,7 +242,7 @@ def _discovered() -> bytes:
     frame = pd.DataFrame(drops(random.Random(3)), columns=["ball", "drop", "t", "height"])
     units = {"t": "s", "height": "m"}
     trials = cl.Trials.from_frame(frame, object="ball", trial="drop", states=["height"], units=units)
-    return cl.discover(trials, order=2, library="poly:1").to_json().encode()
+    return to_json(cl.discover(trials, order=2, library="poly:1")).encode()
 
 
 def formula(r: random.Random, depth: int) -> str:

@@ -5,6 +5,7 @@ from sklearn.model_selection import GridSearchCV, GroupKFold
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law import to_frame
 from commonlaw.law.law import object_index
 from tests.refusals import refused
 
@@ -66,21 +67,21 @@ def test_known_terms_are_moved_to_the_left_hand_side(drops):
         known={"1": -9.8},
         **SETTINGS | {"library": "terms:1,v"},
     )
-    assert (law.to_frame()["1"] == -9.8).all()
+    assert (to_frame(law)["1"] == -9.8).all()
     form = cl.StrongForm(law.provenance.differentiation, 2, trim=8)
     for name in drops.objects:
         values, targets = (
             np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
         )
         drag = values[:, 1] @ (targets[:, 0] + 9.8) / (values[:, 1] @ values[:, 1])
-        assert law.to_frame().loc[name, "v"] == pytest.approx(drag, rel=1e-10)
+        assert to_frame(law).loc[name, "v"] == pytest.approx(drag, rel=1e-10)
 
 
 def test_known_terms_may_differ_between_objects_and_equations(drops):
     own = dict(zip(drops.objects, [-0.1, -0.3, -0.3, -0.5, -0.7], strict=True))
     law = cl.discover(drops, method=regression(solver="group-stlsq:1"), known={("x", "v"): own}, **SETTINGS)
-    assert law.to_frame()["v"].to_dict() == own
-    assert law.to_frame()["1"].to_numpy() == pytest.approx(-9.8, abs=0.02)
+    assert to_frame(law)["v"].to_dict() == own
+    assert to_frame(law)["1"].to_numpy() == pytest.approx(-9.8, abs=0.02)
 
 
 def test_a_first_order_law_of_several_states():
@@ -284,15 +285,15 @@ def test_a_universal_term_has_one_coefficient_for_all_objects(drops):
     chosen = cl.discover(drops, method=regression(), **settings)
     for law in (named, chosen):
         assert law.structure == ("x'' = a + b v",)
-        assert np.ptp(law.to_frame()["1"]) < 1e-12
-        assert law.to_frame()["1"].iloc[0] == pytest.approx(-9.8, rel=0.01)
+        assert np.ptp(to_frame(law)["1"]) < 1e-12
+        assert to_frame(law)["1"].iloc[0] == pytest.approx(-9.8, rel=0.01)
     own = cl.discover(
         drops,
         library="poly:2",
         method=regression(solver="group-stlsq:1.5"),
         **settings | {"universal": ()},
     )
-    assert np.ptp(own.to_frame()["1"]) > 1e-3
+    assert np.ptp(to_frame(own)["1"]) > 1e-3
 
 
 def test_universal_terms_of_several_equations_are_named_with_their_state():
@@ -300,8 +301,8 @@ def test_universal_terms_of_several_equations_are_named_with_their_state():
     method = cl.DerivativeRegression(differentiation="finite:6", solver="group-stlsq:0.2")
     settings = {"library": "poly:2", "method": method}
     law = cl.discover(pairs, universal=[("y", "y")], **settings)
-    assert np.ptp(law.to_frame()["y'", "y"]) < 1e-12
-    assert np.ptp(law.to_frame()["x'", "x"]) > 0.1
+    assert np.ptp(to_frame(law)["y'", "y"]) < 1e-12
+    assert np.ptp(to_frame(law)["x'", "x"]) > 0.1
     with refused("known-term-ambiguous", key="y", state="x"):
         cl.discover(pairs, universal=["y"], **settings)
 

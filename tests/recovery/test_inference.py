@@ -10,6 +10,7 @@ import commonlaw as cl
 from benchmarks.variational import cramer_rao, solve
 from commonlaw import datasets
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law import from_json, pool_objects, to_json
 from commonlaw.law.parameters import left_hand_sides, standard_errors
 from tests.refusals import refused
 
@@ -102,7 +103,7 @@ def test_forecasts_draw_objects_to_each_other_unless_that_is_not_wanted(drops, d
     assert own.uncertainty.pooled is None
     np.testing.assert_array_equal(drag.coefficients, own.coefficients)
     np.testing.assert_array_equal(drag.uncertainty.covariance, own.uncertainty.covariance)
-    drawn, used = drag.pool(), drag.uncertainty.pooled
+    drawn, used = pool_objects(drag), drag.uncertainty.pooled
     assert drag.history == drawn.history[:-1]
     np.testing.assert_array_equal(used.coefficients, drawn.coefficients[:, drag.support])
     np.testing.assert_array_equal(used.covariance, drawn.uncertainty.covariance)
@@ -111,7 +112,7 @@ def test_forecasts_draw_objects_to_each_other_unless_that_is_not_wanted(drops, d
     assert np.all(standard_errors(drawn)[:, 0, gravity] < standard_errors(drag)[:, 0, gravity])
     some = drops.select(object=drops.objects[:1])
     expected = drawn.predict(some, averaged=False)
-    alone = cl.Law.from_json(drag.select(some.objects).to_json()).predict(some, averaged=False)
+    alone = from_json(to_json(drag.select(some.objects))).predict(some, averaged=False)
     np.testing.assert_allclose(alone.trajectories[0].states, expected.trajectories[0].states, atol=1e-6)
 
 

@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference.search.input_interpolation import _left_out, supported_interpolation
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
+from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors
 from commonlaw.likelihood import meshes
 from commonlaw.likelihood.collocation import defects
@@ -67,7 +68,7 @@ def test_inputs_that_are_held_are_found_out_and_the_law_with_them():
     assert compared["2 log B"][1] > 100
 
     # The law keeps the course, for forecasts and refinements
-    again = cl.Law.from_json(law.to_json())
+    again = from_json(to_json(law))
     assert again.predict(trials, start=10).score() == again.predict(trials, start=10, input_between="held").score()
     assert cl.refine(again, trials, **KNOWN).schema.input_between == "held"
     assert again.predict(trials, start=10).score() > again.predict(trials, start=10, input_between="linear").score()

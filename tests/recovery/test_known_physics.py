@@ -7,6 +7,7 @@ import commonlaw as cl
 from commonlaw import Law, Trials
 from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors, vector_field
 from commonlaw.library.expansion import summands, traced
 from tests.refusals import refused
@@ -54,7 +55,7 @@ def test_a_function_of_speed_and_properties_is_a_base_and_gravity_is_left():
     expected = gravity + sphere_drag(values[:, 1], own["radius"], own["mass"])
     np.testing.assert_allclose(vector_field(law, "Ball 5").derivatives(values)[:, 1], expected, rtol=1e-9)
     assert law.provenance.calls == ()
-    again = Law.from_json(law.to_json())
+    again = from_json(to_json(law))
     np.testing.assert_allclose(vector_field(again, "Ball 5").derivatives(values)[:, 1], expected, rtol=1e-9)
 
 

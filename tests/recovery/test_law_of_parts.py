@@ -5,6 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors
 from tests.refusals import refused
 
@@ -114,7 +115,7 @@ def test_a_law_in_mind_is_fitted_file_by_file_as_in_memory(folder, whole, poolin
     np.testing.assert_allclose(standard_errors(law), standard_errors(together), rtol=1e-5)
     assert law.provenance.calls == together.provenance.calls
     assert law.explain().uncertainty.explanation.relations[1].factors[0] == pytest.approx(-0.3, rel=0.05)
-    assert cl.Law.from_json(law.to_json()).structure == together.structure
+    assert from_json(to_json(law)).structure == together.structure
     known = [cl.fit("x'' = -9.8 - mass v", each, **SETTINGS).coefficients for each in (stream, whole)]
     np.testing.assert_allclose(*known)
 

@@ -9,6 +9,7 @@ from scipy.signal import savgol_filter
 
 import commonlaw as cl
 from commonlaw.discovery.measured_rates import is_computed, measured_rates
+from commonlaw.law import from_json, to_json
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import named_parameters, standard_errors
 from tests.refusals import refused
@@ -53,7 +54,7 @@ def test_the_law_is_of_the_angle_alone_and_calls_its_rate_by_the_column(found):
 
 def test_trials_that_still_have_the_column_are_forecast_scored_and_judged(found):
     trials, law = found
-    law = cl.Law.from_json(law.to_json())
+    law = from_json(to_json(law))
     alone = cl.Trials.from_arrays([TIMES] * 2, [each.states[:, 0] for each in trials], object=[*TRUTH], names=["theta"])
     forecast = law.predict(trials, start=30)
     np.testing.assert_array_equal(forecast.trajectories[1].states, law.predict(alone, start=30).trajectories[1].states)

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from commonlaw.law import from_json, to_json, to_script
 from commonlaw.law.parameters import named_parameters
 from tests.refusals import refused
 
@@ -60,11 +61,11 @@ def test_it_says_what_the_state_does_and_what_fits_alike(law):
 
 
 def test_such_a_law_is_saved_and_forecasts_tables_without_the_state(law, swallowed):
-    again = cl.Law.from_json(law.to_json())
+    again = from_json(to_json(law))
     assert str(again) == str(law)
     assert again.predict(swallowed[1]).score() > 0.999
     assert again.assess(swallowed[1]).usable
-    assert "unmeasured=1" in law.to_script()
+    assert "unmeasured=1" in to_script(law)
 
 
 @pytest.mark.slow

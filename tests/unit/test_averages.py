@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.stats import norm, t
 
 import commonlaw as cl
-from commonlaw.law import Law, PlausibleLaw, Uncertainty
+from commonlaw.law import Law, PlausibleLaw, Uncertainty, average_law, from_json, pool_objects, to_json
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.tables import interval_frame
@@ -165,12 +165,12 @@ def test_where_the_law_diverges_what_else_it_could_be_forecasts_and_a_note_says_
 
 
 def test_what_else_it_could_be_goes_with_a_law_through_every_change(law):
-    for changed in (law.select(["mug"]), law.average(), law.pool(), Law.from_json(law.to_json())):
+    for changed in (law.select(["mug"]), average_law(law), pool_objects(law), from_json(to_json(law))):
         (other,) = changed.uncertainty.other_laws
         assert other.probability == 0.3
         assert other.law.objects == changed.objects
         np.testing.assert_allclose(other.law.coefficients[0], law.uncertainty.other_laws[0].law.coefficients[0])
-    assert Law.from_json(law.to_json()).to_json() == law.to_json()
+    assert to_json(from_json(to_json(law))) == to_json(law)
 
 
 def test_laws_of_other_objects_or_without_a_probability_are_refused(law):

@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference.result import interval_calibration
 from commonlaw.inference.result.interval_calibration import StandardizedErrors, widening_of
+from commonlaw.law import from_json, to_json
 from commonlaw.law.uncertainty import Widening
 from tests.refusals import refused
 
@@ -78,7 +79,7 @@ def test_what_was_never_forecast_widens_nothing():
 def test_a_band_is_wider_by_the_factor_of_its_horizon(drops, law):
     wider = Widening(np.array([0.5, 1.0]), np.array([1.0, 3.0]))
     changed = replace(law, uncertainty=replace(law.uncertainty, widening=wider))
-    again = cl.Law.from_json(changed.to_json())
+    again = from_json(to_json(changed))
     plain, found = (each.predict(drops, start=5, return_std=True) for each in (law, again))
     for i, one in enumerate(drops):
         ahead = np.maximum(0.0, one.times - one.times[4])

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import commonlaw as cl
+from commonlaw.law import from_json, to_json
 from tests.refusals import refused
 
 
@@ -61,7 +62,7 @@ def test_laws_without_coefficients_are_compared(decays):
     assert found["law"].tolist() == list(texts[::-1])
     assert found["coefficients"].tolist() == [1, 0, 0]
     assert str(laws["x' = 0"]).splitlines()[0] == "x' = 0"
-    assert cl.Law.from_json(laws["x' = 0"].to_json()).structure == ("x' = 0",)
+    assert from_json(to_json(laws["x' = 0"])).structure == ("x' = 0",)
     assert np.array_equal(cl.Law.from_text("x' = 0").simulate([0.0, 1.0], [2.0])["object"].states[:, 0], [2.0, 2.0])
 
 

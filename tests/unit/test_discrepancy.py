@@ -12,6 +12,7 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.posterior import SharedRows, posterior
 from commonlaw.discrepancy.smooth_basis import Samples, SmoothBasis, factors, meaning
+from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors
 from tests.refusals import refused
 
@@ -58,7 +59,7 @@ def test_a_line_describes_the_drag_that_a_law_lacks(without_drag: Discrepancy[La
 def test_forecasts_with_the_discrepancy_are_better_and_less_sure_where_nothing_was_visited(
     drops: Trials, without_drag: Discrepancy[Law]
 ) -> None:
-    law = Law.from_json(without_drag.law.to_json())
+    law = from_json(to_json(without_drag.law))
     assert law.provenance.calls[1:] == ("law.discrepancy(trials, of='v').law",)
     with_it, alone = (
         law.predict(drops, start=15, discrepancy=how).errors()["rms error"].max() for how in (True, False)

@@ -5,6 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw import Law, Trials
+from commonlaw.law import from_json, to_json
 from commonlaw.law.provenance import Domain
 from commonlaw.verdict import find
 
@@ -23,11 +24,8 @@ def law(drops: Trials) -> Law:
 
 
 def test_a_law_knows_the_ranges_of_what_it_was_learned_from_and_keeps_them(law: Law, drops: Trials) -> None:
-    table = (
-        Law.from_json(law.to_json())
-        .provenance.domain.to_frame(Law.from_json(law.to_json()).schema.units)
-        .set_index("variable")
-    )
+    again = from_json(to_json(law))
+    table = again.provenance.domain.to_frame(again.schema.units).set_index("variable")
     heights = np.concatenate([each.states for each in drops])
     assert table.loc["x", ["low", "high"]].tolist() == [heights.min(), heights.max()]
     assert table.loc["v", "low"] == pytest.approx(-19.7, abs=1.0)

@@ -8,6 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.app import serve
+from commonlaw.law import to_sympy
 from commonlaw.library import Variables, parse_term
 from commonlaw.report.document import Report
 from commonlaw.report.write import to_html
@@ -86,7 +87,7 @@ FEATURES = {
     "writing Parquet": ("pyarrow", lambda folder: cl.Trials.from_arrays([0], [1]).to_parquet(folder / "b.parquet")),
     "streaming Parquet": ("pyarrow", lambda folder: cl.TrialStream.from_parquet(folder / "a.parquet")),
     "reading workbooks": ("python_calamine", lambda folder: cl.Trials.read(folder / "a.xlsx")),
-    "the SymPy form of a law": ("sympy", lambda folder: cl.Law.load(folder / "law.json").to_sympy("Ball 1")),
+    "the SymPy form of a law": ("sympy", lambda folder: to_sympy(cl.Law.load(folder / "law.json"), "Ball 1")),
     "the SymPy form of a term": ("sympy", lambda _: parse_term("abs(x)", Variables(("x",))).sympy(["x", "t"])),
     "work on a cluster": ("distributed", lambda _: connected("local:1").__enter__()),
     **{f"the app without {name}": (name, lambda _: serve()) for name, extra in OPTIONAL.items() if extra == "app"},

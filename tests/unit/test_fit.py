@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import named_parameters, standard_errors
 from tests.refusals import refused
 
@@ -62,7 +63,7 @@ def test_a_coefficient_that_divides_has_the_error_of_its_inverse(drops, fitted):
 
 
 def test_names_and_history_are_saved(fitted):
-    again = cl.Law.from_json(fitted.to_json())
+    again = from_json(to_json(fitted))
     assert again.structure == fitted.structure
     assert (again.history[0].stage, again.history[0].choice) == ("equations", "x'' = -9.8 - k v")
     assert str(again) == str(fitted)
@@ -71,7 +72,7 @@ def test_names_and_history_are_saved(fitted):
 def test_a_saved_law_whose_terms_are_not_those_of_its_equations_is_refused(fitted):
     for after, message in (("- k x", "law-terms-and-equations"), ("- k v)", "parenthesis-not-opened")):
         with refused(message):
-            cl.Law.from_json(fitted.to_json().replace("- k v", after))
+            from_json(to_json(fitted).replace("- k v", after))
 
 
 def test_several_states_and_gaps():

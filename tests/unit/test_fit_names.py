@@ -7,6 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law import from_json, to_frame, to_json
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.tables import coefficient_rows
@@ -49,7 +50,7 @@ def test_standard_errors_of_coefficients_in_parentheses_are_those_of_draws(law):
 def test_a_law_prints_saves_and_states_the_coefficients_of_its_text(law):
     assert str(law).startswith("T' = -k (T - a)")
     assert named_parameters(law).units == ("1/min", "°C")
-    again = cl.Law.from_json(law.to_json())
+    again = from_json(to_json(law))
     parameters = named_parameters(again)
     np.testing.assert_array_equal(
         (parameters.values, parameters.errors), (named_parameters(law).values, named_parameters(law).errors)
@@ -166,7 +167,7 @@ def test_letters_of_equations_are_in_every_form_of_the_law(law):
     from commonlaw.plots.coefficients import DotPlot
     from commonlaw.plots.equations import equation_lines
 
-    for each in (law, cl.Law.from_json(law.to_json())):
+    for each in (law, from_json(to_json(law))):
         table = each.params
         assert table["parameter"].tolist() == ["k", "a"] * 2
         values, errors = named_parameters(each).values, named_parameters(each).errors
@@ -174,9 +175,9 @@ def test_letters_of_equations_are_in_every_form_of_the_law(law):
         half = errors * each.uncertainty.reach(1)  # Of Student's t distribution
         np.testing.assert_allclose(table["low"], (values - half).ravel())
         np.testing.assert_allclose(table["high"], (values + half).ravel())
-        assert each.to_frame().columns.tolist() == ["k", "a"]
+        assert to_frame(each).columns.tolist() == ["k", "a"]
         np.testing.assert_array_equal(coefficient_rows(each)["value"], table["estimate"])
-        np.testing.assert_array_equal(each.to_frame(errors=True)["a ±"], errors[:, 1])
+        np.testing.assert_array_equal(to_frame(each, errors=True)["a ±"], errors[:, 1])
         assert each.to_latex("cup").splitlines()[1:4] == [
             r"\dot{T} &= -k \left(T - a\right) \\",
             *(rf"{name} &= {with_error(*pair).replace('±', chr(92) + 'pm')}{end}"

@@ -6,7 +6,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
-from commonlaw.law.script import Source, script
+from commonlaw.law.script import Source, to_script
 from commonlaw.law.tables import letter_values, strangest
 from commonlaw.report.document import Picture, Table
 from commonlaw.report.law_report import all_objects
@@ -167,7 +167,7 @@ def test_the_page_tells_of_all_objects(law, found):
 
 def test_the_program_on_the_page_reads_the_stream(law, tmp_path, drops):
     drops.to_frame()[["object", "trial", "t", "x"]].to_parquet(tmp_path / "drops.parquet")
-    program = script((), law.structure, drops.schema, Source(str(tmp_path), stream=True))
+    program = to_script(law, Source(str(tmp_path), stream=True))
     names: dict[str, cl.TrialStream] = {}
     exec(program.partition("law = ")[0], names)
     assert names["trials"].read().objects == drops.objects

@@ -10,6 +10,7 @@ import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference.fit.structural_identifiability import may_be_mixed, may_be_rescaled, may_be_shifted
+from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.trials import Schema
@@ -80,7 +81,7 @@ def test_coefficients_starts_and_errors_are_those_of_independent_least_squares(c
 def test_such_a_law_is_saved_and_forecasts_trials_that_start_elsewhere():
     *_, trials = drawn("pendulum")
     law = cl.fit(PENDULUM, trials, starts={"omega": "free"})
-    again = cl.Law.from_json(law.to_json())
+    again = from_json(to_json(law))
     assert str(again) == str(law)
     assert again.schema.starts == {"omega": None}
     assert ("start", "omega") in [(each.stage, each.choice) for each in law.history]

@@ -9,7 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.discovery import kept_laws
 from commonlaw.discovery.kept_laws import digest
-from commonlaw.law import Provenance
+from commonlaw.law import Provenance, from_json, to_json
 from commonlaw.library import AbstractLibrary
 
 DROPS = cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=1, noise=0.01)
@@ -53,7 +53,7 @@ def entry(folder):
 
 
 def test_a_law_that_was_kept_is_the_one_that_was_found_in_every_number(found):
-    assert numbers(cl.Law.from_json(found.to_json())) == numbers(found)
+    assert numbers(from_json(to_json(found))) == numbers(found)
     assert numbers(replace(found, coefficients=np.nextafter(found.coefficients, 0))) != numbers(found)
 
 

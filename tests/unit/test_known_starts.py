@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference.fit.latent_initialization import _Object
+from commonlaw.law import from_json, to_json, to_script
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Variables, parse_library
 from tests.refusals import refused
@@ -119,7 +120,7 @@ def test_it_says_what_was_given_and_what_fits_as_well(law):
 
 
 def test_a_saved_law_forecasts_tables_without_the_state(law, trials):
-    again = cl.Law.from_json(law.to_json())
+    again = from_json(to_json(law))
     assert str(again) == str(law)
     forecast = again.predict(trials, return_std=True)
     assert [each.states[0, 1] for each in forecast.trajectories] == pytest.approx(
@@ -130,8 +131,8 @@ def test_a_saved_law_forecasts_tables_without_the_state(law, trials):
     verdict = again.assess(trials)
     assert verdict.usable
     assert [each.state for each in verdict.state_errors] == ["conc"]
-    assert "states=['conc']" in law.to_script()
-    assert "starts={'depot': 'dose'}" in law.to_script()
+    assert "states=['conc']" in to_script(law)
+    assert "starts={'depot': 'dose'}" in to_script(law)
 
 
 def test_doses_are_taken_in_the_units_of_the_law(law, trials):

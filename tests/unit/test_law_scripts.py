@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.law import Provenance
+from commonlaw.law import Provenance, from_json, to_json, to_script
 from commonlaw.law.script import LEFT_OUT, rewritten, written
 from commonlaw.library import Terms, Variables, parse_term
 
@@ -21,7 +21,7 @@ def rerun(law, drops, folder):
     path = folder / "drops.csv"
     drops.to_csv(path)
     scope = {}
-    exec(law.to_script(str(path)), scope)
+    exec(to_script(law, str(path)), scope)
     return scope["law"]
 
 
@@ -52,12 +52,12 @@ def test_the_program_finds_the_law_again(find, drops, tmp_path, capsys):
 
 def test_a_saved_law_keeps_its_program(drops):
     law = cl.fit("x'' = -g - c v", drops)
-    assert cl.Law.from_json(law.to_json()).to_script() == law.to_script()
+    assert to_script(from_json(to_json(law))) == to_script(law)
 
 
 def test_a_law_of_unknown_making_is_fitted():
     law = cl.Law.from_text("T' = -k (T - 20)", {"k": 0.1})
-    assert 'law = cl.fit("T\' = -k (T - 20)", trials)' in law.to_script()
+    assert 'law = cl.fit("T\' = -k (T - 20)", trials)' in to_script(law)
 
 
 HOSTILE = [
@@ -105,8 +105,8 @@ HOSTILE = [
 @pytest.mark.parametrize("call", HOSTILE, ids=lambda call: call[:60])
 def test_a_program_holds_nothing_of_a_strangers_law_but_calls_with_plain_values(call):
     law = cl.Law.from_text("x'' = -g", {"g": 9.8})
-    law = cl.Law.from_json(replace(law, provenance=Provenance(calls=(call,))).to_json())
-    program = law.to_script()
+    law = from_json(to_json(replace(law, provenance=Provenance(calls=(call,)))))
+    program = to_script(law)
     assert "PWNED" not in program
     assert "secret" not in program
     assert program.splitlines()[3:5] == [LEFT_OUT, "law = cl.fit(\"x'' = a\", trials)"]
@@ -115,14 +115,14 @@ def test_a_program_holds_nothing_of_a_strangers_law_but_calls_with_plain_values(
 def test_what_is_recorded_is_written_anew_from_what_was_parsed():
     law = cl.Law.from_text("x'' = -g", {"g": 9.8})
     call = "cl.\uff44iscover(trials,order = 2, library='poly:1',\n known={('x', '\u202e'): -1e999}) # open('PWNED')"
-    lines = replace(law, provenance=Provenance(calls=(call, "law.explain( [] )"))).to_script().splitlines()
+    lines = to_script(replace(law, provenance=Provenance(calls=(call, "law.explain( [] )")))).splitlines()
     assert lines[3] == r"law = cl.discover(trials, order=2, library='poly:1', known={('x', '\u202e'): -1e309})"
     assert lines[4] == "law = law.explain([])"
 
 
 def test_steps_on_a_law_whose_making_is_left_out_follow_a_fit_of_its_terms():
     law = cl.Law.from_text("x'' = -g", {"g": 9.8})
-    lines = replace(law, provenance=Provenance(calls=("print(1)", "law.explain([])"))).to_script().splitlines()
+    lines = to_script(replace(law, provenance=Provenance(calls=("print(1)", "law.explain([])")))).splitlines()
     assert lines[3:6] == [LEFT_OUT, "law = cl.fit(\"x'' = a\", trials)", "law = law.explain([])"]
 
 
@@ -132,7 +132,7 @@ def test_names_of_strangers_are_texts_in_a_program():
     base = cl.Law.from_text("x'' = -g", {"g": 9.8})
     terms = Terms(Variables((name, "v"), (), "t"), (parse_term("1", Variables((name, "v"), (), "t")),))
     law = cl.Law(terms, schema, 2, ("a'b",), base.coefficients)
-    tree = ast.parse(law.to_script("d'; open('PWNED')\n.csv"))
+    tree = ast.parse(to_script(law, "d'; open('PWNED')\n.csv"))
     called = {ast.unparse(each.func) for each in ast.walk(tree) if isinstance(each, ast.Call)}
     assert called == {"cl.Trials.read", "cl.fit", "print", "law.assess"}
 

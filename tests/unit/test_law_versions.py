@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from commonlaw.differentiation import parse_differentiation
-from commonlaw.law import Law, Uncertainty
+from commonlaw.law import Law, Uncertainty, from_json, to_json
 from tests.refusals import refused
 
 SAVED = Path(__file__).parent / "laws"
@@ -40,7 +40,7 @@ def test_names_of_earlier_versions_are_replaced(version):
     assert second.measures["2 log B"] > 4
     assert constant.measures == {"BIC": 3.5, "stability": None}
     assert constant.hyperparameters == ((0.5, 2.0) if version == 2 else ())
-    again = Law.from_json(law.to_json())
+    again = from_json(to_json(law))
     assert (again.diagnostics, again.provenance.alternatives, again.history) == (
         law.diagnostics,
         law.provenance.alternatives,
@@ -52,7 +52,7 @@ def test_names_of_earlier_versions_are_replaced(version):
 def test_bayes_factors_against_the_chosen_become_those_against_the_best():
     raw = json.loads((SAVED / "version-2.json").read_text())
     raw["alternatives"][1]["measures"]["evidence lost"] = -3.0
-    first, second, _ = Law.from_json(json.dumps(raw)).provenance.alternatives
+    first, second, _ = from_json(json.dumps(raw)).provenance.alternatives
     assert (first.measures["2 log B"], second.measures["2 log B"]) == (3.0, 0.0)
 
 
@@ -79,18 +79,18 @@ def test_a_law_of_version_1_does_not_know_how_accurate_it_is():
 def test_a_damaged_law_of_version_2_is_refused(damage):
     raw = json.loads((SAVED / "version-2.json").read_text())
     with refused("not-a-law"):
-        Law.from_json(json.dumps(raw | damage))
+        from_json(json.dumps(raw | damage))
 
 
 def test_a_factor_of_all_intervals_becomes_a_widening_at_every_horizon():
-    raw = json.loads(Law.load(SAVED / "version-2.json").to_json())
+    raw = json.loads(to_json(Law.load(SAVED / "version-2.json")))
     for factor in (1.0, 2.5):
         raw["uncertainty"]["error_model"] = {"widening": factor}
         other = {"uncertainty": raw["uncertainty"], "coefficients": {"Ball 1": [-9.0, -0.1], "Ball 2": [-9.0, -0.2]}}
         raw["other_laws"] = [other | {"probability": 0.2, "support": [[0, 2]]}]
         raw["with_discrepancy"] = {name: each for name, each in raw.items() if name != "other_laws"}
         raw["with_discrepancy"] = json.loads(json.dumps(raw["with_discrepancy"])) | {"with_discrepancy": None}
-        law = Law.from_json(json.dumps(raw))
+        law = from_json(json.dumps(raw))
         for each in (law, law.uncertainty.other_laws[0].law, law.provenance.with_discrepancy):
             found = each.uncertainty
             assert not found.error_model

@@ -14,6 +14,8 @@ from scipy.stats import norm
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
+from commonlaw.inference import bounds
+from commonlaw.law import average_law, from_json, to_json
 from tests.refusals import refused
 
 
@@ -139,7 +141,7 @@ def test_parameters_are_shared_by_all_objects_or_by_those_of_a_property():
         own = estimates(law, name)
         assert [own[each][0] for each in "kab"] == pytest.approx([found.x[i], *found.x[3:]], rel=1e-6)
     # The mean over objects of what they share is no better known than it is
-    errors = law.average().params.set_index("parameter")["standard error"]
+    errors = average_law(law).params.set_index("parameter")["standard error"]
     assert errors["b"] == pytest.approx(estimates(law, "A")["b"][1], rel=1e-6)
 
     grouped = cl.Trials(trials.trials, trials.schema, {"A": {"kind": "s"}, "B": {"kind": "t"}, "C": {"kind": "t"}})
@@ -331,7 +333,7 @@ def test_known_noise_and_repeated_measurements_have_their_likelihood():
         lambda law, trials: cl.discover(trials, known=law),
         lambda law, _: cl.design(law, {"x": "1..2", "duration": 3, "rate": 5}),
         lambda law, trials: law.update(trials),
-        lambda law, trials: law.bounds(trials, ["x^2"]),
+        lambda law, trials: bounds(law, trials, ["x^2"]),
         lambda law, trials: law.discrepancy(trials),
     ],
     ids=["refine", "compare", "discover", "design", "update", "bounds", "discrepancy"],
@@ -349,10 +351,10 @@ def test_what_takes_columns_for_states_refuses_a_law_with_an_observation(use):
 )
 def test_files_with_observations_that_cannot_be_are_refused(change):
     law = cl.fit("x' = -k x; signal = c x; x(0) = 1", trials_of({"A": (T, SIGNAL)}, ["signal"]))
-    document = json.loads(law.to_json())
+    document = json.loads(to_json(law))
     document["observation"] |= change
     with pytest.raises(cl.CommonlawError):
-        cl.Law.from_json(json.dumps(document))
+        from_json(json.dumps(document))
 
 
 @pytest.mark.parametrize(

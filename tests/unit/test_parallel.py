@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.law import to_json
 from commonlaw.runtime.parallel import cores, in_parallel, threads
 from tests.refusals import refused
 
@@ -118,7 +119,7 @@ def test_a_law_is_the_same_for_any_number_of_threads(many):
         cl.discover(trials, order=2, library="poly:2", method=cl.TrajectoryLikelihood(n_jobs=n_jobs), cache=False)
         for n_jobs in (1, 4)
     ]
-    assert laws[0].to_json() == laws[1].to_json()
+    assert to_json(laws[0]) == to_json(laws[1])
 
 
 def test_laws_fitted_and_compared_are_the_same_for_any_number_of_threads():
@@ -126,5 +127,5 @@ def test_laws_fitted_and_compared_are_the_same_for_any_number_of_threads():
     texts, found = ("x'' = a + b v", "x'' = a", "x'' = a + b v^2"), []
     for n_jobs in (1, 3):
         laws = {text: cl.fit(text, trials, n_jobs=n_jobs) for text in texts}
-        found.append((cl.compare(laws, trials, n_jobs=n_jobs).to_json(), *(law.to_json() for law in laws.values())))
+        found.append((cl.compare(laws, trials, n_jobs=n_jobs).to_json(), *(to_json(law) for law in laws.values())))
     assert found[0] == found[1]

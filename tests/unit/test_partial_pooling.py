@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.forecast.population import with_objects_of, with_pooled_forecasts
 from commonlaw.hierarchy import informative, shrink
+from commonlaw.law import average_law, from_json, pool_objects, to_json
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import PolynomialLibrary, Variables
 from tests.refusals import refused
@@ -25,7 +26,7 @@ def law_of(objects=6, spread=0.05):
 
 def test_the_mean_over_partially_pooled_objects_has_the_covariance_of_a_mean():
     law = law_of()
-    found = law.pool()
+    found = pool_objects(law)
     draws = np.random.default_rng(1)
     own = found.uncertainty.covariance - np.matmul(
         found.uncertainty.shared_factor, found.uncertainty.shared_factor.transpose(0, 2, 1)
@@ -33,33 +34,33 @@ def test_the_mean_over_partially_pooled_objects_has_the_covariance_of_a_mean():
     shared = np.matmul(found.uncertainty.shared_factor, draws.standard_normal((20000, 1, 2, 1)))[..., 0]
     alone = np.matmul(np.linalg.cholesky(own), draws.standard_normal((20000, 6, 2, 1)))[..., 0]
     expected = np.cov((shared + alone).mean(axis=1), rowvar=False)
-    np.testing.assert_allclose(found.average().uncertainty.covariance[0], expected, rtol=0.05, atol=2e-4)
-    assert found.average().uncertainty.shared_factor is None
+    np.testing.assert_allclose(average_law(found).uncertainty.covariance[0], expected, rtol=0.05, atol=2e-4)
+    assert average_law(found).uncertainty.shared_factor is None
     some = found.select(["ball 2", "ball 5"])
     np.testing.assert_array_equal(some.uncertainty.shared_factor, found.uncertainty.shared_factor[[1, 4]])
 
 
 def test_pooling_is_recorded_and_kept():
-    found = law_of().pool()
+    found = pool_objects(law_of())
     assert found.history[-1].stage == "pooling"
     assert "v in x''" in found.history[-1].choice
-    again = cl.Law.from_json(found.to_json())
+    again = from_json(to_json(found))
     np.testing.assert_array_equal(again.uncertainty.shared_factor, found.uncertainty.shared_factor)
     with refused("already-pooled"):
-        again.pool()
+        pool_objects(again)
 
 
 def test_what_is_known_and_single_objects_stay():
     law = law_of()
     known = law.uncertainty.covariance.copy()
     known[:, 0] = known[:, :, 0] = 0
-    fixed = replace(law, uncertainty=replace(law.uncertainty, covariance=known)).pool()
+    fixed = pool_objects(replace(law, uncertainty=replace(law.uncertainty, covariance=known)))
     np.testing.assert_array_equal(fixed.coefficients[:, 0, 0], law.coefficients[:, 0, 0])
     np.testing.assert_array_equal(standard_errors(fixed)[:, 0, 0], 0)
     single = law.select(["ball 3"])
-    assert single.pool() is single
+    assert pool_objects(single) is single
     with refused("uncertainty-unknown"):
-        replace(law, uncertainty=replace(law.uncertainty, covariance=None)).pool()
+        pool_objects(replace(law, uncertainty=replace(law.uncertainty, covariance=None)))
 
 
 def plate(blanks, seed=0):
@@ -102,7 +103,7 @@ def test_an_object_that_says_nothing_of_one_coefficient_changes_no_other():
 def test_an_unseen_object_is_one_more_of_the_population_that_objects_with_information_are_of():
     law, times = law_of(), np.linspace(0, 1, 5)
     unseen = cl.Trials.from_arrays([times], [times**2], object=["ball 7"], names=["x"])
-    expected, _ = with_objects_of(law.pool(), unseen)
+    expected, _ = with_objects_of(pool_objects(law), unseen)
     found, _ = with_objects_of(law, unseen)
     np.testing.assert_allclose(found.coefficients, expected.coefficients)
     np.testing.assert_allclose(found.uncertainty.covariance, expected.uncertainty.covariance)
@@ -121,7 +122,7 @@ def test_an_unseen_object_is_one_more_of_the_population_that_objects_with_inform
 
 def test_rates_and_simulations_follow_the_coefficients_that_forecasts_do():
     own = law_of()
-    law, pooled = with_pooled_forecasts(own, np.zeros_like(own.support), True), own.pool()
+    law, pooled = with_pooled_forecasts(own, np.zeros_like(own.support), True), pool_objects(own)
     np.testing.assert_array_equal(law.coefficients, own.coefficients)
     points = np.array([[1.0, 0.5], [0.2, -3.0]])
     np.testing.assert_allclose(law.rhs("ball 2", points), pooled.rhs("ball 2", points))

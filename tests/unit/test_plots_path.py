@@ -7,7 +7,7 @@ import pytest
 from matplotlib.patches import Rectangle
 
 import commonlaw as cl
-from commonlaw.law import Alternative, Law
+from commonlaw.law import Alternative, Law, from_json, to_json
 from commonlaw.law.provenance import path_segments
 from commonlaw.plots import plot_path
 from tests.refusals import refused
@@ -43,7 +43,7 @@ def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_en
 
 
 def test_the_path_is_saved_with_the_law(law: Law) -> None:
-    assert cl.Law.from_json(law.to_json()).provenance.path().equals(law.provenance.path())
+    assert from_json(to_json(law)).provenance.path().equals(law.provenance.path())
 
 
 def test_hyperparameters_of_several_solvers_are_not_mixed_into_one_path() -> None:

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.inference.fit.structural_identifiability import may_be_rescaled
+from commonlaw.law import from_json, to_json, to_script
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.trials import Schema
@@ -93,9 +94,9 @@ def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
     *_, trials = drawn("microconstants")
     law = cl.fit(MICROCONSTANTS, trials, **STARTS["microconstants"])
     assert law.structure == tuple(MICROCONSTANTS.split("; "))
-    again = cl.Law.from_json(law.to_json())
+    again = from_json(to_json(law))
     assert str(again) == str(law)
-    assert "starts_at=0.0" in law.to_script()
+    assert "starts_at=0.0" in to_script(law)
     assert ("start", "tissue = 0.0 at 0") in [(each.stage, each.choice) for each in law.history]
     forecast = again.predict(trials)
     assert forecast.score() > 0.99

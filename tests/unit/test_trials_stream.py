@@ -8,6 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.formulation import MAX_GROUPS, law_variables, merged_rows, rows_by_object
+from commonlaw.inference import bounds
 from commonlaw.trials import stream
 from tests.refusals import refused
 
@@ -43,7 +44,7 @@ def law():
         lambda law, trials: law.residuals(trials),
         lambda law, trials: law.discrepancy(trials),
         lambda law, trials: law.update(trials),
-        lambda law, trials: law.bounds(trials),
+        lambda law, trials: bounds(law, trials),
         lambda law, trials: law.predict(trials).score(),
         lambda _, trials: cl.plots.plot_trials(trials),
         lambda _, trials: trials.check(),

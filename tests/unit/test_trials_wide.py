@@ -10,6 +10,7 @@ from click.testing import CliRunner
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law import to_script
 from commonlaw.law.parameters import named_parameters
 from commonlaw.trials import Trials
 from tests.refusals import refused
@@ -177,7 +178,7 @@ def test_equations_name_what_was_measured_and_the_law_reads_such_tables_and_writ
     done = CliRunner().invoke(commonlaw, ["predict", law_path, path])
     assert "R^2 > 0.99999" in done.output
     made = {}
-    exec(law.to_script(path), made)
+    exec(to_script(law, path), made)
     assert made["trials"].schema == law.schema
     np.testing.assert_allclose(made["law"].coefficients, law.coefficients, rtol=1e-3)
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import t
 
 import commonlaw as cl
+from commonlaw.inference import bounds
 from commonlaw.law.quantiles import upper_bound
 from tests.refusals import refused
 
@@ -23,7 +24,7 @@ def test_a_curvature_is_bounded_as_by_least_squares():
     random, times = np.random.default_rng(0), np.linspace(0, 2, 60)
     heights = 10 - 4.9 * times**2 + 0.1 * random.normal(size=60)
     trials = cl.Trials.from_arrays([times], [heights], object=["ball"], names=["x"])
-    found = cl.fit("x'' = -g", trials, noise={"x": 0.1}).bounds(trials, ["t"]).bounds[0]
+    found = bounds(cl.fit("x'' = -g", trials, noise={"x": 0.1}), trials, ["t"]).bounds[0]
     columns = np.column_stack([times**3 / 6, np.ones(60), times, times**2 / 2])
     wanted, *_ = np.linalg.lstsq(columns, heights)
     assert found.coefficient == pytest.approx(wanted[0], rel=0.02)
@@ -33,7 +34,7 @@ def test_a_curvature_is_bounded_as_by_least_squares():
 
 def test_a_term_that_is_there_is_seen():
     drops = cl.datasets.linear_drag(noise=0.05, quadratic=-0.02)
-    found = cl.fit("x'' = -g - c v", drops).bounds(drops, ["v^2"])
+    found = bounds(cl.fit("x'' = -g - c v", drops), drops, ["v^2"])
     assert any(each.seen for each in found.bounds)
     assert "excludes zero" in str(found)
     assert len(found.to_frame()) == len(drops.objects)
@@ -41,7 +42,7 @@ def test_a_term_that_is_there_is_seen():
 
 def test_all_absent_terms_of_the_library_are_bounded_by_default():
     law = cl.discover(DROPS, order=2, library="poly:2")
-    found = law.bounds(DROPS)
+    found = bounds(law, DROPS)
     assert {each.term for each in found.bounds} == {*law.terms.names} - {"1", "v"}
     assert "Terms that are not in the law" in found._repr_html_()
 
@@ -49,6 +50,6 @@ def test_all_absent_terms_of_the_library_are_bounded_by_default():
 def test_terms_in_the_law_and_terms_that_cannot_be_read_are_refused():
     law = cl.fit("x'' = -g - c v", DROPS)
     with refused("limit-of-present-term", term="v"):
-        law.bounds(DROPS, ["v"])
+        bounds(law, DROPS, ["v"])
     with refused("unknown-name"):
-        law.bounds(DROPS, ["w^2"])
+        bounds(law, DROPS, ["w^2"])

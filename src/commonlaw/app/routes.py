@@ -25,6 +25,7 @@ from commonlaw.app.working import prepare
 from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast
+from commonlaw.law import to_json, to_script
 from commonlaw.law.script import Source
 from commonlaw.law.tables import coefficient_rows
 from commonlaw.plots import plot_law, render
@@ -255,7 +256,7 @@ def _number_in(text: str) -> int:
 def _script(found: Found, source: Source | None) -> str:
     if source is None:
         raise CommonlawError("candidate-program")
-    return found.law.to_script(source)
+    return to_script(found.law, source)
 
 
 def _report(found: Found, source: Source | None) -> str:
@@ -285,7 +286,7 @@ _LIGHT = (_first, _message, _settings, _question, _state, _found, _cancel, _fit_
 """What is answered at once, whatever else goes on."""
 
 _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {
-    "law.json": lambda found, _: found.law.to_json(),
+    "law.json": lambda found, _: to_json(found.law),
     "law.py": _script,
     "law.tex": lambda found, _: found.law.to_latex(found.law.objects[0]),
     "coefficients.csv": lambda found, _: coefficient_rows(found.law).to_csv(index=False, lineterminator="\n"),

@@ -11,6 +11,7 @@ from commonlaw.app.question import Question, Table
 from commonlaw.app.result import SEARCHED, Found, ShownLaw, of_terms, results, support_of
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
+from commonlaw.law import from_json
 from commonlaw.runtime.fit_options import FitOptions, read_settings
 from commonlaw.runtime.progress import part
 
@@ -98,13 +99,12 @@ class Search:
 def answer(question: Question, table: Table, show: Callable[[str], None]) -> Iterator[Found]:
     """Yield what a question asked of a table finds, with more and more candidates; the work of a search."""
     from commonlaw.discovery import discover
-    from commonlaw.law import Law
 
     show("reading the table")
     trials = table.trials(question.columns)
     training = question.hold_out.training(trials)
     if question.law is not None:
-        law = Law.from_json(question.law)
+        law = from_json(question.law)
     else:
         law = discover(
             training,

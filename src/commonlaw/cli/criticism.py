@@ -14,6 +14,7 @@ from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, is_of_kind, numbers, sa
 from commonlaw.cli.output import print_frame, print_json, say
 from commonlaw.cli.source import WITH_LAW, Source, columns_of, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError
+from commonlaw.law import to_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -220,7 +221,7 @@ def _document(found: "Discrepancy[Law]") -> dict[str, object]:
         "holds nothing of": list(found.holds_nothing_of),
         "shares": found.shares,
         **{name: frame.to_dict(orient="records") for name, frame in frames.items()},
-        "law": json.loads(found.law.to_json()),
+        "law": json.loads(to_json(found.law)),
     }
 
 

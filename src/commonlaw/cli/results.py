@@ -24,6 +24,7 @@ from commonlaw.cli.output import (
 )
 from commonlaw.cli.source import Source, columns_of, few_trials, stream_of
 from commonlaw.errors import CommonlawError
+from commonlaw.law import to_json
 from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import as_text, counted, in_line, r_squared
 from commonlaw.trials import TrialStream
@@ -343,11 +344,11 @@ class Learned:
         law, found = self.law, self.findings
         forecast, verdict = found.forecast, found.verdict
         return {
-            "law": json.loads(law.to_json()),
+            "law": json.loads(to_json(law)),
             "equations": {name: list(law.equations(name)) for name in law.objects},
             "intervals": None if law.uncertainty.covariance is None else interval_frame(law).to_dict(orient="records"),
             "history": [asdict(step) for step in law.history],
-            "truth": None if self.truth is None else json.loads(self.truth.to_json()),
+            "truth": None if self.truth is None else json.loads(to_json(self.truth)),
             "fit": found.fit and {"score": found.fit.score(), "errors": found.fit.errors().to_dict(orient="records")},
             "forecast": forecast
             and {

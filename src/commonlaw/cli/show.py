@@ -10,6 +10,7 @@ from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
 from commonlaw.cli.options import AS_JSON, HISTORY, LAW_ARGUMENT, ReadFile, saving
 from commonlaw.cli.output import parameter_columns, print_frame, print_history, print_json, print_table, say
+from commonlaw.law import average_law, relations_frame, to_json
 from commonlaw.text import in_line
 
 _KINDS = {"universal": "shared", "own": "object-specific"}
@@ -32,7 +33,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     if name and average:
         raise click.UsageError("give --select or --average, not both")
     law = Law.load(law_path)
-    law = law.select([name]) if name else law.average() if average else law
+    law = law.select([name]) if name else average_law(law) if average else law
     if not latex:
         say(str(law))
         if law.uncertainty.covariance is not None:
@@ -115,13 +116,13 @@ def explain(
         later = LaterSteps()
         later.save(save, law=law, figure=lambda plots: plots.plot_relations(law))
     if as_json:
-        relations = law.relations().to_dict(orient="records")
-        print_json({"law": json.loads(law.to_json()), "equations": list(law.equations()), "relations": relations})
+        relations = relations_frame(law).to_dict(orient="records")
+        print_json({"law": json.loads(to_json(law)), "equations": list(law.equations()), "relations": relations})
     elif latex:
         say(law.to_latex())
     else:
         say(f"{law}\n")
-        shown = law.relations().dropna(axis=1, how="all").replace({"kind": _KINDS})
+        shown = relations_frame(law).dropna(axis=1, how="all").replace({"kind": _KINDS})
         print_frame(shown, {"scatter": "SD between objects", "scatter error": "its standard error"})
         if law.provenance.equations and named_parameters(law).names:
             columns = parameter_columns(law)

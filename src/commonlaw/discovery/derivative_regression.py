@@ -34,9 +34,10 @@ class DerivativeRegression(AbstractRegression):
     Examples
     --------
     >>> from commonlaw import DerivativeRegression, datasets, discover
+    >>> from commonlaw.law import average_law
     >>> drops = datasets.linear_drag(noise=0.0)
     >>> method = DerivativeRegression(differentiation="finite:6", solver="group-stlsq:1")
-    >>> discover(drops, order=2, library="poly:1", method=method).average().equations()
+    >>> average_law(discover(drops, order=2, library="poly:1", method=method)).equations()
     ("x'' = -9.8 - 0.38 v",)
     """
 

@@ -61,10 +61,11 @@ class LawDiscovery:
     Examples
     --------
     >>> from commonlaw import DerivativeRegression, LawDiscovery, datasets
+    >>> from commonlaw.law import average_law
     >>> drops = datasets.linear_drag(noise=0.0)
     >>> method = DerivativeRegression(differentiation="finite:6", solver="group-stlsq:1")
     >>> model = LawDiscovery(order=2, library="poly:1", method=method).fit(drops)
-    >>> model.set_params(method__solver__threshold=0.5).fit(drops).law_.average().equations()
+    >>> average_law(model.set_params(method__solver__threshold=0.5).fit(drops).law_).equations()
     ("x'' = -9.8 - 0.38 v",)
     """
 
@@ -384,8 +385,9 @@ def discover(
     Examples
     --------
     >>> import commonlaw as cl
+    >>> from commonlaw.law import average_law
     >>> drops = cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=1, noise=0.0)
-    >>> print(cl.discover(drops, order=2, library="poly:1").average())
+    >>> print(average_law(cl.discover(drops, order=2, library="poly:1")))
     x'' = -9.8000 ± 0.0023 - (0.30000 ± 0.00020) v
     <BLANKLINE>
     with v = x'

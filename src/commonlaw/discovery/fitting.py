@@ -22,7 +22,7 @@ from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine,
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.inference.settings import STRONG
 from commonlaw.integration import BETWEEN
-from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects
 from commonlaw.law.models import model_named
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.parse import GivenEquations, read_equations
@@ -156,8 +156,9 @@ def fit(
     Examples
     --------
     >>> import commonlaw as cl
+    >>> from commonlaw.law import average_law
     >>> drops = cl.datasets.linear_drag(noise=0.0)
-    >>> print(cl.fit("x'' = -g - c v", drops).average())
+    >>> print(average_law(cl.fit("x'' = -g - c v", drops)))
     x'' = -9.8000 ± 0.0010 - (0.380000 ± 0.000093) v
     <BLANKLINE>
     with v = x', g [m/s²] = 9.8000 ± 0.0010, c [1/s] = 0.380000 ± 0.000093
@@ -250,11 +251,11 @@ def fit(
     law = refine(begun, trials, **apart if universal else settings)
     if _outside(law, given.bounds):
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
-        law = law if universal else law.pool(None, partial_pooling)
-    law = law.pool(shared, partial_pooling) if universal else law
+        law = law if universal else pool_objects(law, None, partial_pooling)
+    law = pool_objects(law, shared, partial_pooling) if universal else law
 
     def under_white_noise() -> Law:
-        return refine(begun, trials, **{**apart, "errors": "white"}).pool(shared, partial_pooling)
+        return pool_objects(refine(begun, trials, **{**apart, "errors": "white"}), shared, partial_pooling)
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors)
@@ -359,7 +360,7 @@ def _of_stream(
         law = fitted_by_parts([one] * len(parts), parts, settings["progress"] or on_terminal())
     made = (call(fit, settings, "cl.fit", repr(equations), "trials"),)
     provenance = replace(law.provenance, calls=made)
-    return replace(law, provenance=provenance).pool(None, settings["partial_pooling"])
+    return pool_objects(replace(law, provenance=provenance), None, settings["partial_pooling"])
 
 
 def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:

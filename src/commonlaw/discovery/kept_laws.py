@@ -16,7 +16,7 @@ import numpy as np
 
 import commonlaw
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law
+from commonlaw.law import Law, from_json, to_json
 from commonlaw.runtime.files import make_folder, mark_as_used, remove_longest_unused, write_whole
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.runtime.reading import read_file
@@ -103,7 +103,7 @@ def _read(path: Path) -> Law | None:
         checksum, _, content = read_file(path).partition(b"\n")
         if checksum != hashlib.sha256(content).hexdigest().encode():
             return None
-        law = Law.from_json(content)
+        law = from_json(content)
     except CommonlawError:
         return None
     mark_as_used(path)
@@ -112,7 +112,7 @@ def _read(path: Path) -> Law | None:
 
 def _write(path: Path, law: Law) -> None:
     """Keep a law, and remove those longest not asked for if all take too much."""
-    content = law.to_json().encode()
+    content = to_json(law).encode()
     if len(content) > LARGEST:
         return
     make_folder(path.parent)

@@ -9,6 +9,7 @@ from numpy.polynomial.hermite import hermgauss
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation
+from commonlaw.law import average_law, pool_objects
 from commonlaw.law.law import Law, object_index, with_other_laws
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.uncertainty import ObjectEstimates
@@ -39,10 +40,10 @@ def with_pooled_forecasts(law: Law, universal: Bools, others: bool) -> Law:
     law
         Whose objects do not depend on each other.
     universal, others
-        See `Law.pool`.
+        See `commonlaw.law.pool_objects`.
     """
-    own = law.pool(universal, False)
-    drawn = law.pool(universal, True) if others else own
+    own = pool_objects(law, universal, False)
+    drawn = pool_objects(law, universal, True) if others else own
     if not others or drawn.uncertainty.unpooled is None:
         return own
     estimates = ObjectEstimates(drawn.coefficients[:, law.support], drawn.uncertainty.known_covariance())
@@ -190,11 +191,11 @@ def _typical(law: Law, note: str) -> Population:
     objects there are, the more is added (Student's t, for the 95 % band).
     """
     if law.uncertainty.covariance is not None and law.uncertainty.unpooled is None:
-        law = with_other_laws(law, ()).pool()
+        law = pool_objects(with_other_laws(law, ()))
         factor = law.uncertainty.shared_factor
         if factor is not None:  # Objects without information keep their own, see `pooled`
             law = law.select([law.objects[i] for i in np.flatnonzero(factor.any(axis=(1, 2)))])
-    mean, count = law.average(), len(law.objects)
+    mean, count = average_law(law), len(law.objects)
     covariance = mean.uncertainty.covariance
     if covariance is None or count == 1:
         return Population(mean.coefficients[0], covariance if covariance is None else covariance[0], note)

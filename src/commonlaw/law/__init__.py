@@ -1,15 +1,5 @@
 """Laws: equations with shared terms and each object's own coefficients."""
 
-from commonlaw.law.law import Law
-from commonlaw.law.provenance import Alternative, History, Provenance, Step
-from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty
+import lazy_loader
 
-__all__ = [
-    "Alternative",
-    "History",
-    "Law",
-    "PlausibleLaw",
-    "Provenance",
-    "Step",
-    "Uncertainty",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

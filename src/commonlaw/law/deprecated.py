@@ -24,6 +24,8 @@ def _parameters(law: Any) -> Any:
 DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "adapt": ("update(trials)", lambda law: law.update),
     "alternatives": ("provenance.alternatives", lambda law: law.provenance.alternatives),
+    "average": ("commonlaw.law.average_law(law)", _method("law:average_law")),
+    "bounds": ("commonlaw.bounds(law, trials)", lambda law: partial(resolve_name("commonlaw.inference:bounds"), law)),
     "candidates": (
         "comparison",
         lambda law: partial(resolve_name("commonlaw.law.tables:candidate_frame"), law.provenance.alternatives),
@@ -41,6 +43,7 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "each_other": ("uncertainty.map_other_laws", lambda law: law.uncertainty.map_other_laws),
     "evaluate": ("rhs(name, values)", lambda law: law.rhs),
     "explanation": ("uncertainty.explanation", lambda law: law.uncertainty.explanation),
+    "from_json": ("commonlaw.law.from_json(text)", lambda _: resolve_name("commonlaw.law:from_json")),
     "has_std": ("uncertainty.has_std", lambda law: law.uncertainty.has_std),
     "inclusion_probabilities": (
         "uncertainty.inclusion_probabilities",
@@ -62,10 +65,12 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "outcomes": ("diagnostics", lambda law: law.diagnostics),
     "parameter_intervals": ("conf_int(level)", lambda law: _parameters(law).intervals),
     "parameters": ("params", _parameters),
-    "partial_pooling": ("pool()", lambda law: law.pool),
+    "partial_pooling": ("commonlaw.law.pool_objects(law)", _method("pooling:pool_objects")),
     "path": ("provenance.path()", lambda law: law.provenance.path),
     "plausible": ("models", lambda law: law.models),
+    "pool": ("commonlaw.law.pool_objects(law)", _method("pooling:pool_objects")),
     "rates": ("terms.variables.states", _value("parameters:rate_names")),
+    "relations": ("commonlaw.law.relations_frame(law)", _method("printing:relations_frame")),
     "score": (
         "predict(trials).score()",
         lambda law: lambda trials, start=None: law.predict(trials, start=start).score(),
@@ -74,6 +79,10 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "standard_errors": ("params", _value("parameters:standard_errors")),
     "state_rates": ("terms.variables.states", _value("parameters:state_rates")),
     "states": ("schema.states", lambda law: law.schema.states),
+    "to_frame": ("commonlaw.law.to_frame(law)", _method("tables:to_frame")),
+    "to_json": ("commonlaw.law.to_json(law)", _method("io:to_json")),
+    "to_script": ("commonlaw.law.to_script(law, path)", _method("script:to_script")),
+    "to_sympy": ("commonlaw.law.to_sympy(law)", _method("printing:to_sympy")),
     "vector_field": ("rhs(name, values)", _method("parameters:vector_field")),
     "verdict": ("assess(trials)", lambda law: law.assess),
     "with_discrepancy": ("provenance.with_discrepancy", lambda law: law.provenance.with_discrepancy),
@@ -87,8 +96,19 @@ def deprecated_member(law: Any, name: str) -> Any:
     if name not in DEPRECATED:
         raise AttributeError(f"'Law' object has no attribute {name!r}", name=name, obj=law)
     instead, value = DEPRECATED[name]
-    _warn(f"Law.{name}", f"Law.{instead}", stacklevel=3)
+    _warn(f"Law.{name}", instead if instead.startswith("commonlaw.") else f"Law.{instead}", stacklevel=3)
     return value(law)
+
+
+class DeprecatedClassMembers(type):
+    """The class of `Law`, which gives `Law.from_json` by its earlier name."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(cls, name: str) -> Any:
+            if name != "from_json":
+                raise AttributeError(f"type object 'Law' has no attribute {name!r}", name=name, obj=cls)
+            return deprecated_member(cls, name)
 
 
 class Structure(tuple[str, ...]):

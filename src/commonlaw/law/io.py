@@ -224,9 +224,9 @@ def _alternative(value: Any) -> Any:
     return {_ALTERNATIVES.get(key, key): _alternative(each) for key, each in value.items()}
 
 
-def encode(law: Law) -> bytes:
-    """Return a law as JSON; terms are expressions such as ``x**2*v``, coefficients lists by object."""
-    return msgspec.json.format(msgspec.json.encode(document_of(law)), indent=1) + b"\n"
+def to_json(law: Law) -> str:
+    """Return the law as JSON of a versioned schema; terms are expressions such as ``x**2*v``."""
+    return msgspec.json.format(msgspec.json.encode(document_of(law)), indent=1).decode() + "\n"
 
 
 def document_of(law: Law) -> LawDocument:
@@ -333,10 +333,13 @@ def _read_relation(saved: RelationDocument) -> Relation:
     return Relation(**msgspec.structs.asdict(saved) | {"exponents": exponents})
 
 
-def decode(content: bytes) -> Law:
-    """Return the law of a JSON document, see `decode_document`."""
+def from_json(content: str | bytes) -> Law:
+    """Return the law that `to_json` wrote.
+
+    Raises `CommonlawError` if the text is damaged, or written by another version of the schema.
+    """
     try:
-        raw = read_json(content, dict[str, Any])
+        raw = read_json(content.encode() if isinstance(content, str) else content, dict[str, Any])
     except CommonlawError as error:
         raise not_a_law(error) from None
     return decode_document(raw)
@@ -535,7 +538,7 @@ def law_file(law: Law, path: str) -> tuple[str, bytes]:
     except CommonlawError as error:
         raise CommonlawError("law-not-saved", where=path, error=error) from None
     if not path.endswith(".parquet"):
-        content = encode(law)
+        content = to_json(law).encode()
         if len(content) <= LARGEST_JSON:
             return path, content
         path += ".parquet"
@@ -544,7 +547,7 @@ def law_file(law: Law, path: str) -> tuple[str, bytes]:
 
 def decoded_file(content: bytes) -> Law:
     """Return the law of a file."""
-    return _of_parquet(content) if content.startswith(_PARQUET) else decode(content)
+    return _of_parquet(content) if content.startswith(_PARQUET) else from_json(content)
 
 
 def _as_parquet(law: Law, document: dict[str, Any], path: str) -> bytes:

@@ -16,7 +16,7 @@ from commonlaw.array_types import Bools, Floats, same_content
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.integration import Event, Trajectory
 from commonlaw.law import text
-from commonlaw.law.deprecated import Structure, deprecated_member
+from commonlaw.law.deprecated import DeprecatedClassMembers, Structure, deprecated_member
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
@@ -34,20 +34,17 @@ from commonlaw.trials.trial import ObjectProperties, normalized
 
 if TYPE_CHECKING:
     import pandas as pd
-    import sympy
     from distributed import Client
 
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Residuals
     from commonlaw.forecast.forecast import Forecast
-    from commonlaw.inference.diagnose.coefficient_limits import Bounds
-    from commonlaw.law.script import Source
     from commonlaw.report.page import Page
     from commonlaw.verdict.law_verdict import LawVerdict
 
 
 @dataclass(frozen=True, eq=False)
-class Law(ShownInNotebooks):
+class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
     """Equations that several objects share, with each object's own coefficients.
 
     A law is a value, equal to another if all is but how they were found. What follows from it is computed when it is
@@ -194,13 +191,6 @@ class Law(ShownInNotebooks):
         """Return `equations`, with the same arguments and errors, as an ``aligned`` block of LaTeX without dollars."""
         return cast(str, _call("law.printing:latex", self, name, digits, errors))
 
-    def to_sympy(self, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
-        """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.
-
-        Raises `CommonlawError` if no object is named of several, or SymPy is not installed.
-        """
-        return cast("dict[sympy.Expr, sympy.Expr]", _call("law.printing:sympy_equations", self, name))
-
     def __repr__(self) -> str:
         form = self.structure if self._shares_terms else ("each object with its own terms",)
         few = self.objects if len(self.objects) <= text.MANY else (counted(len(self.objects), "object"),)
@@ -226,22 +216,6 @@ class Law(ShownInNotebooks):
         Ball 1      x''    v         c   0.0992         0.0052 0.0889 0.1096  1/s
         """
         return cast(str, _call("law.tables:summary", self))
-
-    def to_script(self, path: "str | Source" = "trials.csv") -> str:
-        """Return a Python program that finds this law again in the table of its trials.
-
-        It holds calls of commonlaw with plain values only, as a law's file may come from a stranger, and a line for
-        each recorded step that is something else. A `Source` in place of the path says what was selected.
-
-        Examples
-        --------
-        >>> import commonlaw as cl
-        >>> print(cl.fit("x'' = -g - c v", cl.datasets.linear_drag()).to_script("drops.csv").splitlines()[3])
-        law = cl.fit("x'' = -g - c v", trials)
-        """
-        equations = self.structure if self._shares_terms else ()
-        schema = self.schema if self.observation is None else self.observation.measured
-        return cast(str, _call("law.script:script", self.provenance.calls, equations, schema, path))
 
     # Parameters and their uncertainty
 
@@ -326,27 +300,6 @@ class Law(ShownInNotebooks):
         Ball 2  31.7   33.7
         """
         return cast("pd.DataFrame", _call("law.tables:sample_frame", self, n, seed, averaged))
-
-    def to_frame(self, errors: bool = False) -> "pd.DataFrame":
-        """Return the coefficients in a wide table: a row for each object, a column for each term in the law.
-
-        With several equations the columns have two levels, the equation and the term. A law of given equations has a
-        column for each parameter. With `errors`, a column of standard errors, ``"v ±"``, follows each column.
-
-        Raises `CommonlawError` if errors are asked for that are not known.
-        """
-        return cast("pd.DataFrame", _call("law.tables:wide_frame", self, errors))
-
-    def relations(self) -> "pd.DataFrame":
-        """Return a table of what decides each coefficient: its kind, the properties it follows, its factor, scatter.
-
-        Columns are equation, term, kind, follows, factor, standard error, unit, scatter, its error and the probability
-        of the relation. Scatter is relative where all objects have the same sign; the factor of an affine function is
-        its constant.
-
-        Raises `CommonlawError` if the law was not explained, see `explain`.
-        """
-        return cast("pd.DataFrame", _call("law.printing:relations_frame", self))
 
     # Comparison with other models, and how the law was found
 
@@ -574,14 +527,6 @@ class Law(ShownInNotebooks):
         options |= {"noise": noise, "huber_threshold": huber_threshold}
         return cast("Discrepancy[Law]", _call("discrepancy:discrepancy", self, trials, of, **options))
 
-    def bounds(self, trials: Trials, terms: Sequence[str] | None = None, *, level: float = 0.95) -> "Bounds":
-        """Return how large coefficients of absent terms, by default all of the library, could be unseen: see `Bounds`.
-
-        Raises `CommonlawError` if there are more than 30 such terms, or one is named that is in the law or cannot be
-        read.
-        """
-        return cast("Bounds", _call("inference:bounds", self, trials, terms, level=level))
-
     def report(
         self, trials: Trials | TrialStream, learned: Trials | TrialStream | None = None, client: "Client | None" = None
     ) -> "Page":
@@ -645,17 +590,6 @@ class Law(ShownInNotebooks):
         """
         return cast("Simplification[Law]", _call("law.simplify:simplified", self, tolerance))
 
-    def pool(self, universal: Bools | None = None, others: bool = True) -> "Law":
-        """Return the law with each coefficient shrunk to its mean over objects, by its scatter beyond its errors.
-
-        Objects count as drawn from one population (parametric empirical Bayes; Morris 1983); `history` has the
-        shrinkage of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `universal`
-        coefficients, shape (equations, terms), become the same for all objects; the `others` are shrunk.
-
-        Raises `CommonlawError` if the covariance is not known, or the law is pooled already.
-        """
-        return cast("Law", _call("law.pooling:pooled", self, universal, others))
-
     def explain(self, properties: Any = None) -> "Law":
         """Return the law with its coefficients as functions of the objects' properties, or the same for all objects.
 
@@ -684,15 +618,6 @@ class Law(ShownInNotebooks):
         with v = x'
         """
         return cast("Law", _call("law.pooling:explained", self, properties))
-
-    def average(self) -> "Law":
-        """Return the law of one object, "average", whose coefficients are the mean over all objects.
-
-        Their covariance is that of a mean, of objects that are independent unless they were partially pooled.
-        """
-        mean = self.coefficients.mean(axis=0, keepdims=True)
-        others = self.uncertainty.map_other_laws(lambda law: law.average())
-        return self._of_others(("average",), mean, self.uncertainty.average(), others)
 
     def select(self, objects: Sequence[str]) -> "Law":
         """Return the law of these objects only.
@@ -753,18 +678,6 @@ class Law(ShownInNotebooks):
         """
         return cls(*stated_law(equations, values or {}, **names))
 
-    def to_json(self) -> str:
-        """Return the law as JSON of a versioned schema."""
-        return cast(bytes, _call("law.io:encode", self)).decode()
-
-    @classmethod
-    def from_json(cls, content: str | bytes) -> "Law":
-        """Return the law that `to_json` wrote.
-
-        Raises `CommonlawError` if the text is damaged, or written by another version of the schema.
-        """
-        return cast("Law", _call("law.io:decode", content.encode() if isinstance(content, str) else content))
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the law, whole or not at all: as JSON, or if the file is named ``.parquet`` with a row for each object.
 
@@ -784,6 +697,16 @@ class Law(ShownInNotebooks):
             return cast("Law", _call("law.io:decoded_file", content))
         except CommonlawError as error:
             raise error.at(str(path)) from None
+
+
+def average_law(law: Law) -> Law:
+    """Return the law of one object, "average", whose coefficients are the mean over all objects.
+
+    Their covariance is that of a mean, of objects that are independent unless they were partially pooled.
+    """
+    mean = law.coefficients.mean(axis=0, keepdims=True)
+    others = law.uncertainty.map_other_laws(average_law)
+    return law._of_others(("average",), mean, law.uncertainty.average(), others)
 
 
 def object_index(law: Law, name: object) -> int:

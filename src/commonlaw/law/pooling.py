@@ -25,12 +25,17 @@ _ALIKE, _OWN = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""
 
 
-def pooled(law: Law, universal: Bools | None, others: bool) -> Law:
-    """Return a law with coefficients shrunk to their means over objects, see `Law.pool`.
+def pool_objects(law: Law, universal: Bools | None = None, others: bool = True) -> Law:
+    """Return a law with each coefficient shrunk to its mean over objects, by its scatter beyond its errors.
 
-    Objects whose trials say nothing of any coefficient, such as blanks among cultures, keep their own.
+    Objects count as drawn from one population (parametric empirical Bayes; Morris 1983); ``history`` has the shrinkage
+    of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `universal` coefficients,
+    shape (equations, terms), become the same for all objects; the `others` are shrunk. Objects whose trials say nothing
+    of any coefficient, such as blanks among cultures, keep their own.
+
+    Raises `CommonlawError` if the covariance is not known, or the law is pooled already.
     """
-    other_laws = law.uncertainty.map_other_laws(lambda other: pooled(other, universal, others))
+    other_laws = law.uncertainty.map_other_laws(lambda other: pool_objects(other, universal, others))
     unchanged = with_other_laws(law, other_laws) if other_laws else law
     covariance, coefficients, support = law.uncertainty.known_covariance(), law.coefficients, law.support
     if law.uncertainty.shared_factor is not None:

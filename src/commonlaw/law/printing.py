@@ -101,8 +101,11 @@ def latex(law: Law, name: str | None, digits: int, errors: bool | None) -> str:
     )
 
 
-def sympy_equations(law: Law, name: str | None) -> "dict[sympy.Expr, sympy.Expr]":
-    """Return the equations of one object as SymPy expressions, see `Law.to_sympy`."""
+def to_sympy(law: Law, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
+    """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.
+
+    Raises `CommonlawError` if no object is named of several, or SymPy is not installed.
+    """
     sympy = optional_import("sympy", "the SymPy form of a law", "symbolic")
     symbols = [sympy.Symbol(each, real=True) for each in law.terms.variables.names]
     values = _Values.of(law, name, errors=False)
@@ -182,7 +185,14 @@ def printed(law: Law) -> str:
 
 
 def relations_frame(law: Law) -> "pd.DataFrame":
-    """Return a row for each relation, see `Law.relations`."""
+    """Return a table of what decides each coefficient: its kind, the properties it follows, its factor, scatter.
+
+    Columns are equation, term, kind, follows, factor, standard error, unit, scatter, its error and the probability of
+    the relation. Scatter is relative where all objects have the same sign; the factor of an affine function is its
+    constant.
+
+    Raises `CommonlawError` if the law was not explained, see `Law.explain`.
+    """
     import pandas as pd
 
     lefts, indices = left_hand_sides(law), np.argwhere(law.support).tolist()

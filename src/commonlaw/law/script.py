@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from commonlaw.trials import Schema
+from commonlaw.law.law import Law, shares_terms
 
 LONGEST = 200_000
 """Characters of a call; the properties of hundreds of objects fit."""
@@ -206,9 +206,23 @@ def written(value: Any) -> str:
     return f"float({str(value)!r})" if isinstance(value, float) and not np.isfinite(value) else repr(value)
 
 
-def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, table: str | Source) -> str:
-    """Return a program that reads trials and makes a law by these calls, or fits the equations, see `Law.to_script`."""
-    source = table if isinstance(table, Source) else Source(table)
+def to_script(law: Law, path: str | Source = "trials.csv") -> str:
+    """Return a Python program that finds a law again in the table of its trials.
+
+    It holds calls of commonlaw with plain values only, as a law's file may come from a stranger, and a line for each
+    recorded step that is something else; without recorded steps it fits the equations. A `Source` in place of the path
+    says what was selected.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag())
+    >>> print(to_script(law, "drops.csv").splitlines()[3])
+    law = cl.fit("x'' = -g - c v", trials)
+    """
+    source = path if isinstance(path, Source) else Source(path)
+    schema = law.schema if law.observation is None else law.observation.measured
+    equations = law.structure if shares_terms(law) else ()
     columns = (schema.time, *schema.measured, *schema.inputs)
     roles: dict[str, Any] = {
         "object": schema.object if source.stream or schema.object != "object" else None,
@@ -232,7 +246,7 @@ def script(calls: Sequence[str], equations: Sequence[str], schema: Schema, table
     read += source.kept
     learned = [f"measured = {read}", f"trials = {source.training}"] if source.training else [f"trials = {read}"]
     judged = "measured, trials" if source.training else "trials"
-    made = readable(calls, f"cl.fit({'; '.join(equations)!r}, trials)")
+    made = readable(law.provenance.calls, f"cl.fit({'; '.join(equations)!r}, trials)")
     last = "law.report(trials).save('report.html')" if source.stream else f"print(law.assess({judged}))"
     return "\n".join(["import commonlaw as cl", "", *learned, *made, "print(law)", last, ""])
 

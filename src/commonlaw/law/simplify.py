@@ -11,7 +11,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.law import Law, shares_terms
+from commonlaw.law.law import Law, average_law, shares_terms
 from commonlaw.law.parameters import Parameters, left_hand_sides, named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.simplification import Replacement, Simplification, p_value
@@ -316,7 +316,7 @@ class _Estimates:
     @classmethod
     def of(cls, law: Law) -> "_Estimates":
         own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
-        mean = law.average()
+        mean = average_law(law)
         coefficients = np.zeros((len(law.objects) + 1, *law.support.shape))
         coefficients[:-1, law.support], coefficients[-1] = own.coefficients, mean.coefficients[0]
         covariances = np.concatenate([own.covariance, mean.uncertainty.known_covariance()])

@@ -117,21 +117,27 @@ def sample_frame(law: Law, n: int, seed: int, averaged: bool) -> pd.DataFrame:
     return pd.DataFrame(values.reshape(n * len(law.objects), -1), index=index, columns=list(parameters.names))
 
 
-def wide_frame(law: Law, with_errors: bool) -> pd.DataFrame:
-    """Return a row for each object and a column for each coefficient, see `Law.to_frame`."""
-    if with_errors:
+def to_frame(law: Law, errors: bool = False) -> pd.DataFrame:
+    """Return the coefficients in a wide table: a row for each object, a column for each term in the law.
+
+    With several equations the columns have two levels, the equation and the term. A law of given equations has a column
+    for each parameter. With `errors`, a column of standard errors, ``"v ±"``, follows each column.
+
+    Raises `CommonlawError` if errors are asked for that are not known.
+    """
+    if errors:
         law.uncertainty.known_covariance()
     if law.provenance.equations:
         parameters = named_parameters(law)
         keys = [("", name) for name in parameters.names]
-        values, errors = parameters.values, parameters.errors
+        values, deviations = parameters.values, parameters.errors
     else:
         lefts = left_hand_sides(law)
         keys = [(lefts[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
-        values, errors = law.coefficients[:, law.support], standard_errors(law)[:, law.support]
-    if with_errors:
+        values, deviations = law.coefficients[:, law.support], standard_errors(law)[:, law.support]
+    if errors:
         keys = [key for equation, name in keys for key in ((equation, name), (equation, f"{name} ±"))]
-        values = np.stack([values, errors], axis=2).reshape(len(values), -1)
+        values = np.stack([values, deviations], axis=2).reshape(len(values), -1)
     columns: pd.Index[Any] = pd.MultiIndex.from_tuples(keys, names=["equation", "term"])
     if law.provenance.equations or len(law.schema.states) == 1:
         kind = None if law.provenance.equations else "term"

@@ -16,7 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
-from commonlaw.law import Law
+from commonlaw.law import Law, relations_frame, to_script
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
@@ -120,7 +120,7 @@ def again(case: LawCase, command: str, table: str | Source) -> Section:
         is_said = isinstance(table, Source) and not table.stream
         is_whole = case.findings.training is case.trials or is_said
         some = "" if is_whole else ", which uses all trials of the table"
-        text += f"In Python{some}:{code(case.law.to_script(table), 'python')}"
+        text += f"In Python{some}:{code(to_script(case.law, table), 'python')}"
     made_with = ", ".join([f"Python {platform.python_version()}", *_versions()])
     return Section("again", "Reproduction", (Text(f"{text}Made with {made_with}."),))
 
@@ -301,7 +301,7 @@ def _relations(law: Law) -> list[Block]:
         "Coefficients explained by properties: kind, properties, factor, and standard deviation between objects. The "
         "factor of an affine function is its constant; the formula at the top has all of them."
     )
-    relations = law.relations().dropna(axis=1, how="all")
+    relations = relations_frame(law).dropna(axis=1, how="all")
     return [
         Table("relations", caption, relations),
         Picture(

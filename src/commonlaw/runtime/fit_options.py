@@ -257,7 +257,7 @@ class FitOptions:
             label="Partial pooling",
             of_given_law=False,
             text="Whether forecasts shrink coefficients to their mean over objects as far as these are alike. The law "
-            "itself has those of each object's own trials, see `Law.pool`.",
+            "itself has those of each object's own trials, see `commonlaw.law.pool_objects`.",
         ),
     )
     solver: "AbstractSolver | str | None" = field(

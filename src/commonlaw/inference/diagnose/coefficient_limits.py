@@ -1,4 +1,4 @@
-"""The bounds of coefficients of terms that are not in a law, as `Law.bounds` gives them."""
+"""The bounds of coefficients of terms that are not in a law, as `commonlaw.bounds` gives them."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -66,7 +66,7 @@ class Bounds(ShownInNotebooks):
     --------
     >>> import commonlaw as cl
     >>> drops = cl.datasets.linear_drag(noise=0.05)
-    >>> print(cl.fit("x'' = -g - c v", drops).bounds(drops, ["v^2"]))
+    >>> print(cl.bounds(cl.fit("x'' = -g - c v", drops), drops, ["v^2"]))
     v^2 in x'': |coefficient| < 0.021 1/m, contribution < 15 (95 %; largest: Ball 5).
     """
 

@@ -26,7 +26,7 @@ from commonlaw.inference.result.interval_calibration import standardized_errors,
 from commonlaw.inference.result.predictive_choice import best_forecaster
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
-from commonlaw.law import Law, PlausibleLaw, Provenance
+from commonlaw.law import Law, PlausibleLaw, Provenance, pool_objects
 from commonlaw.law.alignment import with_parameters_of
 from commonlaw.law.law import with_other_laws
 from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind
@@ -56,7 +56,7 @@ def assemble(
     universal
         Returns which coefficients of a law all objects have in common, shape (equations, terms).
     partial_pooling
-        Whether forecasts draw the others to their means as far as the objects are alike, see `Law.pool`.
+        Whether forecasts draw the others to their means as far as objects are alike, see `commonlaw.law.pool_objects`.
     seed
         Of what is drawn.
     progress
@@ -64,7 +64,7 @@ def assemble(
     """
 
     def pooled(law: Law) -> Law:
-        return law.pool(universal(law), partial_pooling)
+        return pool_objects(law, universal(law), partial_pooling)
 
     pool = ranked_first(approximated(pool, progress, pooled))
     if pool.is_approximation:

@@ -28,7 +28,10 @@ def bounds(
     level: float = 0.95,
     progress: ProgressCallback | None = None,
 ) -> Bounds:
-    """Return how large coefficients of absent terms could be, see `Law.bounds`."""
+    """Return how large coefficients of absent terms, by default all of the library, could be unseen: see `Bounds`.
+
+    Raises `CommonlawError` if there are more than 30 such terms, or one is named that is in the law or cannot be read.
+    """
     two_sided(level)
     progress = on_terminal() if progress is None else progress
     refuse_observation(law)

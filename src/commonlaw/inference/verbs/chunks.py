@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law, Provenance, Uncertainty
+from commonlaw.law import Law, Provenance, Uncertainty, average_law
 from commonlaw.law.provenance import Domain
 from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.cluster import done_in_parts
@@ -55,7 +55,7 @@ class LawOfPart:
 
 def typical(law: Law, objects: tuple[str, ...]) -> Law:
     """Return the law in which each of these objects is the typical one; what is known of all stays known."""
-    mean, count = law.average(), len(objects)
+    mean, count = average_law(law), len(objects)
     covariance = mean.uncertainty.known_covariance()
     return replace(
         mean,

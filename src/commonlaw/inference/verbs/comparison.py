@@ -17,7 +17,7 @@ from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, check_one_scale, error_kinds
 from commonlaw.inference.verbs.chunks import typical
-from commonlaw.law import Law, Provenance
+from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched
 from commonlaw.library import Order, parse_terms
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
@@ -133,7 +133,7 @@ def compare_by_parts(
     """Return what `compare` says of laws and the parts of a stream; `settings` are its arguments."""
     import pandas as pd
 
-    light = {name: law.average() for name, law in laws.items()}
+    light = {name: average_law(law) for name, law in laws.items()}
     frames = done_in_parts(partial(_of_part, light, settings), parts, f"comparing {len(laws)} laws", progress)
     said = pd.concat(frames).groupby("law", sort=False)
     frame = said.agg(

@@ -24,7 +24,7 @@ from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import begin_search, fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
-from commonlaw.law import Law, Step
+from commonlaw.law import Law, Step, pool_objects
 from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
@@ -91,10 +91,11 @@ def refine(
     Examples
     --------
     >>> import commonlaw as cl
+    >>> from commonlaw.law import average_law
     >>> drops = cl.datasets.linear_drag(noise=0.05)
     >>> method = cl.DerivativeRegression(differentiation="savgol:25:3", solver="group-stlsq:1.5")
     >>> law = cl.discover(drops, order=2, library="poly:1", method=method)
-    >>> print(cl.refine(law, drops).average())
+    >>> print(average_law(cl.refine(law, drops)))
     x'' = -9.835 ± 0.046 - (0.3830 ± 0.0042) v
     <BLANKLINE>
     with v = x'
@@ -109,12 +110,12 @@ def refine(
             refined = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
         domain = refined.provenance.domain
         provenance = replace(law.provenance, outcomes=(), history=refined.history, calls=calls, domain=domain)
-        return replace(refined, provenance=provenance).pool(None, partial_pooling)
+        return pool_objects(replace(refined, provenance=provenance), None, partial_pooling)
     refuse_client(client)
     with threads(n_jobs):
         refined = how.refined(law, trials, partial_pooling, progress)
     refined = replace(refined, provenance=replace(refined.provenance, calls=calls))
-    return refined.pool(None, partial_pooling)
+    return pool_objects(refined, None, partial_pooling)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,25 @@
+from .io import (
+    from_json as from_json,
+    to_json as to_json,
+)
+from .law import (
+    Law as Law,
+    average_law as average_law,
+)
+from .pooling import pool_objects as pool_objects
+from .printing import (
+    relations_frame as relations_frame,
+    to_sympy as to_sympy,
+)
+from .provenance import (
+    Alternative as Alternative,
+    History as History,
+    Provenance as Provenance,
+    Step as Step,
+)
+from .script import to_script as to_script
+from .tables import to_frame as to_frame
+from .uncertainty import (
+    PlausibleLaw as PlausibleLaw,
+    Uncertainty as Uncertainty,
+)
