@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.law import to_script
 from commonlaw.law.models import model_named
 from tests.refusals import refused
 
@@ -73,7 +74,7 @@ def test_a_name_stands_for_its_equations():
     by_name, written = cl.fit("exponential-decay", decay), cl.fit("x' = -k x; k > 0", decay)
     assert by_name.structure == written.structure == ("x' = -k x",)
     assert by_name.coefficients == pytest.approx(written.coefficients)
-    assert "exponential-decay" not in by_name.to_script()
+    assert "exponential-decay" not in to_script(by_name)
 
 
 def test_doses_of_a_model_are_doses_of_the_fit():
