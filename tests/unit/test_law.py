@@ -8,7 +8,7 @@ import sympy
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
 from commonlaw.integration import Event
-from commonlaw.law import Law, PlausibleLaw, Provenance, Uncertainty, to_frame, to_json, to_sympy
+from commonlaw.law import Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_frame, to_json, to_sympy
 from commonlaw.law.parameters import coefficient_units
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
@@ -209,10 +209,10 @@ def test_coefficients_are_checked_and_cannot_be_changed(drag):
 
 
 def test_laws_are_equal_by_what_they_are(drag, predators):
-    same = Law.from_json(drag.to_json())
+    same = from_json(to_json(drag))
     assert same == drag
     assert hash(same) == hash(drag)
     assert replace(drag, provenance=Provenance()) == drag
     assert drag not in (predators, drag.select(["heavy"]), replace(drag, coefficients=drag.coefficients * (1 + 1e-15)))
     averaged = replace(drag, uncertainty=Uncertainty(other_laws=(PlausibleLaw(0.1, drag),)))
-    assert averaged == Law.from_json(averaged.to_json()) != drag
+    assert averaged == from_json(to_json(averaged)) != drag
