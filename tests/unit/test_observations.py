@@ -242,6 +242,70 @@ def test_a_dead_time_of_an_input_is_estimated(between):
         assert abs(value - truth) < 4 * error < 0.05 * truth
 
 
+def test_the_time_of_a_switch_is_estimated():
+    t, random = np.linspace(0, 20, 60), np.random.default_rng(1)
+
+    def solution(k, a, begins):
+        return 2 * np.exp(-k * t) + a / k * (1 - np.exp(-k * np.maximum(t - begins, 0)))
+
+    measured = solution(0.5, 1.0, 6.3) + 0.02 * random.standard_normal(len(t))
+    law = cl.fit("x' = -k x + a (t > t0); x(0) = 2", trials_of({"A": (t, measured)}, ["x"]))
+    assert_least_squares(law, {"k": 0.45, "a": 0.9, "t0": 6.2}, lambda p: solution(*p) - measured)
+    assert law.structure == ("x' = -k x + a step(t - t0)",)
+
+
+def test_rates_may_switch_with_the_state():
+    t, random = np.linspace(0, 8, 60), np.random.default_rng(3)
+
+    def solution(k, slow, limit):
+        turns = np.log(2 / limit) / k
+        return np.where(t < turns, 2 * np.exp(-k * t), limit * np.exp(-slow * (t - turns)))
+
+    measured = solution(0.9, 0.1, 0.7) + 0.01 * random.standard_normal(len(t))
+    law = cl.fit("x' = where(x > c, -k x, -s x); x(0) = 2", trials_of({"A": (t, measured)}, ["x"]))
+    assert_least_squares(law, {"k": 0.8, "s": 0.12, "c": 0.75}, lambda p: solution(*p) - measured)
+
+
+def test_trials_may_begin_in_the_steady_state_under_other_inputs():
+    t, random = np.linspace(0, 10, 40), np.random.default_rng(5)
+    level = {"1": 1.0, "2": 3.0}
+    noise = {name: 0.01 * random.standard_normal(len(t)) for name in level}
+
+    def solution(k, a, u):
+        return (a + u) / k - u / k * np.exp(-k * t)
+
+    made = tuple(
+        cl.Trial("A", name, t, (solution(0.5, 1.5, u) + noise[name])[:, None], np.full((len(t), 1), u))
+        for name, u in level.items()
+    )
+    law = cl.fit("x' = a + u - k x; x(0) = steady(u = 0)", cl.Trials(made, cl.Schema(("x",), ("u",))))
+
+    def residuals(p):
+        k, a = p
+        return np.concatenate([solution(k, a, u) - solution(0.5, 1.5, u) - noise[name] for name, u in level.items()])
+
+    assert_least_squares(law, {"k": 0.45, "a": 1.4}, residuals)
+    assert "x(0) = steady(u = 0)" in str(law)
+
+
+def test_the_steady_state_of_two_states_is_that_of_scipy():
+    t, random = np.linspace(0, 12, 25), np.random.default_rng(7)
+
+    def rates(_, y, k, d, push):
+        return [1.5 + push - k * y[0] - 0.1 * y[0] * y[1], 0.4 * y[0] - d * y[1]]
+
+    def solution(k, d):
+        begin = solve_ivp(rates, (0, 400), [1.0, 1.0], "LSODA", args=(k, d, 0.0), rtol=1e-10, atol=1e-12).y[:, -1]
+        return solve_ivp(rates, (0, 12), begin, "LSODA", t, args=(k, d, 2.0), rtol=1e-10, atol=1e-12).y[1]
+
+    measured = solution(0.5, 0.2) + 0.02 * random.standard_normal(len(t))
+    trial = cl.Trial("A", "1", t, measured[:, None], np.full((len(t), 1), 2.0))
+    start = "x(0) = steady(push = 0); y(0) = steady(push = 0)"
+    equations = f"x' = 1.5 + push - k x - 0.1 x y; y' = 0.4 x - d y; {start}"
+    law = cl.fit(equations, cl.Trials((trial,), cl.Schema(("y",), ("push",))))
+    assert_least_squares(law, {"k": 0.5, "d": 0.2}, lambda p: solution(*p) - measured)
+
+
 def test_states_may_be_measured_once_and_in_some_conditions_only():
     def samples(times, a, b):
         return np.column_stack([a * np.exp(-0.3 * times), b + a * (1 - np.exp(-0.3 * times))])
@@ -365,6 +429,9 @@ def test_files_with_observations_that_cannot_be_are_refused(change):
         ("observation-without-state", "x' = -k x; y = a + b z", {}),
         ("bound-empty", "x' = -k x; y = a x; k > 3; k < 2; x(0) = 1", {}),
         ("initial-value-of-variables", "x' = -k x; y = a x; x(0) = y0 + t", {}),
+        ("condition-syntax", "y' = -k y if y > 1", {}),
+        ("switch-arguments", "y' = -k max(y)", {}),
+        ("steady-states-differ", "x' = -k x; y' = x - y; x(0) = steady(u = 1); y(0) = steady", {}),
         ("prior-not-positive", "x' = -k x; y = a x", {"priors": {"a": (1, 0)}}),
         ("not-with-observation", "x' = -k x; y = a x", {"errors": "walk"}),
         ("not-with-observation", "x' = -k x; y = a x", {"partial_pooling": True}),

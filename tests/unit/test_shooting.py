@@ -34,6 +34,14 @@ CASES = {
         program("(v3*v1 - v0)/v4", variables=6),
         [0.6, 60.0, 18.3], [0.5], TIMES, [1.0], DelayedInputs(RAMPS, (0,), (2,)),
     ),
+    "a switch in time": (
+        program("-v2*v0 + v3*v5", "v1 - v4", variables=6),
+        [0.5, 1.0, 3.1], [1.0], np.linspace(0, 10, 41), [1.0], NO_INPUTS,
+    ),
+    "a spring that stiffens": (
+        program("v1", "-v3*v0 - v4*v6*(v0 + 1)", "v0 - v5", variables=7),
+        [2.0, 3.0, 0.3], [1.0, 0.0], np.linspace(0, 6, 25), [1.0, 1.0], NO_INPUTS,
+    ),
 }  # fmt: skip
 
 
@@ -89,3 +97,22 @@ def test_a_solution_that_runs_away_is_not_a_number_after_it():
     assert found.states[1, 0] == pytest.approx(2.0, rel=1e-6)
     assert np.isnan(found.states[2, 0])
     assert np.isnan(found.derivatives[2]).all()
+
+
+@pytest.mark.usefixtures("engine")
+def test_a_switch_in_time_has_the_solution_in_closed_form():
+    _, parameters, _, times, _, _ = CASES["a switch in time"]
+    k, a, begins = parameters
+    later = np.maximum(times - begins, 0)
+    found = solved("a switch in time", tolerance=1e-10)
+    assert found.states[:, 0] == pytest.approx(np.exp(-k * times) + a / k * (1 - np.exp(-k * later)), abs=1e-8)
+    expected = np.where(times > begins, -a * np.exp(-k * later), 0.0)
+    assert found.derivatives[:, 0, 2] == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.usefixtures("engine")
+def test_a_solution_that_slides_along_a_switch_ends_there():
+    code = program("1 - 2*v3", "v0 - v2", variables=4)
+    found = shoot(code, np.array([0.5]), np.array([1.0]), np.linspace(0, 2, 9), np.ones(1))
+    assert np.isfinite(found.states[:3]).all()
+    assert np.isnan(found.states[4:]).all()

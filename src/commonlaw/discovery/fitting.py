@@ -87,9 +87,9 @@ def fit(
     fitted to the next samples by least squares and take no settings.
 
     Models with observation equations, initial values of measured states, priors, parameters shared by property, inputs
-    with a dead time ``u(t - d)``, or values below a limit of quantification are fitted under white noise, by nonlinear
-    least squares of their solutions from many first values: parameters within bounds are exact maximum likelihood
-    estimates, jointly over all objects; see `commonlaw.estimation`.
+    with a dead time ``u(t - d)``, switches, or values below a limit of quantification are fitted under white noise, by
+    nonlinear least squares of their solutions from many first values: parameters within bounds are exact maximum
+    likelihood estimates, jointly over all objects; see `commonlaw.estimation`.
 
     Parameters
     ----------
@@ -109,6 +109,9 @@ def fit(
         ``"x'' = -k x + A cos(w t + p)"``. The fit begins from a bank of values about the sizes of what they are
         added to, within bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``. A coefficient whose
         best value is outside is at its bound, which an outcome says with a one-sided interval.
+
+        Switches are ``"x' = -k x + a (t > t0)"``, ``where(x > c, a, b)``, ``max(a, b)``, ``min(a, b)`` and ``step(x)``,
+        which is one above zero and otherwise zero.
     trials
         What was measured: trials, or a table as `Trials.from_frame` takes it. Each object has its own coefficients. A
         stream is fitted file by file, see `refine`; such a

@@ -1,5 +1,6 @@
 """Equations, observation equations and initial values as programs over states, inputs, time and parameters."""
 
+import ast
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,18 +11,19 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
-from commonlaw.law.observation import Initial
+from commonlaw.law.observation import STEADY, Initial
 from commonlaw.law.parse import meanings_of, observation_equation
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in, is_bound, parts_of
 from commonlaw.library.equation import DERIVATIVE, split_equations
-from commonlaw.library.grammar import columns_in
+from commonlaw.library.grammar import FUNCTIONS, columns_in, write
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
 from commonlaw.trials import Schema
 
 _NAME = r"`(?:[^`]|``)+`|[^\W\d]\w*"
 _DELAYED = re.compile(rf"(?P<name>{_NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{_NAME})\s*\)")
+_CALLED = re.compile(rf"{_DELAYED.pattern}|(?P<step>step)\s*\(")
 _INITIAL = re.compile(rf"(?P<name>{_NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)")
 _OBSERVED = re.compile(rf"(?P<name>{_NAME})\s*=(?P<right>.*)")
 
@@ -56,8 +58,10 @@ class ModelText:
 
     @property
     def is_plain(self) -> bool:
-        """Whether there are differential equations and bounds alone, without delays."""
-        return not (self.observed or self.initial or any(map(_DELAYED.search, self.equations)))
+        """Whether there are differential equations and bounds alone, without delays and switches."""
+        found = (each for text in self.equations for each in _CALLED.finditer(text))
+        special = any(each["step"] or each["name"] == "step" or each["name"] not in FUNCTIONS for each in found)
+        return not (self.observed or self.initial or special)
 
 
 def _plain(name: str) -> str:
@@ -79,13 +83,17 @@ class Model:
     variables
         States, rates of those of second order, inputs and time, followed by the parameters.
     rates
-        The derivatives of states and rates, shape (n, D), of the variables.
+        The derivatives of states and rates of the variables, shape (n, D); and `switched` the same with switches as
+        further variables, followed by what decides them, see `commonlaw.integration.shooting.shoot`.
     observables, outputs
         Names of what is measured, and their values.
     initial
         For each state and rate its initial value over the variables (of which only parameters may be in it), or None
         for one that each trial determines; `known` has those of objects that are numbers, and `expected` the mean and
         standard deviation of such values, by index of the state.
+    steady
+        The states and rates, by index, that begin in the steady state; and under which inputs, by index, each as an
+        expression like an initial value.
     column, delay
         For each input of the schema the column of the trials, and the parameter by which it comes later, or -1.
     """
@@ -95,11 +103,14 @@ class Model:
     order: Order
     variables: Variables
     rates: Program
+    switched: Program
     observables: tuple[str, ...]
     outputs: Program
     initial: tuple[str | None, ...]
     known: Mapping[int, Mapping[str, float]]
     expected: Mapping[int, tuple[float, float]]
+    steady: tuple[int, ...]
+    steady_inputs: Mapping[int, str]
     expressions: tuple[str, ...]
     column: tuple[int, ...]
     delay: tuple[int, ...]
@@ -122,7 +133,13 @@ class Model:
     @cached_property
     def starts(self) -> Program:
         """Initial values over the variables; zero where they are free."""
-        return _program([each or "0.0" for each in self.initial], self.variables)
+        return _program([each or "0.0" for each in self.initial], len(self.variables.names))
+
+    @cached_property
+    def before(self) -> Program:
+        """Inputs of the steady state over the variables; zero where they are those at the initial time."""
+        own = [self.steady_inputs.get(i, "0.0") for i in range(len(self.column))]
+        return _program(own, len(self.variables.names))
 
     def initial_of(self, owner: str) -> Floats:
         """Return the initial values of an object that are numbers, shape (D,), NaN for others."""
@@ -138,8 +155,45 @@ class Model:
         return np.column_stack([states, inputs, times, np.broadcast_to(parameters, (len(times), len(parameters)))])
 
 
-def _program(expressions: Sequence[str], variables: Variables) -> Program:
-    return Program.of([((Factor(each), 1),) for each in expressions], len(variables.names))
+def _program(expressions: Sequence[str], variables: int) -> Program:
+    return Program.of([((Factor(each), 1),) for each in expressions], variables)
+
+
+class _Switches(ast.NodeTransformer):
+    """Puts a variable in place of each unit step, and collects what decides it."""
+
+    def __init__(self, first: int) -> None:
+        self.first, self.deciding = first, list[str]()
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        self.generic_visit(node)
+        if not (isinstance(node.func, ast.Name) and node.func.id == "step"):
+            return node
+        written = write(node.args[0])
+        if written not in self.deciding:
+            self.deciding.append(written)
+        return ast.Name(f"v{self.first + self.deciding.index(written)}", ast.Load())
+
+
+def _with_switches(expressions: Sequence[str], variables: int) -> Program:
+    """Return the program of rates, with unit steps as further variables, and of what decides these."""
+    switches = _Switches(variables)
+    rates = [write(switches.visit(ast.parse(each, mode="eval").body)) for each in expressions]
+    return _program([*rates, *switches.deciding], variables + len(switches.deciding))
+
+
+def _steady_inputs(written: set[str], measured: Schema) -> dict[str, str]:
+    """Return the inputs of the steady state as they are written in all of the initial values that are said to be it."""
+    if len({"".join(each.split()) for each in written}) > 1:
+        raise CommonlawError("steady-states-differ", written=sorted(written))
+    found = STEADY.fullmatch(next(iter(written), "steady"))
+    given = dict[str, str]()
+    for each in (found["inputs"] or "" if found else "").split(","):
+        if each.strip():
+            name, _, value = (part.strip() for part in each.partition("="))
+            check_choice("input", _plain(name), measured.inputs)
+            given[_plain(name)] = value
+    return given
 
 
 def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> Model:
@@ -154,6 +208,8 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
 
     def delayed(match: re.Match[str]) -> str:
         name, delay = _plain(match["name"]), _plain(match["delay"])
+        if name in FUNCTIONS and name not in measured.inputs:
+            return match[0]
         if name not in measured.inputs:
             raise CommonlawError("equation-with-delay", name=name)
         whole = f"{name}(t - {delay})"
@@ -201,7 +257,10 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     for name in given:
         check_choice("state of the equations", name, variables.states)
     starts = {name: start for name, start in given.items() if isinstance(start, str)}
-    written = [*left, *observed, *(observation_equation(f"{name}(0)", start) for name, start in starts.items())]
+    steady = [name for name, start in starts.items() if STEADY.fullmatch(start)]
+    before = _steady_inputs({starts.pop(name) for name in steady}, measured)
+    others = {**{f"{name}(0)": start for name, start in starts.items()}, **before}
+    written = [*left, *observed, *(observation_equation(name, right) for name, right in others.items())]
     found = dict.fromkeys(name for each in written for name in each.expression(variables, state_rates, meanings)[1])
     found |= dict.fromkeys(delay for *_, delay in delays)
     variables = replace(variables, parameters=tuple(found))
@@ -212,12 +271,11 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         rows[j] = f"v{len(states) + i}"
     for j, each in zip(highest_columns(order, len(states)), expressions, strict=False):
         rows[j] = each
-    texts = dict(zip(starts, expressions[len(left) + len(observed) :], strict=True))
-    initial = tuple(texts.get(name) for name in variables.states)
+    texts = dict(zip((*starts, *before), expressions[len(left) + len(observed) :], strict=True))
     parameters, first = variables.parameters, len(variables.measured)
-    for known_value in initial:
-        if known_value is not None and min(columns_in(known_value), default=first) < first:
-            raise CommonlawError("initial-value-of-variables")
+    if any(min(columns_in(each), default=first) < first for each in texts.values()):
+        raise CommonlawError("initial-value-of-variables")
+    initial = tuple("0.0" if name in steady else texts.get(name) for name in variables.states)
     outputs = expressions[len(left) : len(left) + len(observed)]
     column = (*range(len(measured.inputs)), *(measured.inputs.index(name) for _, name, _ in delays))
     delay = (*([-1] * len(measured.inputs)), *(parameters.index(each) for *_, each in delays))
@@ -231,12 +289,15 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         schema,
         order,
         variables,
-        _program(rows, variables),
+        _program(rows, len(variables.names)),
+        _with_switches(rows, len(variables.names)),
         measured.states,
-        _program(outputs, variables),
+        _program(outputs, len(variables.names)),
         initial,
         {variables.states.index(name): start for name, start in given.items() if isinstance(start, Mapping)},
         {variables.states.index(name): start for name, start in given.items() if isinstance(start, tuple)},
+        tuple(variables.states.index(name) for name in steady),
+        {i: texts[measured.inputs[j]] for i, j in enumerate(column) if measured.inputs[j] in before},
         (*rows, *outputs),
         column,
         delay,

@@ -15,6 +15,9 @@ from commonlaw.integration.vector_field import Inputs
 from commonlaw.trials import Trial
 
 _TINY = 1e-300
+_STEADY_ROUNDS = 200
+_STEADY_TOLERANCE = 1e-9
+"""Change of a state, in its size, at which the steady state is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +117,9 @@ class Problem:
         unit = model.point(np.zeros((1, width)), np.zeros((1, len(model.column))), data.times[:1], parameters)
         follows = np.where(np.isnan(data.fixed), model.starts.evaluate(unit)[0], data.fixed)
         initial = np.where(data.initial < 0, follows, np.append(unknowns, np.nan)[data.initial])
+        start_by = np.hstack([model.starts.jacobian(unit)[0][:, first:], np.eye(width)]) if slopes else None
+        if model.steady:
+            initial, start_by = self._steady(data, parameters, initial, start_by)
         solution = self._solution(data, parameters, initial, slopes)
         states = solution.states[data.rows]
         times = data.times[data.rows]
@@ -125,9 +131,11 @@ class Problem:
             return Predicted(shown, None, states)
         by = solution.derivatives[data.rows]
         outer = model.outputs.jacobian(point)
-        by_initial = outer[:, :, :width] @ by[:, :, count:]
-        by_parameters = outer[:, :, :width] @ by[:, :, :count] + outer[:, :, first:]
-        by_parameters += by_initial @ model.starts.jacobian(unit)[0][:, first:]
+        assert start_by is not None
+        by_parameters = outer[:, :, :width] @ by[:, :, :count] + outer[:, :, first : first + count]
+        by_start = outer[:, :, :width] @ by[:, :, count:] @ start_by
+        by_parameters += by_start[:, :, :count]
+        by_initial = by_start[:, :, count:]
         found = np.zeros((*values.shape, self.unknowns))
         for i, k in enumerate(data.parameter):
             if k >= 0:
@@ -139,13 +147,58 @@ class Problem:
             found /= np.where(self.logarithmic, values, 1.0)[:, :, np.newaxis]
         return Predicted(shown, found, states)
 
+    def _steady(
+        self, data: TrialData, parameters: Floats, initial: Floats, by: Floats | None
+    ) -> tuple[Floats, Floats | None]:
+        """Return initial values with those of the steady state, and their derivatives by parameters and others.
+
+        The rates of these states are zero, the others being as they are; the way there is that of time steps which grow
+        as the rates fall (Kelley and Keyes 1998, SIAM J. Numer. Anal. 35, 508), from the sizes of the states.
+        """
+        model, own, sizes = self.model, list(self.model.steady), self.sizes[list(self.model.steady)]
+        times, inputs = data.times[:1], data.inputs.at(data.times[:1], parameters)
+        unit, given = model.point(np.zeros((1, model.width)), 0 * inputs, times, parameters), list(model.steady_inputs)
+        inputs[0, given] = model.before.evaluate(unit)[0, given]
+        found = initial.copy()
+        found[own] = sizes
+        step, last = np.inf, np.inf
+        with np.errstate(all="ignore"):
+            for _ in range(_STEADY_ROUNDS):
+                point = model.point(found[np.newaxis], inputs, times, parameters)
+                rates, jacobian = model.rates.evaluate(point)[0, own], model.rates.jacobian(point)[0, own]
+                speed = float(np.max(np.abs(rates) / sizes)) or _TINY
+                step, last = step * min(10.0, max(last / speed, 0.1)) if np.isfinite(step) else 1 / speed, speed
+                try:
+                    change = np.linalg.solve(np.eye(len(own)) / step - jacobian[:, own], rates)
+                except np.linalg.LinAlgError:
+                    break
+                found[own] += change
+                if np.max(np.abs(change) / (np.abs(found[own]) + sizes)) < _STEADY_TOLERANCE:
+                    return found, by if by is None else self._steady_by(jacobian, by, unit)
+        return np.full_like(found, np.nan), by
+
+    def _steady_by(self, jacobian: Floats, by: Floats, unit: Floats) -> Floats:
+        """Return derivatives of initial values with those of the steady state: 0 = f(x, y, u, p), y being the others.
+
+        dx/dp = -inv(f_x) (f_p + f_u du/dp + f_y dy/dp); `jacobian` has the derivatives of f by all variables.
+        """
+        model, own, found = self.model, list(self.model.steady), by.copy()
+        count, first, given = len(model.parameters), model.first_parameter, list(model.steady_inputs)
+        others = np.delete(np.arange(model.width), own)
+        right = jacobian[:, others] @ by[others]
+        right[:, :count] += jacobian[:, first : first + count]
+        columns = model.width + np.array(given, dtype=np.int64)
+        right[:, :count] += jacobian[:, columns] @ model.before.jacobian(unit)[0, given, first : first + count]
+        found[own] = -np.linalg.solve(jacobian[:, own], right)
+        return found
+
     def _solution(self, data: TrialData, parameters: Floats, initial: Floats, slopes: bool) -> Solution:
         if not np.isfinite(initial).all() or not np.isfinite(parameters).all():
             shape = len(data.times), len(initial)
             wide = np.full((*shape, len(parameters) + len(initial)), np.nan) if slopes else None
             return Solution(np.full(shape, np.nan), wide)
         return shoot(
-            self.model.rates,
+            self.model.switched,
             parameters,
             initial,
             data.times,

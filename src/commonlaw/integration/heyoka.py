@@ -30,7 +30,7 @@ from commonlaw.library.grammar import Algebra, evaluate
 from commonlaw.outcomes import Outcome
 
 _FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")
-"""Functions that have Taylor series wherever they are defined, besides arctan; abs and sign have none at 0."""
+"""Functions that have Taylor series wherever they are defined, besides arctan; abs, sign and step have none at 0."""
 
 
 class UnsupportedError(Exception):
@@ -73,7 +73,7 @@ _OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "negate": operator.neg,
     "arctan": heyoka.atan,
     **{name: getattr(heyoka, name) for name in _FUNCTIONS},
-    **{name: partial(_refused, name) for name in ("abs", "sign")},
+    **{name: partial(_refused, name) for name in ("abs", "sign", "step")},
 }
 _ALGEBRA = Algebra(lambda number: heyoka.expression(float(number)), _OPERATIONS)
 

@@ -5,6 +5,7 @@ states and their sensitivity equations, ``S' = J S + df/dp``, are integrated tog
 """
 
 import ctypes
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -19,6 +20,8 @@ from commonlaw.kernel import ProgramStructure, address, kernel
 from commonlaw.library.program import Program
 
 _MOST_STEPS = 200_000
+_MOST_CROSSINGS = 2000
+"""Of switches; a solution that slides along one has no end."""
 _FAR = 1e12
 """A state this many times its size runs away."""
 _ABSOLUTE = 1e-3
@@ -86,7 +89,9 @@ def shoot(
     Parameters
     ----------
     program
-        f over the variables states, inputs, time, parameters.
+        f over the variables states, inputs, time, parameters and K switches, followed by the values that decide these:
+        a switch is 1 where its value is above zero, and otherwise 0. Crossings of zero are found, and f is smooth
+        between them.
     parameters, initial, sizes
         Values of the P parameters, of the D states at the first time, and how large states get, for the tolerance.
     times
@@ -142,27 +147,51 @@ def _by_scipy(
     from scipy.integrate import solve_ivp
 
     count, width = len(sizes), len(sizes) + len(parameters)
+    switches = np.zeros(len(program.outputs) - count)
     knots = [inputs.inputs.knots + each for each in {*inputs.delays(parameters).tolist()}]
     inner = np.unique(np.concatenate([times[:0], *knots]))
     edges = np.concatenate([times[:1], inner[(inner > times[0]) & (inner < times[-1])], times[-1:]])
 
     def point(t: float, x: Floats) -> Floats:
-        return np.concatenate([x, inputs.at(np.array([t]), parameters)[0], [t], parameters])[np.newaxis]
+        return np.concatenate([x, inputs.at(np.array([t]), parameters)[0], [t], parameters, switches])[np.newaxis]
+
+    def deciding(t: float, y: Floats) -> Floats:
+        return np.asarray(program.evaluate(point(t, y[:count]))[0, count:])
 
     def rates(t: float, y: Floats, first: float, last: float) -> Floats:
         t = min(max(t, np.nextafter(first, last)), np.nextafter(last, first))
-        at = point(t, y[:count])
-        found = program.evaluate(at)[0]
-        if slopes is None:
-            return np.asarray(found)
-        jacobian = program.jacobian(at)[0]
-        by = jacobian[:, -len(parameters) :].copy() if len(parameters) else np.zeros((count, 0))
+        found = program.evaluate(point(t, y[:count]))[0, :count]
+        return np.asarray(found) if slopes is None else np.concatenate([found, total(t, y)[:count].ravel()])
+
+    def total(t: float, y: Floats) -> Floats:
+        """Return the derivatives of f, and of what decides switches, by parameters and initial values."""
+        jacobian = program.jacobian(point(t, y[:count]))[0]
+        first = count + len(inputs.column) + 1
+        by = jacobian[:, first : first + len(parameters)].copy()
         for u, p in enumerate(inputs.delay):
             if p >= 0:
                 by[:, p] -= jacobian[:, count + u] * inputs.rate(u, t, parameters)
         whole = jacobian[:, :count] @ y[count:].reshape(count, width)
         whole[:, : len(parameters)] += by
-        return np.concatenate([found, whole.ravel()])
+        return np.asarray(whole)
+
+    def speeds(t: float, y: Floats) -> Floats:
+        """Return how fast what decides switches changes."""
+        at = point(t, y[:count])
+        jacobian, moving = program.jacobian(at)[0, count:], np.zeros(at.shape[1])
+        moving[:count] = program.evaluate(at)[0, :count]
+        moving[count : count + len(inputs.column)] = [inputs.rate(u, t, parameters) for u in range(len(inputs.column))]
+        moving[count + len(inputs.column)] = 1.0
+        return np.asarray(jacobian @ moving)
+
+    def switch(k: int, t: float, y: Floats) -> None:
+        """Change a switch, and the derivatives by how the crossing moves."""
+        before = program.evaluate(point(t, y[:count]))[0, :count]
+        shift = None if slopes is None else total(t, y)[count + k] / (speeds(t, y)[k] or np.inf)
+        switches[k] = 1 - switches[k]
+        if shift is not None:
+            after = program.evaluate(point(t, y[:count]))[0, :count]
+            y[count:].reshape(count, width)[:] -= np.outer(before - after, shift)
 
     def crossed(t: float, y: Floats, gap: float) -> None:
         """Add what a stop that comes later with a delay does to the derivatives."""
@@ -171,7 +200,8 @@ def _by_scipy(
                 before, after = (point(t + side * gap, y[:count]) for side in (-1, 1))
                 changed = before.copy()
                 changed[0, count + u] = after[0, count + u]
-                y[count:].reshape(count, width)[:, p] += (program.evaluate(before) - program.evaluate(changed))[0]
+                jump = (program.evaluate(before) - program.evaluate(changed))[0, :count]
+                y[count:].reshape(count, width)[:, p] += jump
 
     def near(_: float, y: Floats, *__: float) -> float:
         return float(1 - np.max(np.abs(y[:count]) / sizes) / _FAR)
@@ -181,19 +211,46 @@ def _by_scipy(
     if slopes is not None:
         slopes[0] = np.eye(count, width, len(parameters))
     absolute = tolerance * _ABSOLUTE * (sizes if slopes is None else np.append(sizes, np.repeat(sizes, width)))
-    for first, last in pairwise(edges):
+    for _ in switches:  # What decides one may depend on others
+        value = deciding(times[0], y)
+        switches[:] = (value > 0) | ((value == 0) & (speeds(times[0], y) > 0))
+    pieces, crossings = [*pairwise(edges.tolist())][::-1], 0
+    while pieces:
+        first, last = pieces.pop()
         wanted = np.flatnonzero((times > first) & (times <= last))
         at = np.append(times[wanted], [] if len(wanted) and times[wanted[-1]] == last else [last])
+        events = [near, *(_crossing(deciding, k, on) for k, on in enumerate(switches.tolist()))]
         with np.errstate(all="ignore"):
-            how: dict[str, Any] = {"rtol": tolerance, "atol": absolute, "args": (first, last), "events": near}
+            how: dict[str, Any] = {"rtol": tolerance, "atol": absolute, "args": (first, last), "events": events}
             found = solve_ivp(rates, (first, last), y, "LSODA", at, **how)
-        inside = wanted[: found.y.shape[1]]
-        states[inside] = found.y[:count, : len(inside)].T
+        reached = np.reshape(found.y, (len(y), -1))  # A list where none of the times was
+        inside = wanted[: reached.shape[1]]
+        states[inside] = reached[:count, : len(inside)].T
         if slopes is not None:
-            slopes[inside] = found.y[count:, : len(inside)].T.reshape(-1, count, width)
-        if found.status != 0 or not np.isfinite(found.y).all():
+            slopes[inside] = reached[count:, : len(inside)].T.reshape(-1, count, width)
+        moments = [*zip(found.t_events or (), found.y_events or (), strict=True)][1:]
+        changed = next((k for k, (when, _) in enumerate(moments) if found.status == 1 and len(when)), None)
+        crossings += changed is not None
+        if found.status < 0 or not np.isfinite(reached).all() or crossings > _MOST_CROSSINGS:
             break
-        y = found.y[:, -1].copy()
+        if changed is not None:
+            (when, *_), (y, *_) = moments[changed]
+            switch(changed, float(when), y)
+            pieces += [(float(when), last)] if when < last else []
+            continue
+        if found.status == 1:
+            break
+        y = reached[:, -1].copy()
         if slopes is not None and last < times[-1]:
             crossed(float(last), y, 1e-9 * float(last - first))
     return Solution(states, slopes)
+
+
+def _crossing(deciding: Callable[[float, Floats], Floats], k: int, on: float) -> Callable[..., float]:
+    """Return the event that a switch, which is on or off, changes."""
+
+    def event(t: float, y: Floats, *_: float) -> float:
+        return float(deciding(t, y)[k])
+
+    vars(event).update(terminal=True, direction=-1 if on else 1)
+    return event

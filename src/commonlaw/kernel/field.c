@@ -51,6 +51,7 @@ void operate(int64_t operation, const double *x, const double *y, double *restri
     case EXP: EACH_LANE { out[l] = exp(x[l]); left[l] = out[l]; } return;
     case LOG: EACH_LANE { out[l] = log(x[l]); left[l] = 1 / x[l]; } return;
     case SIGN: EACH_LANE { out[l] = sign(x[l]); left[l] = 0; } return;
+    case STEP: EACH_LANE { out[l] = x[l] > 0 ? 1.0 : x[l] <= 0 ? 0.0 : x[l]; left[l] = 0; } return;
     case TAN: EACH_LANE { out[l] = tan(x[l]); left[l] = 1 + out[l] * out[l]; } return;
     case ARCTAN: EACH_LANE { out[l] = atan(x[l]); left[l] = 1 / (1 + x[l] * x[l]); } return;
     case POWER: EACH_LANE out[l] = pow(x[l], y[l]); break;

@@ -88,7 +88,7 @@ enum { START, END, MIDDLE };
 
 /* Operations, in the order of library/grammar.py; those up to POWER have two operands. */
 enum {
-    ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, NEGATE, ABS, SQRT, EXP, LOG, SIN, COS, TAN, SINH, COSH, TANH, ARCTAN, SIGN
+    ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, NEGATE, ABS, SQRT, EXP, LOG, SIN, COS, TAN, SINH, COSH, TANH, ARCTAN, SIGN, STEP
 };
 
 /* Which operations have to be done for some coefficients. */

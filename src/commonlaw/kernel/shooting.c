@@ -2,14 +2,18 @@
    Ordinary Differential Equations II, IV.8), whose steps end at the times that are wanted and where inputs change their
    course. Each step is solved by Newton's method with exact Jacobians; derivatives are those of the step itself.
 
-   D states, U inputs, P parameters, V = D + U + 1 + P variables of the program, Q = P + D columns of derivatives. */
+   Switches are variables of the program, 0 or 1 and constant in a step, which ends where one of them changes: where the
+   value that says whether it is 1 crosses zero. There, derivatives jump as f does, times how the crossing moves.
+
+   D states, U inputs, P parameters, K switches, V = D + U + 1 + P + K variables of the program, whose outputs are the
+   rates and then what decides the switches; Q = P + D columns of derivatives. */
 #include "kernel.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { STAGES = 3, MOST_ROUNDS = 10 };
+enum { STAGES = 3, MOST_ROUNDS = 10, MOST_CROSSINGS = 2000 };
 
 static const double FAR = 1e15; /* Of a state, in absolute over relative tolerances */
 
@@ -19,7 +23,7 @@ static const double ROOT = 2.449489742783178; /* of 6 */
 
 typedef struct {
     const Program *program;
-    int64_t D, U, P, V, Q;
+    int64_t D, U, P, K, V, Q;
     const double *parameters;
     int64_t pieces, powers, columns; /* of inputs */
     const double *knots, *polynomials;
@@ -200,6 +204,70 @@ static void cross_stop(Shooting *s, double time, double step, const double *stat
     }
 }
 
+static double *switch_at(const Shooting *s, int64_t k) { return s->registers + (s->D + s->U + 1 + s->P + k) * LANES; }
+
+/* How fast what decides a switch changes, the program being run with slopes. */
+static double speed_of_switch(const Shooting *s, int64_t k, int lane, const double *rates) {
+    double found = slope_of(s, s->D + k, s->D + s->U, lane);
+    for (int64_t i = 0; i < s->D; ++i) found += slope_of(s, s->D + k, i, lane) * value_of(s, i, lane);
+    for (int64_t u = 0; u < s->U; ++u)
+        found += slope_of(s, s->D + k, s->D + u, lane) * rates[u * LANES + lane];
+    return found;
+}
+
+/* Set the switches at the first time, or where the solution is afterwards; what decides one may depend on others. */
+static void set_switches(Shooting *s, double time, double until, const double *states, double *rates) {
+    for (int64_t round = 0; round < s->K + 1; ++round) {
+        set_lane(s, 0, (time + until) / 2, time, states, rates);
+        run_program(s, true);
+        for (int64_t k = 0; k < s->K; ++k) {
+            double value = value_of(s, s->D + k, 0);
+            bool on = value > 0 || (value == 0 && speed_of_switch(s, k, 0, rates) > 0);
+            EACH_LANE switch_at(s, k)[l] = on;
+        }
+    }
+}
+
+/* Whether a switch has changed at the end of a step, and by which share of the step, at a first guess. */
+static int64_t crossed_switch(Shooting *s, double time, double step, const double *states, const double *change,
+                              double *rates, double *point, double *share) {
+    int64_t found = -1;
+    *share = 1;
+    set_lane(s, 0, time + step / 2, time, states, rates);
+    for (int64_t i = 0; i < s->D; ++i) point[i] = states[i] + change[i];
+    set_lane(s, 1, time + step / 2, time + step, point, rates);
+    run_program(s, false);
+    for (int64_t k = 0; k < s->K; ++k) {
+        double before = value_of(s, s->D + k, 0), after = value_of(s, s->D + k, 1);
+        bool on = switch_at(s, k)[0] > 0;
+        if (on ? after > 0 : after <= 0) continue;
+        double own = on == (before > 0) && before != after ? before / (before - after) : 0;
+        if (found < 0 || own < *share) *share = own, found = k;
+    }
+    return found;
+}
+
+/* Change a switch where its value crosses zero, and the derivatives by (f before - f after) dt/dq. */
+static void cross_switch(Shooting *s, int64_t k, double time, double step, const double *states, double *by,
+                         double *rates, double *change, double *shift) {
+    double on = switch_at(s, k)[0] > 0 ? 0.0 : 1.0;
+    if (by) {
+        set_lane(s, 0, time - step / 2, time, states, rates);
+        set_lane(s, 1, time - step / 2, time, states, rates);
+        switch_at(s, k)[1] = on;
+        run_program(s, true);
+        double speed = speed_of_switch(s, k, 0, rates);
+        for (int64_t i = 0; i < s->D; ++i) change[i] = value_of(s, i, 0) - value_of(s, i, 1);
+        for (int64_t q = 0; q < s->Q; ++q) {
+            shift[q] = q < s->P ? by_parameter(s, s->D + k, q, 0, rates) : 0.0;
+            for (int64_t i = 0; i < s->D; ++i) shift[q] += slope_of(s, s->D + k, i, 0) * by[i * s->Q + q];
+        }
+        for (int64_t i = 0; i < s->D && speed != 0; ++i)
+            for (int64_t q = 0; q < s->Q; ++q) by[i * s->Q + q] -= change[i] * shift[q] / speed;
+    }
+    EACH_LANE switch_at(s, k)[l] = on;
+}
+
 /* Fill the states at increasing times, n x D, from those at the first, and unless `by` is empty their derivatives by
    parameters and starts, n x D x Q; returns how many times were reached. */
 EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t inputs, int64_t parameters,
@@ -209,11 +277,13 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
                                  double *solution, double *by) {
     Shooting own = {0}, *s = &own;
     s->program = program;
-    s->D = states, s->U = inputs, s->P = parameters, s->V = states + inputs + 1 + parameters, s->Q = parameters + states;
+    s->D = states, s->U = inputs, s->P = parameters, s->K = program->terms - states;
+    s->V = program->variables, s->Q = parameters + states;
     s->parameters = values;
     s->pieces = pieces, s->powers = powers, s->columns = columns;
     s->knots = knots, s->polynomials = polynomials, s->column = column, s->delay = delay;
     int64_t D = s->D, V = s->V, Q = s->Q, n = STAGES * D;
+    const double nearly = 1e-12;
     int64_t registers = program->variables + program->constants + program->operations;
     const double weights[STAGES][STAGES] = {
         {(88 - 7 * ROOT) / 360, (296 - 169 * ROOT) / 1800, (-2 + 3 * ROOT) / 225},
@@ -224,7 +294,7 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
     const double slow = 1 / ((6 + cbrt(81.0) - cbrt(9.0)) / 30); /* the real eigenvalue of the inverse of the weights */
     const double errors[STAGES] = {-(13 + 7 * ROOT) / 3, (-13 + 7 * ROOT) / 3, -1.0 / 3};
 
-    int64_t doubles = registers * LANES * (1 + V) + inputs * LANES + 8 * D + 4 * n + n * n + D * D + n * Q + D * Q;
+    int64_t doubles = registers * LANES * (1 + V) + inputs * LANES + 8 * D + 4 * n + n * n + D * D + n * Q + D * Q + Q;
     double *memory = malloc(sizeof(double) * (size_t)(doubles > 0 ? doubles : 1));
     uint8_t *depends = calloc((size_t)(registers * V), 1);
     int64_t *pivots = malloc(sizeof(int64_t) * (size_t)n);
@@ -245,7 +315,8 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
     double *matrix = at; at += n * n;
     double *small = at; at += D * D;
     double *right = at; at += n * Q;
-    double *derivatives = at;
+    double *derivatives = at; at += D * Q;
+    double *shift = at;
     s->depends = depends;
     for (int64_t v = 0; v < V; ++v) {
         depends[v * V + v] = 1;
@@ -270,8 +341,11 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
         for (int64_t i = 0; i < D; ++i) by[i * Q + parameters + i] = 1.0;
         memcpy(derivatives, by, sizeof(double) * (size_t)(D * Q));
     }
-    double time = times[0], step = 0, last_step = 0;
+    double time = times[0], step = 0, last_step = 0, before_crossing = INFINITY;
+    double span = fmax(fabs(time), times[count - 1] - time);
+    int64_t crossings = 0;
     bool stopped = false;
+    if (s->K && count > 1) set_switches(s, time, times[1], here, rates);
     for (int64_t taken = 0, k = 1; k < count && taken < most_steps; ++taken) {
         double stop = next_stop(s, time, times[k]);
         for (int64_t i = 0; i < D; ++i) scale[i] = absolute[i] + relative * fabs(here[i]);
@@ -286,8 +360,8 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
             step = size > 0 && speed > 0 ? 0.01 * size / speed : 1e-3 * (stop - time);
             if (!isfinite(step) || step <= 0) break;
         }
-        double length = fmin(step, stop - time);
-        if (stop - time < 1.1 * length) length = stop - time;
+        double length = fmin(fmin(step, stop - time), before_crossing);
+        if (length < before_crossing && stop - time < 1.1 * length) length = stop - time;
         bool full = length == stop - time;
         if (stopped && by) cross_stop(s, time, fmin(length, 1e-6 * length), here, derivatives, rates, point);
         stopped = false;
@@ -365,6 +439,17 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
             if (step < 1e-13 * fmax(fabs(time), times[count - 1] - times[0])) break;
             continue;
         }
+        int64_t crossed = -1;
+        if (s->K) {
+            double share;
+            crossed = crossed_switch(s, time, length, here, stages + 2 * D, rates, point, &share);
+            if (crossed >= 0 && (1 - share) * length > nearly * span) { /* It should end there: regula falsi, bisection */
+                before_crossing = length * (taken % 4 == 3 ? 0.5 : share) + 0.5 * nearly * span;
+                last_step = 0;
+                continue;
+            }
+            before_crossing = INFINITY;
+        }
         if (by) {
             run_stages(s, time, length, here, stages, rates, point, true);
             fill_matrix(s, length, matrix);
@@ -394,6 +479,11 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
         last_step = length;
         double factor_of_step = fmin(8.0, 0.9 * pow(fmax(ratio, 1e-10), -0.25));
         if (!full || factor_of_step < 1 || length * factor_of_step > step) step = length * fmax(0.2, factor_of_step);
+        if (crossed >= 0) {
+            cross_switch(s, crossed, time, length, here, by ? derivatives : NULL, rates, point, shift);
+            step = last_step = 0;
+            if (++crossings > MOST_CROSSINGS) break; /* It slides along the switch */
+        }
         if (full && stop < times[k]) {
             stopped = true;
             last_step = 0;

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
 
 
 Initial = str | tuple[float, float] | Mapping[str, float]
-"""An initial value: an expression of parameters and properties, a mean and a standard deviation, numbers by object."""
+"""An initial value: an expression of parameters and properties, a mean and a standard deviation, numbers by object.
+
+The expression ``steady`` stands for the steady state, ``steady(u = 0)`` for that under other inputs.
+"""
+STEADY = re.compile(r"steady(?:\s*\((?P<inputs>[^()]*)\))?")
 
 
 @dataclass(frozen=True)

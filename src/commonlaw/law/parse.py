@@ -10,6 +10,7 @@ from commonlaw.array_types import Floats
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables, plain_rates
+from commonlaw.law.observation import STEADY
 from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
@@ -175,7 +176,12 @@ def latex_summands(
     equations = split_equations(given)
     meanings = meanings_of(schema, one_order([each.order for each in equations]))._replace(unclear={})
     written = (*equations, *(observation_equation(name, right) for name, right in observed.items()))
-    return tuple(each.latex(variables, state_rates, meanings) for each in written)
+    return tuple(
+        ((False, rf"\text{{{each.right_hand_side}}}"),)
+        if STEADY.fullmatch(each.right_hand_side)
+        else each.latex(variables, state_rates, meanings)
+        for each in written
+    )
 
 
 def observation_equation(name: str, right: str) -> Equation:

@@ -8,6 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.library.switches import with_steps
 
 _SIGN = re.compile(r"\s*([<>])=?\s*")
 
@@ -33,9 +34,9 @@ def limits_of(name: str, bounds: Sequence[Bound]) -> tuple[float, float]:
 
 
 def parts_of(texts: str | Sequence[str]) -> list[str]:
-    """Return the equations and bounds in a text, between semicolons or lines, or in several texts."""
+    """Return the equations, without switches, and bounds, between semicolons or lines of a text or several."""
     listed = [texts] if isinstance(texts, str) else texts
-    return [each.strip() for text in listed for each in re.split(r"[;\n]", text) if each.strip()]
+    return [with_steps(each.strip()) for text in listed for each in re.split(r"[;\n]", text) if each.strip()]
 
 
 def is_bound(part: str) -> bool:

@@ -65,6 +65,11 @@ class Equation:
     right: int
     """Where the right-hand side begins."""
 
+    @property
+    def right_hand_side(self) -> str:
+        """What stands on the right."""
+        return self.text[self.right :].strip()
+
     def summands(
         self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
     ) -> tuple[Summand, ...]:
@@ -161,8 +166,6 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     >>> [(each.state, each.order) for each in split_equations("H' = a H - b H P; dP/dt = c H P - d P")]
     [('H', 1), ('P', 1)]
     """
-    if conditional := next((each for each in parts_of(texts) if is_bound(each) and DERIVATIVE.search(each)), None):
-        raise CommonlawError("equation-with-condition", expression=conditional)
     found = tuple(_left(each) for each in parts_of(texts) if not is_bound(each))
     if not found:
         raise CommonlawError("no-equation")

@@ -22,7 +22,13 @@ MAX_DEPTH = 60
 MAX_POWER = 100
 MAX_NUMBER = 1e100
 
-OPERATIONS: Mapping[str, np.ufunc] = {
+
+def step(x: Any, out: Floats | None = None) -> Any:
+    """Return the unit step: 1 above zero, 0 elsewhere."""
+    return np.heaviside(x, 0.0, out)
+
+
+OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "add": np.add,
     "subtract": np.subtract,
     "multiply": np.multiply,
@@ -41,6 +47,7 @@ OPERATIONS: Mapping[str, np.ufunc] = {
     "tanh": np.tanh,
     "arctan": np.arctan,
     "sign": np.sign,
+    "step": step,
 }
 """What expressions are made of, in the order of the kernel's operations."""
 FUNCTIONS = tuple(OPERATIONS)[6:]

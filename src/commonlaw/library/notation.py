@@ -134,7 +134,7 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
             if name in _FORMS:
                 form, binding = _FORMS[name]
                 return form.format(inner), binding
-            function = r"\operatorname{sign}" if name == "sign" else f"\\{name}"
+            function = rf"\operatorname{{{name}}}" if name in ("sign", "step") else f"\\{name}"
             return function + (rf"\left({inner}\right)" if r"\frac" in inner else f"({inner})"), _Binding.POWER
     raise CommonlawError("not-an-expression", expression=ast.unparse(tree)[:30])
 
@@ -142,7 +142,7 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
 def sympy_form(code: str, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
     """Return what `commonlaw.library.grammar.write` returned as a SymPy expression in symbols, one for each column."""
     sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
-    renamed = {"abs": "Abs", "arctan": "atan"}
+    renamed = {"abs": "Abs", "arctan": "atan", "step": "Heaviside"}
     functions = {name: _guarded(getattr(sympy, renamed.get(name, name))) for name in FUNCTIONS}
     return evaluate(code, symbols, Algebra(sympy.sympify, {**_OPERATORS, **functions}))
 

@@ -36,6 +36,7 @@ _SLOPES: Mapping[str, tuple[_Slope, ...]] = {
     "tanh": (lambda x, *_: 1 / np.cosh(x) ** 2,),
     "arctan": (lambda x, *_: 1 / (1 + x**2),),
     "sign": (lambda x, *_: 0.0 * x,),
+    "step": (lambda x, *_: 0.0 * x,),
 }
 """The derivatives of each operation by its operands x and y, given its value."""
 
@@ -115,7 +116,7 @@ class Program:
         return [int(register) for register in self.outputs]
 
     @cached_property
-    def _calls(self) -> list[tuple[np.ufunc, int, int | None, int | None]]:
+    def _calls(self) -> list[tuple[Callable[..., Any], int, int | None, int | None]]:
         """The operations, the registers of their operands, and the term that each is the first to be."""
         first, terms = self.variables + len(self.constants), dict[int, int]()
         for k, register in enumerate(self._outputs):

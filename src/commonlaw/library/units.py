@@ -59,7 +59,7 @@ def _expression_unit(code: str, units: Mapping[int, "pint.Unit"]) -> "pint.Unit 
         return None
 
 
-_OF_ANY_UNIT = ("abs", "sqrt", "sign")
+_OF_ANY_UNIT = ("abs", "sqrt", "sign", "step")
 """Functions whose argument may have a unit."""
 
 
