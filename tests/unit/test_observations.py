@@ -242,6 +242,34 @@ def test_a_dead_time_of_an_input_is_estimated(between):
         assert abs(value - truth) < 4 * error < 0.05 * truth
 
 
+def test_objects_of_one_property_share_their_noise(tmp_path):
+    t, random = np.linspace(0, 6, 25), np.random.default_rng(11)
+    labs = {"A": ("fine", 0.01), "B": ("coarse", 0.1), "C": ("coarse", 0.1)}
+    samples = {name: (t, 2 * np.exp(-0.6 * t) + s * random.standard_normal(len(t))) for name, (_, s) in labs.items()}
+    trials = trials_of(samples).with_properties({name: {"lab": lab} for name, (lab, _) in labs.items()})
+    law = cl.fit("y' = -k y; y(0) = a", trials, universal=["k", "a"], noise={"y": "lab"})
+
+    def negative(p):
+        k, a, *logs = p
+        total = 0.0
+        for name, (lab, _) in labs.items():
+            z = (samples[name][1] - a * np.exp(-k * t)) / np.exp(logs[lab == "coarse"])
+            total += 0.5 * z @ z + len(t) * logs[lab == "coarse"]
+        return total
+
+    best = minimize(negative, [0.5, 1.8, -4, -2], method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-12})
+    best = minimize(negative, best.x, method="BFGS", options={"gtol": 1e-7})
+    assert estimates(law, "A")["k"][0] == pytest.approx(best.x[0], rel=1e-5)
+    noise = law.observation.noise_of["y"]
+    assert noise["B"] == noise["C"]
+    assert [noise["A"], noise["B"]] == pytest.approx(np.exp(best.x[2:]), rel=0.03)  # Unbiased
+    law.save(tmp_path / "law.json")
+    again = cl.Law.load(tmp_path / "law.json")
+    assert again.observation.noise_of == law.observation.noise_of
+    forecast = again.predict(trials, return_std=True)
+    assert [np.median(each.noise) for each in forecast.trials] == pytest.approx([noise[name] for name in labs])
+
+
 def test_the_time_of_a_switch_is_estimated():
     t, random = np.linspace(0, 20, 60), np.random.default_rng(1)
 
@@ -441,6 +469,7 @@ def test_files_with_observations_that_cannot_be_are_refused(change):
         ("unknown-name", "x' = -k x; z = a x; y = x", {}),
         ("observation-of-discrete-time", "x[k+1] = r x; y = a x", {}),
         ("noise-not-positive", "x' = -k x; y = a x", {"noise": {"y": -1.0}}),
+        ("unknown-name", "x' = -k x; y = a x", {"noise": {"y": "lab"}}),
     ],
 )
 def test_what_cannot_be_fitted_is_refused_in_words(code, equations, settings):

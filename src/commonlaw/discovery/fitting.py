@@ -71,7 +71,7 @@ def fit(
     priors: Mapping[str, tuple[float, float]] | None = None,
     positive: Sequence[str] | None = None,
     input_between: str | None = None,
-    noise: Mapping[str, float] | None = None,
+    noise: Mapping[str, float | str] | None = None,
     errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = FitOptions.huber_threshold,
     covariance: CovarianceKind = "likelihood",
@@ -145,7 +145,9 @@ def fit(
     priors
         Mean and standard deviation of parameters with a normal prior, by name: ``priors={"k": (0.5, 0.1)}``.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
-        Settings of the fit, see `FitOptions`. With `doses` inputs are on lines between samples by default.
+        Settings of the fit, see `FitOptions`. In place of a standard deviation, `noise` may have the name of a property
+        of the objects, ``noise={"signal": "lab"}``: that of each of its values is estimated. With `doses` inputs are on
+        lines between samples by default.
     progress, client
         See `refine`.
 
@@ -185,7 +187,9 @@ def fit(
     doses = (doses,) if isinstance(doses, str) else tuple(doses)
     universal = (universal,) if isinstance(universal, str) else universal
     model = ModelText.of(equations, observe)
-    if needs_model(model, trials, starts or {}, universal, priors):
+    if needs_model(model, trials, starts or {}, universal, priors) or any(
+        isinstance(v, str) for v in (noise or {}).values()
+    ):
         own = {"starts": starts, "starts_at": starts_at, "universal": universal, "guesses": guesses, "priors": priors}
         changed = changed_settings("fit", settings)
         whole = equations if isinstance(equations, str) else "; ".join(equations)
@@ -284,7 +288,7 @@ def _of_model(
     if refused:
         raise CommonlawError("not-with-observation", settings=refused)
     between = settings.get("input_between") or ("linear" if trials.schema.doses else "auto")
-    if between != "auto" or not trials.schema.inputs:
+    if between != "auto" or not any(np.ptp(each.inputs, axis=0).any() for each in trials):
         tried = [between.replace("auto", trials.schema.input_between)]
     else:
         tried = ["linear", *(each for each in BETWEEN if each != "linear")]

@@ -23,7 +23,7 @@ from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted
 from commonlaw.trials import Trials
-from commonlaw.trials.transformations import number_of, with_logarithms
+from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
 from commonlaw.trials.trial import Start, has_sparse_states, property_names
 
 FREE = "free"
@@ -82,7 +82,7 @@ def fit_model(
     guesses: Mapping[str, float] | None,
     priors: Mapping[str, tuple[float, float]] | None,
     positive: Sequence[str],
-    noise: Mapping[str, float] | None,
+    noise: Mapping[str, float | str] | None,
     seed: int,
     progress: ProgressCallback,
     calls: tuple[str, ...],
@@ -92,16 +92,16 @@ def fit_model(
     model = read_model(with_initial(text, starts, trials), trials.schema, properties)
     _check_latent(model, starts)
     unknowns = _unknowns(model, trials, properties, universal)
-    measured = _with_noise(with_logarithms(trials, positive), noise)
-    problem = _problem(model, measured, unknowns, starts_at, priors or {})
+    known, groups = _checked_noise(trials, noise or {})
+    problem = _problem(model, with_noise(with_logarithms(trials, positive), known), unknowns, starts_at, priors or {})
     sizes, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
-    problem = replace(problem, sizes=state_sizes)
+    problem = _with_groups(replace(problem, sizes=state_sizes), groups)
     bounds = _bounds(model, trials, unknowns)
     optimum = maximize(problem, sizes, guessed, bounds, None, seed, progress)
     lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
     if len(lost):
         raise CommonlawError("parameters-not-identified", names=[unknowns.labels[i] for i in lost[:8]])
-    return _law(model, trials, problem, unknowns, bounds, optimum, starts_at, calls)
+    return _law(model, trials, problem, unknowns, bounds, optimum, starts_at, calls, groups)
 
 
 def with_initial(text: ModelText, starts: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
@@ -187,23 +187,20 @@ def _group(by: str, owner: str, trials: Trials) -> object:
     return trials.properties[owner][by]
 
 
-def _with_noise(trials: Trials, noise: Mapping[str, float] | None) -> Trials:
-    """Return trials whose measurements have known standard deviations, where these are given."""
-    for name, value in (noise or {}).items():
+def _checked_noise(
+    trials: Trials, noise: Mapping[str, float | str]
+) -> tuple[dict[str, float], dict[str, dict[str, str]]]:
+    """Return which measured quantities have known noise, and of which each object has that of its group, by name."""
+    known, groups = dict[str, float](), dict[str, dict[str, str]]()
+    for name, given in noise.items():
         check_choice("measured quantity", name, trials.schema.states)
-        if not 0 < value < np.inf:
-            raise CommonlawError("noise-not-positive", name=name, level=value)
-    if not noise:
-        return trials
-    columns, own = [trials.schema.states.index(name) for name in noise], list(noise.values())
-    changed = []
-    for trial in trials:
-        std = trial.noise.copy()
-        std[:, columns] = np.array(own) * (1.0 if trial.repeats is None else trial.repeats.counts[:, columns] ** -0.5)
-        changed.append(replace(trial, noise=std))
-    names = {name: f"standard deviation of {name}" for name in noise}
-    schema = replace(trials.schema, noise_columns={**names, **trials.schema.noise_columns})
-    return replace(trials, trials=tuple(changed), schema=schema)
+        if isinstance(given, str):
+            groups[name] = {owner: str(_group(given, owner, trials)) for owner in trials.objects}
+        elif not 0 < given < np.inf:
+            raise CommonlawError("noise-not-positive", name=name, level=given)
+        else:
+            known[name] = float(given)
+    return known, groups
 
 
 def _problem(
@@ -227,6 +224,30 @@ def _problem(
     priors = {f"{model.variables.states[j]}(0)": prior for j, prior in model.expected.items()} | dict(priors)
     own = {i: priors[name] for i, name in enumerate(unknowns.names) if name in priors}
     return Problem(model, tuple(data), len(unknowns.names), logarithmic, np.ones(model.width), own)
+
+
+def _with_groups(problem: Problem, groups: Mapping[str, Mapping[str, str]]) -> Problem:
+    """Return a problem in which a quantity is one for each group of objects, so that each has noise of its own."""
+    model, columns, names = problem.model, list[tuple[int, str | None]](), list[str]()
+    for k, name in enumerate(model.observables):
+        for group in dict.fromkeys(groups[name].values()) if name in groups else [None]:
+            columns.append((k, group))
+            names.append(name if group is None else f"{name} of {group}")
+    if len(names) == len(model.observables):
+        return problem
+    order = [k for k, _ in columns]
+    outputs = replace(model.outputs, outputs=model.outputs.outputs[order])
+    data = []
+    for each in problem.trials:
+        trial = each.trial
+        own = [g is None or groups[model.observables[k]][trial.object] == g for k, g in columns]
+        seen = {n: np.where(own, getattr(trial, n)[:, order], np.nan) for n in ("states", "noise", "below")}
+        repeats = trial.repeats and replace(
+            trial.repeats, counts=trial.repeats.counts[:, order], squares=trial.repeats.squares[:, order]
+        )
+        data.append(replace(each, trial=replace(trial, **seen, repeats=repeats)))
+    grouped = replace(model, observables=tuple(names), outputs=outputs)
+    return replace(problem, model=grouped, trials=tuple(data), logarithmic=problem.logarithmic[order])
 
 
 def _sizes(
@@ -320,6 +341,7 @@ def _law(
     optimum: Optimum,
     start: float | None,
     calls: tuple[str, ...],
+    groups: Mapping[str, Mapping[str, str]],
 ) -> Law:
     """Return the law of the largest likelihood."""
     given = read_equations(model.text.equations, model.schema)
@@ -337,7 +359,11 @@ def _law(
             whole[each.equation, each.term] = float(each.value(values))
     support = np.any(coefficients != 0, axis=0)
     covariance, shared = _covariance(model, trials, unknowns, optimum, products, support)
-    noise = dict(zip(model.observables, _typical_noise(problem, optimum).tolist(), strict=True))
+    noise = dict(zip(problem.model.observables, _typical_noise(problem, optimum).tolist(), strict=True))
+    noise_of = {
+        name: {owner: noise[f"{name} of {group}"] for owner, group in own.items()} for name, own in groups.items()
+    }
+    noise = {name: noise.get(name) or float(np.median(list(noise_of[name].values()))) for name in model.observables}
     largest = [np.abs(problem.predicted(each, optimum.unknowns, False).states).max(axis=0) for each in problem.trials]
     sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), _TINY).tolist(), strict=True))
     errors = np.sqrt(np.diagonal(optimum.covariance))
@@ -350,10 +376,10 @@ def _law(
     initial = dict(model.text.initial)
     schema = replace(
         trials.schema,
-        logarithmic=tuple(n for n, own in zip(model.observables, problem.logarithmic, strict=True) if own),
+        logarithmic=tuple(n for n, own in zip(problem.model.observables, problem.logarithmic, strict=True) if own),
     )
     observation = Observation(
-        schema, dict(model.text.observed), initial, start, noise, sizes, estimated, optimum.log_likelihood
+        schema, dict(model.text.observed), initial, start, noise, sizes, estimated, optimum.log_likelihood, noise_of
     )
     steps = (
         Step("equations", "; ".join(given.texts), "as given"),

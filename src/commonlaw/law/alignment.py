@@ -19,6 +19,7 @@ from commonlaw.trials.transformations import (
     in_units,
     objects_at_rest,
     with_doses,
+    with_noise,
     with_starts,
     without_objects,
     without_rates,
@@ -52,6 +53,8 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
         if wanted != given:
             raise CommonlawError("columns-differ", kind=kind, expected=wanted or ["none"], given=given or ["none"])
     converted = with_doses(in_units(trials, _units(law, trials.schema)), schema.doses)
+    if law.observation is not None:
+        converted = with_noise(converted, law.observation.noise_of)
     return with_starts(converted, starts, schema.starts_at)
 
 

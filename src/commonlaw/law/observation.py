@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,6 +58,8 @@ class Observation:
         Initial values that were estimated.
     log_likelihood
         Of the measurements, at the maximum.
+    noise_of
+        Standard deviations by measured quantity and object, of quantities that objects have been measured differently.
 
     Raises
     ------
@@ -73,11 +75,13 @@ class Observation:
     sizes: Mapping[str, float]
     estimated: tuple[InitialValue, ...]
     log_likelihood: float
+    noise_of: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in (*self.equations, *self.noise):
+        for name in (*self.equations, *self.noise, *self.noise_of):
             check_choice("measured quantity", name, self.measured.states)
-        for name, value in (*self.noise.items(), *self.sizes.items()):
+        by_object = (pair for own in self.noise_of.values() for pair in own.items())
+        for name, value in (*self.noise.items(), *self.sizes.items(), *by_object):
             if not 0 < value < np.inf:
                 raise CommonlawError("observation-not-positive", name=name, value=value)
 

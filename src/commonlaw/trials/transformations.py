@@ -399,3 +399,20 @@ def outcome_of_rest(names: tuple[str, ...]) -> tuple[Outcome, ...]:
     if not names:
         return ()
     return (note("objects-at-rest", objects=shown(names, "object")),)
+
+
+def with_noise(trials: Trials, noise: Mapping[str, float | Mapping[str, float]]) -> Trials:
+    """Return trials whose measurements of quantities have known standard deviations, of all objects or by object."""
+    if not noise:
+        return trials
+    changed = []
+    for trial in trials:
+        std = trial.noise.copy()
+        for name, given in noise.items():
+            k = trials.schema.states.index(name)
+            level = given.get(trial.object, np.nan) if isinstance(given, Mapping) else given
+            std[:, k] = level * (1.0 if trial.repeats is None else trial.repeats.counts[:, k] ** -0.5)
+        changed.append(replace(trial, noise=std))
+    names = {name: f"standard deviation of {name}" for name in noise}
+    schema = replace(trials.schema, noise_columns={**names, **trials.schema.noise_columns})
+    return replace(trials, trials=tuple(changed), schema=schema)
