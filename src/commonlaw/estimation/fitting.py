@@ -241,11 +241,13 @@ def _with_groups(problem: Problem, groups: Mapping[str, Mapping[str, str]]) -> P
     for each in problem.trials:
         trial = each.trial
         own = [g is None or groups[model.observables[k]][trial.object] == g for k, g in columns]
-        seen = {n: np.where(own, getattr(trial, n)[:, order], np.nan) for n in ("states", "noise", "below")}
+        states, noise, below = (
+            np.where(own, values[:, order], np.nan) for values in (trial.states, trial.noise, trial.below)
+        )
         repeats = trial.repeats and replace(
             trial.repeats, counts=trial.repeats.counts[:, order], squares=trial.repeats.squares[:, order]
         )
-        data.append(replace(each, trial=replace(trial, **seen, repeats=repeats)))
+        data.append(replace(each, trial=replace(trial, states=states, noise=noise, below=below, repeats=repeats)))
     grouped = replace(model, observables=tuple(names), outputs=outputs)
     return replace(problem, model=grouped, trials=tuple(data), logarithmic=problem.logarithmic[order])
 
