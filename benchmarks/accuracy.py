@@ -30,7 +30,7 @@ def errors(library: Floats, targets: Floats) -> tuple[float, float]:
     """
     scales = np.linalg.norm(library, axis=0)
     expected = np.linalg.lstsq(library / scales, targets, rcond=None)[0]
-    system, everything = cl.LeastSquaresProblem.of(library, targets), np.ones(library.shape[1], dtype=bool)
+    system, everything = cl.formulation.LeastSquaresProblem.of(library, targets), np.ones(library.shape[1], dtype=bool)
     found = np.stack([system.least_squares(everything, j) * scales for j in range(targets.shape[1])], axis=1)
     apart = np.abs(found - expected)
     return float(np.max(apart / np.abs(expected).max(axis=0))), float(np.max(apart / np.abs(expected)))
@@ -46,8 +46,8 @@ def _libraries() -> list[tuple[str, Floats, Floats]]:
 def _rows(degree: int) -> tuple[Floats, Floats]:
     problem = lorenz(20_000, degree)
     trials = cl.Trials.from_arrays(problem.times, problem.states[0])
-    form = cl.StrongForm(cl.FiniteDifference())
-    return form.rows(trials[0], cl.PolynomialLibrary(degree).bind(law_variables(trials.schema, form.order)))
+    form = cl.formulation.StrongForm(cl.differentiation.FiniteDifference())
+    return form.rows(trials[0], cl.library.PolynomialLibrary(degree).bind(law_variables(trials.schema, form.order)))
 
 
 def _random(condition: float) -> tuple[Floats, Floats]:

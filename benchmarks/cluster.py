@@ -47,7 +47,7 @@ def main() -> None:
 _ROLES: dict[str, Any] = {"object": "object", "trial": "trial", "time": "t", "states": ["x", "y", "z"]}
 _REGRESSION: dict[str, Any] = {
     "library": "poly:5",
-    "method": cl.DerivativeRegression(differentiation="finite:2", solver=cl.STLSQ(0.1, shared=False)),
+    "method": cl.DerivativeRegression(differentiation="finite:2", solver=cl.solvers.STLSQ(0.1, shared=False)),
 }
 _LIKELIHOOD: dict[str, Any] = {"order": 2, "library": "poly:2", "method": cl.TrajectoryLikelihood()}
 

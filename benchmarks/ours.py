@@ -41,7 +41,7 @@ def path(problem: Problem) -> Run:
         systems = [merge(system for trial in trials for system in form.problems(trial, terms))]
         laws = np.zeros((len(problem.thresholds), problem.states.shape[2], len(terms)))
         for j in range(laws.shape[1]):
-            candidates = cl.STLSQ(shared=False).path(systems, j, np.ones(len(terms), dtype=bool))
+            candidates = cl.solvers.STLSQ(shared=False).path(systems, j, np.ones(len(terms), dtype=bool))
             begins = [candidate.hyperparameter for candidate in candidates]
             chosen = np.searchsorted(begins, problem.thresholds, side="right") - 1
             laws[:, j] = [candidates[i].coefficients[0] for i in chosen]
@@ -106,21 +106,21 @@ def _trials(problem: Problem, samples: int | None = None) -> cl.Trials:
 
 
 def _discovered(trials: cl.Trials | cl.TrialStream, problem: Problem) -> Floats:
-    solver = cl.STLSQ(problem.thresholds[0], shared=False)
+    solver = cl.solvers.STLSQ(problem.thresholds[0], shared=False)
     law = cl.discover(
         trials,
         order=1,
-        library=cl.PolynomialLibrary(problem.degree),
-        method=cl.DerivativeRegression(differentiation=cl.FiniteDifference(), solver=solver),
+        library=cl.library.PolynomialLibrary(problem.degree),
+        method=cl.DerivativeRegression(differentiation=cl.differentiation.FiniteDifference(), solver=solver),
     )
     return np.asarray(law.coefficients[0])
 
 
-def _compressing(problem: Problem, samples: int | None = None) -> tuple[cl.StrongForm, Terms, cl.Trials]:
-    trials, form = _trials(problem, samples), cl.StrongForm(cl.FiniteDifference())
-    return form, cl.PolynomialLibrary(problem.degree).bind(law_variables(trials.schema, form.order)), trials
+def _compressing(problem: Problem, samples: int | None = None) -> tuple[cl.formulation.StrongForm, Terms, cl.Trials]:
+    trials, form = _trials(problem, samples), cl.formulation.StrongForm(cl.differentiation.FiniteDifference())
+    return form, cl.library.PolynomialLibrary(problem.degree).bind(law_variables(trials.schema, form.order)), trials
 
 
-def _solved(systems: list[cl.LeastSquaresProblem], threshold: float) -> Floats:
+def _solved(systems: list[cl.formulation.LeastSquaresProblem], threshold: float) -> Floats:
     free = np.ones((systems[0].targets, systems[0].terms), dtype=bool)
-    return np.array([each.coefficients[0] for each in cl.STLSQ(threshold, shared=False).solve(systems, free)])
+    return np.array([each.coefficients[0] for each in cl.solvers.STLSQ(threshold, shared=False).solve(systems, free)])

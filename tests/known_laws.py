@@ -16,7 +16,9 @@ def known(equation, values, covariance, noise=NOISE, objects=("ball",), errors=N
         equation, {name: dict.fromkeys(objects, value) for name, value in values.items()}, inputs=inputs
     )
     own = np.tile(np.asarray(covariance, dtype=float), (len(objects), 1, 1))
-    uncertainty = cl.Uncertainty(own, noise=np.full(len(law.schema.states), noise), error_model=errors or ErrorModel())
+    uncertainty = cl.law.Uncertainty(
+        own, noise=np.full(len(law.schema.states), noise), error_model=errors or ErrorModel()
+    )
     return cl.Law(law.terms, law.schema, law.order, law.objects, law.coefficients, uncertainty, law.provenance)
 
 

@@ -40,7 +40,9 @@ def test_the_group_models_of_all_balls_come_out_to_the_printed_decimals(drops, d
 
 
 def test_the_largest_speeds_come_out_to_a_centimetre_a_second(drops):
-    form = cl.StrongForm(cl.SmoothedDifference(cl.SavitzkyGolay(35, 3)), order=2)
+    form = cl.formulation.StrongForm(
+        cl.differentiation.SmoothedDifference(cl.differentiation.SavitzkyGolay(35, 3)), order=2
+    )
     fastest = {
         name: max(np.abs(form.rates(trial).derivatives[0]).max() for trial in drops.of_object(name))
         for name in drops.objects
@@ -65,7 +67,7 @@ def test_single_trial_models_at_threshold_0_04(drops, ball, drop, equation):
 )
 def test_the_single_trial_thresholds_of_the_tennis_ball(drops, row):
     trials = drops.select(object="Tennis Ball", trial=1)
-    solver = cl.STLSQ(float(row["threshold"]), shared=False)
+    solver = cl.solvers.STLSQ(float(row["threshold"]), shared=False)
     assert_printed(cl.discover(trials, method=regression(solver=solver), **PAPER), row)
 
 
@@ -75,7 +77,7 @@ def test_the_single_trial_thresholds_of_the_tennis_ball(drops, row):
 def test_the_group_thresholds_averaged_over_the_balls(drops, row):
     if row["threshold"] == "0.005":
         row = row | {"v": "0.87"}  # the print has -0.8, which the method does not give
-    solver = cl.STLSQ(float(row["threshold"]))
+    solver = cl.solvers.STLSQ(float(row["threshold"]))
     law = cl.discover(drops.select(trial=1), method=regression(solver=solver, library_states="measured"), **PAPER)
     assert_printed(average_law(law), row)
 
@@ -174,7 +176,7 @@ def test_the_nonlinear_oscillator():
 
 def fall(trials, solver):
     """The appendix differentiates heights to speeds, and learns v' = f(v) from these."""
-    form = cl.StrongForm(cl.CenteredDifference())
+    form = cl.formulation.StrongForm(cl.differentiation.CenteredDifference())
     speeds = [cl.Trial(trial.object, trial.name, trial.times, form.rates(trial).derivatives[0]) for trial in trials]
     trials = cl.Trials(tuple(speeds), cl.Schema(("v",)))
     return cl.discover(

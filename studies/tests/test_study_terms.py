@@ -82,7 +82,9 @@ def test_the_held_out_drop_chooses_the_terms_of_the_paper_for_the_group(path: Se
 
 
 def test_the_held_out_error_is_that_of_fitting_one_drop_and_testing_the_other(inquiry: Inquiry, path: Section) -> None:
-    form = cl.StrongForm(cl.SmoothedDifference(cl.SavitzkyGolay(35, 3)), order=2)
+    form = cl.formulation.StrongForm(
+        cl.differentiation.SmoothedDifference(cl.differentiation.SavitzkyGolay(35, 3)), order=2
+    )
     errors = []
     for ball in inquiry.drops.objects:
         rates = [form.rates(trial).derivatives for trial in inquiry.drops.of_object(ball)]

@@ -8,7 +8,8 @@ from tests.hostile.case import Case
 PIECES = (
     "open('executed', 'w')",
     "cl.discover(trials", "cl.fit('x', trials", "cl.refine(law, trials", "law.explain(", "law.discrepancy(trials",
-    ")", ").law", ", order=2", ", library='poly:1'", ", method=cl.STLSQ(", ", method=cl.DerivativeRegression(", "\n",
+    ")", ").law", ", order=2", ", library='poly:1'", ", method=cl.solvers.STLSQ(",
+    ", method=cl.DerivativeRegression(", "\n",
     ";", "#", "'", '"', "\\", "*", "**", "lambda: ", ":=", "f'{", "}'", "[", "]", "{", "}", ",", " or ", " if 1 else ",
     "\x00", "\u2028", "\u202e", "\uff44", "-" * 5000, "(" * 300, "cl.Law.load('secret.csv')", "'secret.csv'", "0x",
     "1e999",

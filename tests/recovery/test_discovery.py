@@ -32,18 +32,20 @@ def test_every_choice_can_be_an_object_or_its_text(drops):
     by_object = cl.discover(
         drops,
         order=2,
-        library=cl.PolynomialLibrary(3),
+        library=cl.library.PolynomialLibrary(3),
         method=cl.DerivativeRegression(
-            differentiation=cl.SmoothedDifference(cl.SavitzkyGolay(35, 3), cl.CenteredDifference()),
-            solver=cl.STLSQ(threshold=1.5),
+            differentiation=cl.differentiation.SmoothedDifference(
+                cl.differentiation.SavitzkyGolay(35, 3), cl.differentiation.CenteredDifference()
+            ),
+            solver=cl.solvers.STLSQ(threshold=1.5),
         ),
     )
     np.testing.assert_array_equal(by_text.coefficients, by_object.coefficients)
     default = cl.discover(
         drops,
         order=2,
-        library=cl.PolynomialLibrary(3),
-        method=cl.DerivativeRegression(solver=cl.STLSQ(threshold=1.5)),
+        library=cl.library.PolynomialLibrary(3),
+        method=cl.DerivativeRegression(solver=cl.solvers.STLSQ(threshold=1.5)),
     )
     np.testing.assert_array_equal(by_text.coefficients, default.coefficients)
 
@@ -51,7 +53,7 @@ def test_every_choice_can_be_an_object_or_its_text(drops):
 def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
     law = cl.discover(drops, method=regression(solver="group-stlsq:1.5"), **SETTINGS)
     assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["1", "v"]
-    form = cl.StrongForm(law.provenance.differentiation, 2, trim=8)
+    form = cl.formulation.StrongForm(law.provenance.differentiation, 2, trim=8)
     for name in drops.objects:
         values, targets = (
             np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
@@ -68,7 +70,7 @@ def test_known_terms_are_moved_to_the_left_hand_side(drops):
         **SETTINGS | {"library": "terms:1,v"},
     )
     assert (to_frame(law)["1"] == -9.8).all()
-    form = cl.StrongForm(law.provenance.differentiation, 2, trim=8)
+    form = cl.formulation.StrongForm(law.provenance.differentiation, 2, trim=8)
     for name in drops.objects:
         values, targets = (
             np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
@@ -126,7 +128,7 @@ def test_one_forecast_that_diverges_does_not_decide_a_comparison():
 
 
 def test_the_estimator_follows_scikit_learn(drops):
-    model = cl.LawDiscovery(method=regression(solver=cl.STLSQ(1.5)), **SETTINGS)
+    model = cl.LawDiscovery(method=regression(solver=cl.solvers.STLSQ(1.5)), **SETTINGS)
     copy = clone(model)
     assert copy.get_params() == model.get_params()
     assert copy.set_params(method__trim=4) is copy
@@ -148,7 +150,7 @@ def test_the_estimator_follows_scikit_learn(drops):
 
 def test_the_threshold_is_chosen_by_held_out_trials(drops):
     search = GridSearchCV(
-        cl.LawDiscovery(method=regression(solver=cl.STLSQ()), **SETTINGS),
+        cl.LawDiscovery(method=regression(solver=cl.solvers.STLSQ()), **SETTINGS),
         {"method__solver__threshold": [20, 1.5, 1000]},
         cv=GroupKFold(3),
     )
@@ -264,7 +266,7 @@ def test_a_solver_without_its_setting_offers_its_path_to_any_rule(rule):
     law = cl.discover(
         pairs,
         library="poly:2",
-        method=cl.DerivativeRegression(differentiation="finite:6", solver=cl.STLSQ(), rule=rule),
+        method=cl.DerivativeRegression(differentiation="finite:6", solver=cl.solvers.STLSQ(), rule=rule),
         order=1,
     )
     assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
@@ -312,7 +314,7 @@ def test_candidates_can_be_judged_by_forecasts_of_held_out_trials():
         growth=[1.0, 0.8], predation=0.1, decline=1.2, reproduction=0.06, noise=0.02, samples=100
     )
     method = cl.DerivativeRegression(
-        differentiation="savgol:9:3", solver=cl.STLSQ(), n_resamples=0, scoring="forecasts"
+        differentiation="savgol:9:3", solver=cl.solvers.STLSQ(), n_resamples=0, scoring="forecasts"
     )
     law = cl.discover(pairs, library="poly:2", method=method, order=1)
     assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")

@@ -205,7 +205,7 @@ def test_regression_on_derivatives_takes_that_of_each_order():
         heated(0.0),
         order={"T": 1, "x": 2},
         library="terms:T,v_x**2,x,v_x,T*x",
-        method=cl.DerivativeRegression(solver=cl.STLSQ(0.0), differentiation="finite:6"),
+        method=cl.DerivativeRegression(solver=cl.solvers.STLSQ(0.0), differentiation="finite:6"),
         cache=False,
     )
     np.testing.assert_allclose(law.coefficients[0], [[-0.5, 0.4, 0, 0, 0], [0, 0, -3, -0.2, 0.8]], atol=1e-3)
@@ -213,9 +213,9 @@ def test_regression_on_derivatives_takes_that_of_each_order():
 
 def test_regression_targets_are_the_derivative_of_each_order():
     trials = heated(0.0)
-    form = cl.StrongForm(cl.SmoothingSpline(), order=(1, 2))
+    form = cl.formulation.StrongForm(cl.differentiation.SmoothingSpline(), order=(1, 2))
     values, targets = form.samples(trials[0])
-    each = cl.SmoothingSpline().differentiate(TIMES, trials[0].states, 2)
+    each = cl.differentiation.SmoothingSpline().differentiate(TIMES, trials[0].states, 2)
     np.testing.assert_array_equal(targets, np.column_stack([each.derivatives[0][:, 0], each.derivatives[1][:, 1]]))
     np.testing.assert_array_equal(values[:, 2], each.derivatives[0][:, 1])
 

@@ -20,7 +20,7 @@ class _InTurn(AbstractLibrary):
     later: str
 
     def bind(self, variables: Variables) -> Terms:
-        return cl.PolynomialLibrary(1).bind(variables)
+        return cl.library.PolynomialLibrary(1).bind(variables)
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
         first = Offer(tuple(parametric_term(each, variables) for each in self.terms))

@@ -90,12 +90,12 @@ def test_workers_find_the_law_that_is_found_here(law, runs, told):
 
 def path_elsewhere(process, problems):
     assert os.getpid() != process
-    return cl.STLSQ(normalize=True).path(problems, 0, np.ones(3, dtype=bool))
+    return cl.solvers.STLSQ(normalize=True).path(problems, 0, np.ones(3, dtype=bool))
 
 
 def test_resamples_are_drawn_by_workers_as_they_are_here(client):
     rows = np.random.default_rng(0).normal(size=(2, 6, 50, 4))
-    groups = [[[cl.LeastSquaresProblem.of(each[:, :3], each[:, 3:]) for each in own]] for own in rows]
+    groups = [[[cl.formulation.LeastSquaresProblem.of(each[:, :3], each[:, 3:]) for each in own]] for own in rows]
     here = stability(groups, partial(path_elsewhere, 0), n_resamples=12)
     with on_cluster(client):
         there = stability(groups, partial(path_elsewhere, os.getpid()), n_resamples=12)

@@ -24,7 +24,7 @@ def falling(scatter=0.0, pooled=True, units=UNITS):
     generator = np.random.default_rng(5)
     diameter, mass = np.exp(generator.uniform(*np.log([[0.04, 0.03], [0.25, 0.8]]), (8, 2))).T
     drag = 0.25 * diameter**2 / mass * np.exp(scatter * generator.standard_normal(8))
-    terms = cl.PolynomialLibrary(2).bind(Variables(("x", "v")))
+    terms = cl.library.PolynomialLibrary(2).bind(Variables(("x", "v")))
     truth = np.zeros((8, 1, len(terms)))
     truth[:, 0, 0], truth[:, 0, terms.names.index("v^2")] = -9.8, drag
     free = truth[:, 0][:, truth[0, 0] != 0]
@@ -37,7 +37,7 @@ def falling(scatter=0.0, pooled=True, units=UNITS):
         name: {"diameter": d, "mass": m, "colour": "red"} for name, d, m in zip(OBJECTS, diameter, mass, strict=True)
     }
     law = cl.Law(
-        terms, cl.Schema(("x",), units=units), 2, OBJECTS, measured, cl.Uncertainty(covariance, noise=[0.01]),
+        terms, cl.Schema(("x",), units=units), 2, OBJECTS, measured, cl.law.Uncertainty(covariance, noise=[0.01]),
         properties=properties,
     )  # fmt: skip
     return pool_objects(law) if pooled else law
@@ -186,7 +186,7 @@ def test_properties_can_be_given_when_the_law_knows_none(tmp_path):
     [
         ({}, ["weight"], Diagnostic("unknown-name", {"kind": "property", "name": "weight"})),
         ({}, ["colour"], Diagnostic("property-not-a-number", {"property": "colour"})),
-        ({"uncertainty": cl.Uncertainty()}, ["mass"], "uncertainty-unknown"),
+        ({"uncertainty": cl.law.Uncertainty()}, ["mass"], "uncertainty-unknown"),
         (
             {"uncertainty": replace(falling().uncertainty, unpooled=None)},
             ["mass"],

@@ -19,7 +19,7 @@ def grown(start):
 
 
 def law_with(errors, noise):
-    return replace(LAW, uncertainty=cl.Uncertainty(noise=np.array([noise]), error_model=errors))
+    return replace(LAW, uncertainty=cl.law.Uncertainty(noise=np.array([noise]), error_model=errors))
 
 
 @pytest.mark.parametrize("kind", ["proportional", "correlated"])
@@ -40,7 +40,7 @@ def test_process_noise_does_not_make_a_curve_follow_what_the_law_does_not_say():
     trials = cl.Trials.from_arrays(np.arange(60.0), walk)
     still = cl.Law.from_text("x' = 0")
     errors = ErrorModel(walk=np.array([1.0]))
-    fit = fitted(replace(still, uncertainty=cl.Uncertainty(noise=np.array([0.1]), error_model=errors)), trials)
+    fit = fitted(replace(still, uncertainty=cl.law.Uncertainty(noise=np.array([0.1]), error_model=errors)), trials)
     assert np.ptp(fit.trajectories[0].states) < 1e-9
     assert fit.score() < 0.05
     assert fit.std is None

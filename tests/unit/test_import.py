@@ -36,7 +36,8 @@ def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
 
 
 @pytest.mark.parametrize(("old", "new"), vars(commonlaw)["RENAMED"].items())
-def test_a_name_of_the_last_release_says_what_it_is_called_now(old: str, new: str) -> None:
+def test_a_name_of_the_last_release_says_where_it_is_now(old: str, new: str) -> None:
+    assert old not in dir(commonlaw)
     with pytest.warns(DeprecationWarning, match=new):
         assert attrgetter(old)(commonlaw) is attrgetter(new)(commonlaw)
 

@@ -32,9 +32,9 @@ def rerun(law, drops, folder):
         lambda drops: cl.discover(
             drops,
             order=2,
-            library=cl.PolynomialLibrary(1),
+            library=cl.library.PolynomialLibrary(1),
             known={("x", "1"): -9.8},
-            method=cl.DerivativeRegression(differentiation="savgol:25:3", solver=cl.STLSQ(0.05)),
+            method=cl.DerivativeRegression(differentiation="savgol:25:3", solver=cl.solvers.STLSQ(0.05)),
         ),
         lambda drops: cl.fit("x'' = -9.8 - c v", drops, errors="white", noise={"x": 0.05}),
         lambda drops: cl.refine(cl.fit("x'' = -g - c v", drops), drops, huber_threshold=3.0),
@@ -55,6 +55,11 @@ def test_a_saved_law_keeps_its_program(drops):
     assert to_script(from_json(to_json(law))) == to_script(law)
 
 
+def test_names_of_earlier_versions_in_a_recorded_call_become_the_present_ones():
+    call = "cl.discover(trials, method=cl.DerivativeRegression(solver=cl.STLSQ(threshold=0.05)))"
+    assert rewritten(call) == call.replace("cl.STLSQ", "cl.solvers.STLSQ")
+
+
 def test_a_law_of_unknown_making_is_fitted():
     law = cl.Law.from_text("T' = -k (T - 20)", {"k": 0.1})
     assert 'law = cl.fit("T\' = -k (T - 20)", trials)' in to_script(law)
@@ -71,7 +76,7 @@ HOSTILE = [
     "cl.discover(trials, order=(law := open('PWNED', 'w')))",
     "cl.discover(trials, progress=lambda *_: open('PWNED', 'w'))",
     "cl.discover(trials, library=[open('PWNED', 'w') for _ in '1'])",
-    "cl.discover(trials, method=cl.DerivativeRegression(solver=cl.STLSQ(open('PWNED', 'w'))))",
+    "cl.discover(trials, method=cl.DerivativeRegression(solver=cl.solvers.STLSQ(open('PWNED', 'w'))))",
     "cl.discover(trials, known={open('PWNED', 'w'): 1})",
     "cl.discover(trials, known={**open('PWNED', 'w')})",
     "cl.discover(trials, no_such_argument=1)",

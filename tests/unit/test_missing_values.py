@@ -37,7 +37,7 @@ def law(order=1, differentiation=None):
     names = ("x", "y") if order == 1 else ("x", "v")
     terms = parse_library("poly:1").bind(Variables(names, (), "t"))
     coefficients = np.array([[[0, 0, 1], [0, -1, 0]]] if order == 1 else [[[0, -1, 0]]], dtype=float)
-    return cl.Law(terms, cl.Schema(states), order, ("a",), coefficients, provenance=cl.Provenance(differentiation))
+    return cl.Law(terms, cl.Schema(states), order, ("a",), coefficients, provenance=cl.law.Provenance(differentiation))
 
 
 def test_an_empty_cell_of_a_state_is_a_missing_measurement_and_rows_of_nothing_else_are_left_out(tmp_path):
@@ -236,9 +236,9 @@ def test_first_rates_of_a_trial_with_gaps_come_from_the_robust_spline_if_the_law
     trials = Trials((Trial("a", "1", times, states),), cl.Schema(("x", "y")))
     terms = parse_library("poly:1").bind(Variables(("x", "y", "v_x", "v_y"), (), "t"))
     pendulums = np.array([[[0, -1, 0, 0, 0], [0, 0, -1, 0, 0]]], dtype=float)
-    found = cl.Law(terms, trials.schema, 2, ("a",), pendulums, provenance=cl.Provenance(FiniteDifference(2))).predict(
-        trials
-    )
+    found = cl.Law(
+        terms, trials.schema, 2, ("a",), pendulums, provenance=cl.law.Provenance(FiniteDifference(2))
+    ).predict(trials)
     first = RobustSpline().differentiate(times, states, 1).derivatives[0][0]
     np.testing.assert_array_equal(found.trajectories[0].states[0], [0, 1, *first])
     assert np.isfinite(found.score())

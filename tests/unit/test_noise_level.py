@@ -171,7 +171,7 @@ def test_what_cannot_be_judged_is_refused_with_the_reason(times, states, message
 def measured_of(values):
     times = np.linspace(0, 5, len(values))
     trials = cl.Trials.from_arrays([times], [values[:, np.newaxis]], names=["x"])
-    terms = cl.PolynomialLibrary(1).bind(law_variables(trials.schema, 1))
+    terms = cl.library.PolynomialLibrary(1).bind(law_variables(trials.schema, 1))
     return prepare(trials, terms, np.full((1, 1, 2), np.nan))
 
 

@@ -21,7 +21,7 @@ def law_of(objects=6, spread=0.05):
     coefficients = np.zeros((objects, 1, len(terms)))
     coefficients[:, 0, [terms.index("1"), terms.index("v")]] = estimates
     names = tuple(f"ball {o + 1}" for o in range(objects))
-    return cl.Law(terms, cl.Schema(states=("x",)), 2, names, coefficients, uncertainty=cl.Uncertainty(covariances))
+    return cl.Law(terms, cl.Schema(states=("x",)), 2, names, coefficients, uncertainty=cl.law.Uncertainty(covariances))
 
 
 def test_the_mean_over_partially_pooled_objects_has_the_covariance_of_a_mean():
@@ -113,7 +113,7 @@ def test_an_unseen_object_is_one_more_of_the_population_that_objects_with_inform
     coefficients[-1] *= 1e6
     covariances[-1] *= 1e16
     blank = replace(
-        law, objects=(*law.objects, "blank"), coefficients=coefficients, uncertainty=cl.Uncertainty(covariances)
+        law, objects=(*law.objects, "blank"), coefficients=coefficients, uncertainty=cl.law.Uncertainty(covariances)
     )
     found, _ = with_objects_of(blank, unseen)
     np.testing.assert_allclose(found.coefficients, expected.coefficients, rtol=1e-6)

@@ -38,7 +38,7 @@ def test_many_objects_stand_in_the_order_of_their_coefficients(law):
     count = 60
     names = tuple(f"ball {i}" for i in range(count))
     some = np.random.default_rng(0).integers(0, 2, count)
-    uncertainty = cl.Uncertainty(law.uncertainty.covariance[some], noise=law.uncertainty.noise)
+    uncertainty = cl.law.Uncertainty(law.uncertainty.covariance[some], noise=law.uncertainty.noise)
     many = replace(law, objects=names, coefficients=law.coefficients[some], uncertainty=uncertainty, properties={})
     figure = plot_intervals(many)
     for panel in figure.axes:

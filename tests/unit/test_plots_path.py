@@ -24,7 +24,7 @@ DROPS = cl.datasets.linear_drag()
 
 @pytest.fixture(scope="module")
 def law() -> Law:
-    return cl.discover(DROPS, method=regression(solver=cl.STLSQ()), **SETTINGS)
+    return cl.discover(DROPS, method=regression(solver=cl.solvers.STLSQ()), **SETTINGS)
 
 
 def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_end(law: Law) -> None:
@@ -35,7 +35,7 @@ def test_the_solver_gives_the_terms_of_each_stretch_from_its_beginning_to_its_en
     assert path["chosen"].sum() == 1
     for row in path.to_dict("records"):
         for threshold in (row["from"] * (1 + 1e-9), min(row["to"], 1e300) * (1 - 1e-9)):
-            at = cl.discover(DROPS, method=regression(solver=cl.STLSQ(threshold)), **SETTINGS)
+            at = cl.discover(DROPS, method=regression(solver=cl.solvers.STLSQ(threshold)), **SETTINGS)
             assert (
                 ", ".join(name for name, used in zip(at.terms.names, at.support[0], strict=True) if used)
                 == row["terms"]

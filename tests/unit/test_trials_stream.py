@@ -117,7 +117,10 @@ def test_a_pattern_that_names_no_file_is_refused(drops):
 @pytest.mark.parametrize("cuts", [[1], [40], [3, 35, 36, 70]])
 def test_rows_of_an_object_are_the_same_however_its_trials_are_divided(cuts):
     trials = cl.datasets.linear_drag(drag=(-0.2,), trials=80)
-    form, terms = cl.StrongForm(cl.FiniteDifference(), 2), cl.PolynomialLibrary(1).bind(law_variables(trials.schema, 2))
+    form, terms = (
+        cl.formulation.StrongForm(cl.differentiation.FiniteDifference(), 2),
+        cl.library.PolynomialLibrary(1).bind(law_variables(trials.schema, 2)),
+    )
     whole = rows_by_object(trials, form, terms, segments=2, sampled=True)["Ball 1"]
     edges = [0, *cuts, len(trials)]
     parts = [rows_by_object(trials[a:b], form, terms, segments=2, sampled=True) for a, b in pairwise(edges)]

@@ -5,12 +5,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from commonlaw import (
-    FiniteDifference,
-    WeakRegression,
-    datasets,
-    discover,
-)
+from commonlaw import WeakRegression, datasets, discover
+from commonlaw.differentiation import FiniteDifference
 from commonlaw.formulation import (
     CompressedTrials,
     LeastSquaresProblem,

@@ -103,5 +103,5 @@ def test_refining_says_it_once_and_discovery_says_it_too():
     law = cl.refine(fitted("x' = a + b x^3", trials), trials, errors="white", noise={"x": 0.1})
     assert len(said(law, OutcomeKind.SCALE)) == 1
     method = cl.DerivativeRegression(solver="stlsq:0", differentiation="finite:4")
-    found = cl.discover(trials, library=cl.ExpressionLibrary("x^3"), method=method, order=1)
+    found = cl.discover(trials, library=cl.library.ExpressionLibrary("x^3"), method=method, order=1)
     assert len(said(found, OutcomeKind.SCALE)) == 1

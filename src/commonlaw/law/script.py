@@ -62,11 +62,22 @@ def rewritten(text: str) -> str | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Of escapes in texts that are no Python of ours
-            tree = ast.parse(text, mode="eval").body
+            tree = _PresentNames().visit(ast.parse(text, mode="eval").body)
         _check_step(tree)
         return ast.unparse(tree)
     except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError):
         return None
+
+
+class _PresentNames(ast.NodeTransformer):
+    """Replaces public names of earlier versions, which laws have recorded, by the present ones."""
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        self.generic_visit(node)
+        renamed: Mapping[str, str] = resolve_name("commonlaw:RENAMED")
+        if isinstance(node.value, ast.Name) and node.value.id == "cl" and node.attr in renamed:
+            return ast.parse(f"cl.{renamed[node.attr]}", mode="eval").body
+        return node
 
 
 def _check_step(tree: ast.expr) -> None:
@@ -117,9 +128,10 @@ def _check_value(tree: ast.expr | None, depth: int) -> None:
             values = inner
         case ast.Dict(keys=keys, values=inner):
             values = [*keys, *inner]
-        case ast.Call(func=ast.Attribute(value=ast.Name(id="cl"), attr=name), args=arguments, keywords=keywords):
-            public = resolve_name("commonlaw")
-            setting = getattr(public, name) if name in public.__all__ else None
+        case ast.Call(func=ast.Attribute(value=owner, attr=name), args=arguments, keywords=keywords):
+            rooms = {"cl": "commonlaw"} | {f"cl.{room}": f"commonlaw.{room}" for room in SETTINGS}
+            public = resolve_name(rooms.get(ast.unparse(owner), "commonlaw"))
+            setting = getattr(public, name) if ast.unparse(owner) in rooms and name in public.__all__ else None
             is_setting = isinstance(setting, type) and is_dataclass(setting)
             if not (is_setting and setting.__module__.split(".")[1] in SETTINGS):
                 raise _NotOnListError
@@ -184,7 +196,7 @@ def written(value: Any) -> str:
 
     >>> from commonlaw.library import PolynomialLibrary
     >>> written({"library": PolynomialLibrary(3)})
-    "{'library': cl.PolynomialLibrary(degree=3)}"
+    "{'library': cl.library.PolynomialLibrary(degree=3)}"
     """
     if is_dataclass(value) and not isinstance(value, type):
         own = {each.name: getattr(value, each.name) for each in fields(value) if each.init and each.compare}
@@ -193,7 +205,9 @@ def written(value: Any) -> str:
             for each in fields(value)
         }
         said = [f"{name}={written(each)}" for name, each in own.items() if not _same(each, defaults[name])]
-        return f"cl.{type(value).__name__}({', '.join(said)})"
+        name, module = type(value).__name__, type(value).__module__.split(".")
+        home = f"cl.{module[1]}" if module[1:] and name not in resolve_name("commonlaw").__all__ else "cl"
+        return f"{home}.{name}({', '.join(said)})"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{written(key)}: {written(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
