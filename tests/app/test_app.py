@@ -12,11 +12,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from axe_core_python.selenium import Axe
 from selenium.webdriver import ActionChains, Keys
 
 import commonlaw as cl
 from commonlaw.law import from_json
+from tests.in_browser import choose, is_fault, open_page, serious, text, wait
 from tests.ordinary_tables import ORDINARY
 from tests.served import served
 
@@ -38,55 +38,6 @@ def table(tmp_path_factory):
     path = tmp_path_factory.mktemp("app") / "drops.csv"
     cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05).until(2.0).to_csv(path)
     return path
-
-
-@pytest.fixture
-def page(browser):
-    """A browser with an empty log, and what waits for something in its page."""
-    browser.get("about:blank")
-    browser.get_log("browser")
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-    yield browser
-    browser.get("about:blank")  # A page that asks for an app that has ended takes time of other tests
-
-
-def open_page(page, app):
-    """Open the app by the address that people are told, which goes on to its page."""
-    page.get(app.address)
-    wait(page, "$('file') && document.readyState === 'complete'")
-
-
-def text(page, name):
-    return page.find_element("id", name).get_attribute("textContent")
-
-
-def wait(page, what, seconds=60):
-    """Wait until an expression of the page is true, and return it."""
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        found = page.execute_script(f"const $ = id => document.getElementById(id); return {what}")
-        if found:
-            return found
-        time.sleep(0.1)
-    raise AssertionError(f"not within {seconds} s: {what}; {text(page, 'failure')} {text(page, 'failed')}")
-
-
-def choose(page, name, value):
-    page.execute_script(
-        f"const each = document.getElementById('{name}'); each.value = arguments[0];"
-        "each.dispatchEvent(new Event('change'))",
-        value,
-    )
-
-
-def serious(page):
-    found = Axe().run(page)["violations"]
-    return [(each["id"], each["impact"]) for each in found if each["impact"] in ("serious", "critical")]
-
-
-def _is_fault(logged):
-    """Whether the page has a fault: browsers ask for favicon.ico by themselves, though a page names its icon."""
-    return logged["level"] == "SEVERE" and "/favicon.ico" not in logged["message"]
 
 
 def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
@@ -190,7 +141,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         open_page(page, app)
         wait(page, "!$('result').hidden")
         check_question(page)
-        assert [each for each in page.get_log("browser") if _is_fault(each)] == []
+        assert [each for each in page.get_log("browser") if is_fault(each)] == []
         check_others_are_refused(app)
 
 

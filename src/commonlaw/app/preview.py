@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from commonlaw.app.equations import words
 from commonlaw.app.question import Columns, Table, message, shown_roles, text_in_page
 from commonlaw.app.result import Found, numbers
 from commonlaw.errors import CommonlawError, unknown
@@ -147,6 +148,7 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
         "count": len(trials),
         "samples": sum(map(len, trials)),
         "units": dict(schema.units),
+        "words": words(trials),
         "trials": [
             {
                 "object": each.object,

@@ -6,9 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import msgspec
+import numpy as np
 
 from commonlaw.errors import CommonlawError
+from commonlaw.estimation import needs_model
+from commonlaw.estimation.fitting import InitialGiven
+from commonlaw.estimation.model import ModelText
+from commonlaw.law import Law
 from commonlaw.law.script import Source
+from commonlaw.library.bounds import limits_of
 from commonlaw.runtime.fit_options import FitOptions, read_settings, settings_of, shown_value
 from commonlaw.trials import Trials
 from commonlaw.trials.cells import DecimalMark
@@ -178,6 +184,90 @@ class HoldOut(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         return f"measured.split({self.kind}=[{self.value!r}])[1]"
 
 
+class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """Equations, and what is given about their parameters, by name.
+
+    Parameters
+    ----------
+    values
+        Of each object, in the order of the trials.
+    fixed
+        Parameters that are not estimated; all objects have one value.
+    bounds
+        Lower and upper limit, None for none.
+    shared
+        Parameters that objects share: all of them (an empty text), or those with one value of a property.
+    priors
+        Mean and standard deviation.
+    starts, starts_at, doses
+        See `commonlaw.fit`; a start is a number, a property, an expression, or ``free``.
+    """
+
+    text: str
+    values: Mapping[str, tuple[float, ...]] = {}
+    fixed: tuple[str, ...] = ()
+    bounds: Mapping[str, tuple[float | None, float | None]] = {}
+    shared: Mapping[str, str] = {}
+    priors: Mapping[str, tuple[float, float]] = {}
+    starts: Mapping[str, str] = {}
+    starts_at: float | None = None
+    doses: tuple[str, ...] = ()
+
+    @property
+    def initial(self) -> dict[str, InitialGiven]:
+        """The initial values as `commonlaw.fit` takes them."""
+        found = dict[str, InitialGiven]()
+        for name, text in self.starts.items():
+            try:
+                found[name] = float(text)
+            except ValueError:
+                found[name] = text
+        return found
+
+    @property
+    def written(self) -> str:
+        """The equations with numbers in place of fixed parameters, and with bounds."""
+        text = self.text
+        for name in self.fixed:
+            value = float(np.mean(self.values[name]))
+            number = f"({value!r})" if value < 0 else repr(value)
+            text = re.sub(rf"(?<![\w`]){re.escape(name)}(?![\w`])", number, text)
+        limits = [self._limits(name, *ends) for name, ends in self.bounds.items() if name not in self.fixed]
+        return "; ".join([text.strip().rstrip(";"), *filter(None, limits)])
+
+    @staticmethod
+    def _limits(name: str, low: float | None, high: float | None) -> str:
+        if low is None and high is None:
+            return ""
+        return f"{'' if low is None else f'{low!r} < '}{name}{'' if high is None else f' < {high!r}'}"
+
+    def fit(self, trials: Trials, settings: Mapping[str, Any]) -> Law:
+        """Return the law of these equations, fitted from the values."""
+        from commonlaw.discovery import fit
+
+        text = ModelText.of(self.written)
+        guesses = dict[str, float]()
+        for name, own in self.values.items():
+            value, (low, high) = float(np.mean(own)), limits_of(name, text.bounds)
+            if name not in self.fixed and value != 0 and low <= value <= high:
+                guesses[name] = value
+        shared = {name: by for name, by in self.shared.items() if name not in self.fixed}
+        universal = shared if any(shared.values()) else tuple(shared)
+        is_model = needs_model(text, trials, self.initial, universal, self.priors)
+        return fit(
+            self.written,
+            trials,
+            starts=self.initial or None,
+            starts_at=self.starts_at,
+            doses=self.doses,
+            universal=universal,
+            # Fits with latent states alone look for values themselves
+            guesses=guesses if is_model or not self.starts else None,
+            priors=self.priors or None,
+            **settings,
+        )
+
+
 class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """All that a search is asked."""
 
@@ -190,6 +280,8 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     explain: bool = False
     settings: Mapping[str, tuple[str, ...]] = {}
     """Texts of settings of the fit, by name, see `settings_form`."""
+    equations: Equations | None = None
+    """Fitted as they are, in place of a search."""
     law: str | None = None
     """A saved law, which is then shown with these trials, and nothing is learned."""
 
@@ -205,6 +297,12 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         from commonlaw.discovery import TrajectoryLikelihood
 
         return TrajectoryLikelihood(**read_settings(FitOptions, self.settings)) if self.settings else None
+
+    @property
+    def fit_settings(self) -> dict[str, Any]:
+        """The settings that fits of given equations take."""
+        known = settings_of(FitOptions, "fit")
+        return {name: value for name, value in read_settings(FitOptions, self.settings).items() if name in known}
 
     def source(self, table: "Table") -> Source:
         """Return where a program finds the trials of its law in a table."""

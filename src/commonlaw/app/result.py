@@ -3,18 +3,18 @@
 So nothing is fitted or asked for when somebody moves along the candidates.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from commonlaw.app.question import text_in_page
+from commonlaw.app.question import message, text_in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast import Forecast, fitted
-from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn
+from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn, compare
 from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.law import shares_terms
@@ -132,6 +132,49 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         yield made
 
 
+def compared(one: Found, other: Found) -> dict[str, Any]:
+    """Return what tells two laws apart: evidence where the same data and states give it, and errors of both.
+
+    There is a problem in place of evidence that cannot be compared.
+    """
+    problem, evidence = "", list[float | None]([None, None])
+    if _measurements(one) != _measurements(other):
+        problem = "The laws were fitted to other measurements: their evidence does not compare."
+    else:
+        try:
+            frame = compare([one.law, other.law], one.findings.training).set_index("law")["2 log B"]
+            evidence = [float(frame[f"law {i}"]) for i in (1, 2)]
+        except CommonlawError as error:
+            problem = message(error)
+    return {
+        "problem": problem,
+        "laws": [_summary(each, value) for each, value in zip((one, other), evidence, strict=True)],
+        "views": other.candidates[0].shown["views"] if other.candidates else [],
+        "trials": other.about["views"],
+    }
+
+
+def _measurements(found: Found) -> tuple[tuple[str, str, bytes], ...]:
+    return tuple((each.object, each.name, each.states.tobytes()) for each in found.findings.training)
+
+
+def _summary(found: Found, evidence: float | None) -> dict[str, Any]:
+    findings, law = found.findings, found.law
+    kinds = {"residuals of the fit": findings.fit}
+    kinds["errors of forecasts" + ", held-out trials" * findings.is_held_out] = findings.forecast
+    errors = {}
+    for kind, curves in kinds.items():
+        if curves is not None:
+            rms = curves.errors().groupby("state", sort=False)["rms error"].apply(lambda own: np.sqrt((own**2).mean()))
+            errors[kind] = {name: float(f"{value:.3g}") for name, value in rms.items() if np.isfinite(value)}
+    return {
+        "equations": list(law.structure) if shares_terms(law) else [],
+        "parameters": len(named_parameters(law).names) if shares_terms(law) else None,
+        "evidence": evidence,
+        "errors": errors,
+    }
+
+
 def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:
     """Return which terms of its library a law has if each equation has those of these names."""
     if len(terms) != len(law.schema.states):
@@ -161,6 +204,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "formula": _mathml(law),
         "simpler": said_within_errors(within_errors(law)),
         "left": left_hand_sides(law),
+        "equations": _editable(law),
         "terms": _terms(law, law.support),
         "table": _table(law),
         "views": [_view(law, each, found.findings.start) for each in _views(found.findings)],
@@ -220,6 +264,30 @@ def _table(law: Law) -> dict[str, Any]:
     every = zip(law.objects, values, np.nan_to_num(errors), low, high, strict=True)
     rows = [[name, *(cell(*numbers) for numbers in zip(*own, strict=True))] for name, *own in every]
     return {"head": [law.schema.object, *units], "rows": rows}
+
+
+def _editable(law: Law) -> dict[str, Any] | None:
+    """Return a law as the page's editor begins with it; None if its objects do not share equations that it can fit."""
+    if not shares_terms(law) or law.order == 0:
+        return None
+    parameters = named_parameters(law)
+    low, high = (parameters.values,) * 2 if law.uncertainty.covariance is None else parameters.intervals()
+    observed = () if law.observation is None else (f"{a} = {b}" for a, b in law.observation.written.items())
+    schema = law.schema if law.observation is None else law.observation.measured
+    return {
+        "text": ";\n".join([*law.structure, *observed]),
+        "values": {name: numbers(column) for name, column in zip(parameters.names, parameters.values.T, strict=True)},
+        "errors": {
+            name: float(np.nan_to_num(np.max(wide), posinf=0.0))
+            for name, wide in zip(parameters.names, (high - low).T / 2, strict=True)
+        },
+        "starts": {
+            name: "free" if start is None else str(start)
+            for name, start in schema.starts.items()
+            if not isinstance(start, Mapping)
+        },
+        "doses": schema.doses,
+    }
 
 
 def _curves(forecast: Forecast) -> Iterator[dict[str, Any]]:

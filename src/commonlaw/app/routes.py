@@ -17,9 +17,10 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from commonlaw.app.access import TooLargeError, TooSlowError
+from commonlaw.app.equations import Asked, solved
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
 from commonlaw.app.question import Columns, Question, message, named, settings_form, text_in_page
-from commonlaw.app.result import Found
+from commonlaw.app.result import Found, compared
 from commonlaw.app.sessions import Search, Sessions
 from commonlaw.app.working import prepare
 from commonlaw.diagnostics import meaning, notes, sentences
@@ -35,7 +36,9 @@ from commonlaw.runtime.reading import read_json
 _SCRIPTS = (
     "app",
     "basics",
+    "compare",
     "curves",
+    "equations",
     "law",
     "measurements",
     "next",
@@ -80,6 +83,13 @@ class _OtherTerms(msgspec.Struct, forbid_unknown_fields=True):
     """Names of terms, for each equation."""
 
 
+class _Rival(msgspec.Struct, forbid_unknown_fields=True):
+    """Another search, whose law is compared with a candidate of this one."""
+
+    search: str
+    candidate: int = 0
+
+
 def application(sessions: Sessions) -> Starlette:
     """Return what answers."""
     routes = [Route(f"/{name}", _asset(*each)) for name, each in ASSETS.items()]
@@ -90,7 +100,9 @@ def application(sessions: Sessions) -> Starlette:
         ("/tables", "POST", _add_table),
         ("/datasets", "POST", _add_data_set),
         ("/previews", "POST", _preview),
+        ("/equations", "POST", _equations),
         ("/settings", "GET", _settings),
+        ("/searches", "GET", _laws),
         ("/searches", "POST", _search),
         ("/searches/{name}", "GET", _state),
         ("/searches/{name}", "DELETE", _cancel),
@@ -101,6 +113,7 @@ def application(sessions: Sessions) -> Starlette:
         ("/searches/{name}/terms", "DELETE", _cancel_fit),
         ("/searches/{name}/forecasts", "POST", _forecast),
         ("/searches/{name}/experiments", "POST", _experiments),
+        ("/searches/{name}/comparison", "POST", _comparison),
         ("/searches/{name}/{file}", "GET", _file),
     ):
         routes.append(Route(path, _mended(answer, nullcontext() if answer in _LIGHT else few), methods=[method]))
@@ -170,6 +183,11 @@ async def _preview(sessions: Sessions, request: Request) -> Response:
     return _json(await run_in_threadpool(preview, sessions.tables.get(asked.table), asked.columns))
 
 
+async def _equations(sessions: Sessions, request: Request) -> Response:
+    asked = read_json(await request.body(), Asked)
+    return _json(await run_in_threadpool(solved, sessions.tables.get(asked.table), asked.columns, asked.equations))
+
+
 async def _settings(_: Sessions, __: Request) -> Response:
     return _json(settings_form())
 
@@ -191,7 +209,8 @@ async def _question(sessions: Sessions, request: Request) -> Response:
 async def _found(sessions: Sessions, request: Request) -> Response:
     search = sessions.searches.get(request.path_params["name"])
     found = await run_in_threadpool(lambda: search.found.shown)
-    return _json({"found": found, "asked": search.question})
+    given = search.question.equations
+    return _json({"found": found, "asked": search.question, "written": given.written if given else ""})
 
 
 async def _cancel(sessions: Sessions, request: Request) -> Response:
@@ -227,6 +246,17 @@ async def _experiments(sessions: Sessions, request: Request) -> Response:
     found = sessions.searches.get(request.path_params["name"]).found
     asked = read_json(await request.body(), Budget)
     return _json(await run_in_threadpool(suggested, found, asked))
+
+
+async def _laws(sessions: Sessions, _: Request) -> Response:
+    """List the laws that were found."""
+    return _json(sessions.laws())
+
+
+async def _comparison(sessions: Sessions, request: Request) -> Response:
+    asked = read_json(await request.body(), _Rival)
+    one, other = (sessions.searches.get(name).found for name in (request.path_params["name"], asked.search))
+    return _json(await run_in_threadpool(lambda: compared(one.of_candidate(asked.candidate), other)))
 
 
 async def _file(sessions: Sessions, request: Request) -> Response:
@@ -282,7 +312,7 @@ def _given(found: Found, curves: Forecast | None) -> Forecast:
     return curves
 
 
-_LIGHT = (_first, _message, _settings, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
+_LIGHT = (_first, _message, _laws, _equations, _settings, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
 """What is answered at once, whatever else goes on."""
 
 _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {

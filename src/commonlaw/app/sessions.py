@@ -12,6 +12,7 @@ from commonlaw.app.result import SEARCHED, Found, ShownLaw, of_terms, results, s
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
 from commonlaw.law import from_json
+from commonlaw.law.law import shares_terms
 from commonlaw.runtime.fit_options import FitOptions, read_settings
 from commonlaw.runtime.progress import part
 
@@ -46,6 +47,11 @@ class Search:
     def is_fitting(self) -> bool:
         """Whether a fit goes on."""
         return any(each.is_running for each in self.fits[-1:])
+
+    @property
+    def made(self) -> Found | None:
+        """What it found so far, without laws that were fitted since."""
+        return self._work.made
 
     @property
     def found(self) -> Found:
@@ -105,6 +111,8 @@ def answer(question: Question, table: Table, show: Callable[[str], None]) -> Ite
     training = question.hold_out.training(trials)
     if question.law is not None:
         law = from_json(question.law)
+    elif question.equations is not None:
+        law = question.equations.fit(training, question.fit_settings | {"progress": part(show, 0.0, SEARCHED)})
     else:
         law = discover(
             training,
@@ -189,6 +197,18 @@ class Sessions:
             name = self.searches.add(Search(question, table))
             self.latest = {"table": question.table, "search": name}
         return name
+
+    def laws(self) -> list[dict[str, Any]]:
+        """Return the laws that searches found, each with its table, the first of them first."""
+        return [
+            {
+                "search": name,
+                "table": search.question.table,
+                "text": "; ".join(made.law.structure if shares_terms(made.law) else ("equations by object",)),
+            }
+            for name, search in [*self.searches.values.items()]
+            if (made := search.made) is not None
+        ]
 
     def fit_terms(self, name: str, terms: Sequence[Sequence[str]]) -> None:
         """Begin to fit a law of other terms to what a search was asked of.

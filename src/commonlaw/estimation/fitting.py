@@ -57,7 +57,7 @@ def needs_model(
 
 
 @dataclass(frozen=True, eq=False)
-class _Unknowns:
+class Unknowns:
     """The unknown numbers of a model: which parameter of which objects, or which initial value, each one is."""
 
     names: list[str]
@@ -88,20 +88,52 @@ def fit_model(
     calls: tuple[str, ...],
 ) -> Law:
     """Return the law of largest likelihood, see `commonlaw.fit`."""
+    begun = begin(text, trials, starts, starts_at, universal, guesses, priors, positive, noise)
+    model, unknowns, problem, bounds = begun.model, begun.unknowns, begun.problem, begun.bounds
+    optimum = maximize(problem, begun.first, begun.guessed, bounds, None, seed, progress)
+    lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
+    if len(lost):
+        raise CommonlawError("parameters-not-identified", names=[unknowns.labels[i] for i in lost[:8]])
+    return _law(model, trials, problem, unknowns, bounds, optimum, starts_at, calls, begun.groups)
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """A model before it is fitted: what is unknown, likely first values of it, whether these were guessed, its bounds.
+
+    First values have shape (p,), initial values among them; `groups` has the group of noise of each object, by quantity.
+    """
+
+    model: Model
+    unknowns: Unknowns
+    problem: Problem
+    first: Floats
+    guessed: Bools
+    bounds: Bounds
+    groups: Mapping[str, Mapping[str, str]]
+
+
+def begin(
+    text: ModelText,
+    trials: Trials,
+    starts: Mapping[str, InitialGiven],
+    starts_at: float | None = None,
+    universal: Sequence[str] | Mapping[str, str] = (),
+    guesses: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    positive: Sequence[str] = (),
+    noise: Mapping[str, float | str] | None = None,
+) -> Beginning:
+    """Return a model and trials as a fit begins with them; the arguments are those of `fit_model`."""
     properties = property_names(trials.properties)
     model = read_model(with_initial(text, starts, trials), trials.schema, properties)
     _check_latent(model, starts)
     unknowns = _unknowns(model, trials, properties, universal)
     known, groups = _checked_noise(trials, noise or {})
     problem = _problem(model, with_noise(with_logarithms(trials, positive), known), unknowns, starts_at, priors or {})
-    sizes, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
+    first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
     problem = _with_groups(replace(problem, sizes=state_sizes), groups)
-    bounds = _bounds(model, trials, unknowns)
-    optimum = maximize(problem, sizes, guessed, bounds, None, seed, progress)
-    lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
-    if len(lost):
-        raise CommonlawError("parameters-not-identified", names=[unknowns.labels[i] for i in lost[:8]])
-    return _law(model, trials, problem, unknowns, bounds, optimum, starts_at, calls, groups)
+    return Beginning(model, unknowns, problem, first, guessed, _bounds(model, trials, unknowns), groups)
 
 
 def with_initial(text: ModelText, starts: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
@@ -150,8 +182,8 @@ def _unknowns(
     trials: Trials,
     properties: Sequence[str],
     universal: Sequence[str] | Mapping[str, str],
-) -> _Unknowns:
-    found = _Unknowns([], [], {name: [] for name in trials.objects}, {name: [] for name in trials.objects}, [])
+) -> Unknowns:
+    found = Unknowns([], [], {name: [] for name in trials.objects}, {name: [] for name in trials.objects}, [])
     groups = dict(universal) if isinstance(universal, Mapping) else dict.fromkeys(universal, "")
     free = [name for name in model.parameters if name not in properties]
     for name in groups:
@@ -206,7 +238,7 @@ def _checked_noise(
 def _problem(
     model: Model,
     trials: Trials,
-    unknowns: _Unknowns,
+    unknowns: Unknowns,
     start: float | None,
     priors: Mapping[str, tuple[float, float]],
 ) -> Problem:
@@ -253,7 +285,7 @@ def _with_groups(problem: Problem, groups: Mapping[str, Mapping[str, str]]) -> P
 
 
 def _sizes(
-    model: Model, trials: Trials, problem: Problem, unknowns: _Unknowns, guesses: Mapping[str, float]
+    model: Model, trials: Trials, problem: Problem, unknowns: Unknowns, guesses: Mapping[str, float]
 ) -> tuple[Floats, Floats, Bools]:
     """Return likely sizes of the unknowns, of the states and rates, and which unknowns were guessed."""
     columns = {name: i for i, name in enumerate(model.variables.names)}
@@ -306,7 +338,7 @@ def _sizes(
     return sizes, found[: model.width], guessed
 
 
-def _begin_as_measured(model: Model, trials: Trials, unknowns: _Unknowns, sizes: Floats, guessed: Bools) -> None:
+def _begin_as_measured(model: Model, trials: Trials, unknowns: Unknowns, sizes: Floats, guessed: Bools) -> None:
     """Begin free initial values of measured states at their first measurements."""
     for trial, indices in zip(trials, unknowns.of_trial, strict=True):
         for name, k in zip(model.variables.states, indices, strict=True):
@@ -317,7 +349,7 @@ def _begin_as_measured(model: Model, trials: Trials, unknowns: _Unknowns, sizes:
                     sizes[k], guessed[k] = seen[0], True
 
 
-def _bounds(model: Model, trials: Trials, unknowns: _Unknowns) -> Bounds:
+def _bounds(model: Model, trials: Trials, unknowns: Unknowns) -> Bounds:
     limits = [limits_of(name, model.text.bounds) for name in unknowns.names]
     low, high = (
         (np.array(each, dtype=np.float64) for each in zip(*limits, strict=True)) if limits else (np.zeros(0),) * 2
@@ -338,7 +370,7 @@ def _law(
     model: Model,
     trials: Trials,
     problem: Problem,
-    unknowns: _Unknowns,
+    unknowns: Unknowns,
     bounds: Bounds,
     optimum: Optimum,
     start: float | None,
@@ -425,7 +457,7 @@ def _typical_noise(problem: Problem, optimum: Optimum) -> Floats:
     return found
 
 
-def _values(model: Model, unknowns: _Unknowns, found: Floats, owner: str) -> dict[str, Floats]:
+def _values(model: Model, unknowns: Unknowns, found: Floats, owner: str) -> dict[str, Floats]:
     """Return the value of each parameter of an object."""
     own = zip(model.parameters, unknowns.of_object[owner], unknowns.values[owner], strict=True)
     return {name: np.asarray(value if k < 0 else found[k]) for name, k, value in own}
@@ -434,7 +466,7 @@ def _values(model: Model, unknowns: _Unknowns, found: Floats, owner: str) -> dic
 def _covariance(
     model: Model,
     trials: Trials,
-    unknowns: _Unknowns,
+    unknowns: Unknowns,
     optimum: Optimum,
     products: Sequence[Product],
     support: Bools,
@@ -470,7 +502,7 @@ def _covariance(
     return found, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
 
 
-def _at_bounds(model: Model, unknowns: _Unknowns, bounds: Bounds, optimum: Optimum) -> tuple[Outcome, ...]:
+def _at_bounds(model: Model, unknowns: Unknowns, bounds: Bounds, optimum: Optimum) -> tuple[Outcome, ...]:
     """Return which parameters are at a bound, each with the interval on the other side."""
     from scipy.stats import norm
 

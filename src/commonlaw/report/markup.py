@@ -40,19 +40,24 @@ def law_markdown(law: Law) -> str:
 
 def law_latex(law: Law) -> str:
     """Return the equations of a law whose objects share them as LaTeX that pages draw, see `law_markdown`."""
-    return _broken(_latex(law))
+    return _broken(_spelled(_latex(law)))
 
 
 def equation_parts(law: Law) -> list[list[str]]:
     """Return each equation of a law whose objects share them as LaTeX in parts, between which a line may break."""
-    _, *lines, _ = _latex(law).splitlines()
+    return parts_of(_latex(law))
+
+
+def parts_of(latex: str) -> list[list[str]]:
+    """Return each line of an ``aligned`` block in parts, between which a line may break."""
+    _, *lines, _ = _spelled(latex).splitlines()
     parts = [_parts(line.removesuffix(r"\\").rstrip().replace("&", "", 1)) for line in lines]
     # An empty group before a sign leaves it between two things, so that it has space around it
     return [[first, *(f"{{}}{each}" for each in others)] for first, *others in parts]
 
 
 def _latex(law: Law) -> str:
-    return _spelled(law.to_latex() if _has_numbers(law) else _structure_latex(law))
+    return law.to_latex() if _has_numbers(law) else _structure_latex(law)
 
 
 def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:

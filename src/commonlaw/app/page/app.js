@@ -1,6 +1,8 @@
 // The page: a table, a question, a law. All that a law needs is here once it was found; moving along candidates asks nobody.
 import { $, ask, remember, state, trying } from "./basics.js";
+import { compare } from "./compare.js";
 import { changeView, showCurves, togetherOrAlone } from "./curves.js";
+import { close, complete, fit, read, showValues, startFrom, steer } from "./equations.js";
 import { move } from "./law.js";
 import { openFile, openSample, recognise, takeColumns } from "./measurements.js";
 import { showBudget, suggest } from "./next.js";
@@ -28,11 +30,18 @@ $("state").addEventListener("change", showCurves);
 $("view").addEventListener("change", changeView);
 $("find").addEventListener("input", findPanels);
 $("all").addEventListener("click", togetherOrAlone);
+$("rival").addEventListener("change", compare);
+$("write_from").addEventListener("change", startFrom);
+$("write_object").addEventListener("change", showValues);
+$("equations").addEventListener("input", () => { complete(); read(); });
+$("equations").addEventListener("keydown", steer);
+$("equations").addEventListener("blur", close);
+$("fit").addEventListener("click", fit);
 for (const id of ["svg", "png"]) $(id).addEventListener("click", take);
 for (const id of ["own_object", "duration"]) $(id).addEventListener("change", forecastOwn);
 $("next_budget").addEventListener("input", showBudget);
 $("next_suggest").addEventListener("click", suggest);
-$("saved").addEventListener("change", async () => $("saved").files[0] && start(await $("saved").files[0].text()));
+$("saved").addEventListener("change", async () => $("saved").files[0] && start({ law: await $("saved").files[0].text() }));
 
 // Coming back after a reload, or in another window; or with a table that the command named
 const kept = new URLSearchParams(location.hash.slice(1)), last = kept.size ? Object.fromEntries(kept) : await ask("first");

@@ -3,6 +3,7 @@ import { $, element, labels, state, withUnit } from "./basics.js";
 import { markPanels, showPanels, updatePanels } from "./panels.js";
 import { draw } from "./plots.js";
 
+const WRITTEN = { fit: true, title: "your equations" };
 const MOST_TOGETHER = 3;
 const wide = matchMedia("(min-width: 70rem)");
 
@@ -36,6 +37,20 @@ function beginView() {
   begin(trials.length ? trials : preview.trials, found.states, false);
 }
 
+/** Begin with curves of equations that are written, of all trials that can be drawn. */
+export function beginWritten() {
+  const { preview } = state, { roles, units } = preview;
+  $("views").hidden = true;
+  begin(preview.trials, roles.states.map(name => ({ name, unit: units[name] })), true);
+}
+
+/** Go back from curves of equations that are written to those of the law. */
+export function endWritten() {
+  if (!state.written) return;
+  state.written = null;
+  showViews(state.found);
+}
+
 /** Show the fit, or the forecasts. */
 export function changeView() {
   const j = $("state").value;
@@ -44,7 +59,7 @@ export function changeView() {
   showCurves();
 }
 
-const view = () => state.found?.views[Number($("view").value)];
+const view = () => state.written ? WRITTEN : state.found?.views[Number($("view").value)];
 
 function begin(trials, states, together) {
   const objects = [...new Set(trials.map(each => each.object))];
@@ -73,7 +88,9 @@ export function togetherOrAlone() {
 
 /** Of each trial that can be drawn what was measured of a state, and the curve of the candidate that is shown. */
 function curves(j) {
-  const { found, preview, at } = state, drawn = found?.candidates[at].views[Number($("view").value)]?.curves ?? [];
+  const { found, preview, at, written } = state;
+  if (written) return writtenCurves(j);
+  const drawn = found?.candidates[at].views[Number($("view").value)]?.curves ?? [];
   if (!drawn.length) {
     const names = labels(preview.trials);
     return preview.trials.map(({ object, t, states }, i) => ({ object, t, points: states[j], line: found ? null : states[j], label: names[i], color: i }));
@@ -86,18 +103,40 @@ function curves(j) {
   });
 }
 
+/** The curves of a law that is compared, dashed. */
+function rivalCurves(j, names) {
+  const { rival, written } = state, at = Number($("view").value), drawn = rival?.views[at]?.curves;
+  if (written || !drawn) return [];
+  return rival.trials[at].trials.flatMap(({ object, name }, i) => {
+    const color = view().trials.findIndex(each => each.object === object && each.name === name);
+    if (color < 0 || !drawn[i] || !state.chosen.has(object)) return [];
+    return [{ object, t: drawn[i].t, line: drawn[i].states[j][1], label: `${names[color]}, compared law`, color, dash: [6, 5] }];
+  });
+}
+
+/** The same of equations that are written, whose times are those of all samples and more. */
+function writtenCurves(j) {
+  const { preview, written } = state, names = labels(preview.trials), k = written.states.indexOf(preview.roles.states[j]);
+  return preview.trials.map((trial, i) => {
+    const { t, states } = written.curves[i], measured = new Map(trial.t.map((time, n) => [time, trial.states[j][n]]));
+    return { object: trial.object, t, points: t.map(time => measured.get(time) ?? null), line: states[k] ?? null, label: names[i], color: i };
+  });
+}
+
 export function showCurves() {
-  const { found, preview } = state, j = Number($("state").value), every = curves(j), shown = every.filter(each => state.chosen.has(each.object));
+  const { preview, written } = state, found = written ? null : state.found, j = Number($("state").value), every = curves(j), shown = every.filter(each => state.chosen.has(each.object));
   const [x, y] = found ? [found.time, found.states[j]] : [preview.roles.time, preview.roles.states[j]].map(name => ({ name, unit: preview.units[name] }));
   const modelled = every.some(each => each.line && each.line !== each.points), { fit, title } = view() ?? {};
-  $("see_title").textContent = !modelled ? "Measurements" : fit ? "Measurements and fit" : `Measurements and ${title}`;
+  $("see_title").textContent = !modelled ? "Measurements" : written ? "Measurements and your equations" : fit ? "Measurements and fit" : `Measurements and ${title}`;
   const lines = fit ? "fitted" : "forecast", difference = fit ? "residual" : "error";
-  draw($("forecast_plot"), shown, { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240, lines });
-  $("bands").hidden = !modelled || shown.some(each => each.low);
-  const what = fit ? "Lines: fit of the law, initial conditions estimated from all samples. Below: residuals, measured minus fitted." : `Lines: ${title}. Below: errors, forecast minus measured.`;
-  $("reading").textContent = `${modelled ? `Points: measurements. ${what} Bands: 95 % of measurements expected. ` : ""}Drag to zoom, double-click to go back.`;
+  const others = found ? rivalCurves(j, labels(view()?.trials ?? [])) : [];
+  draw($("forecast_plot"), [...shown, ...others], { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240, lines });
+  $("bands").hidden = !modelled || Boolean(written) || shown.some(each => each.low);
+  const what = written ? "Lines: your equations. Below: residuals, measured minus computed." : fit ? "Lines: fit of the law, initial conditions estimated from all samples. Below: residuals, measured minus fitted." : `Lines: ${title}. Below: errors, forecast minus measured.`;
+  const bands = written ? "" : "Bands: 95 % of measurements expected. ";
+  $("reading").textContent = `${modelled ? `Points: measurements. ${what} ${bands}` : ""}Drag to zoom, double-click to go back.`;
   draw($("error_plot"), modelled ? shown.map(each => errors(each, fit)) : [], { x: withUnit(x), y: withUnit({ name: difference, unit: y.unit }), height: 130, points: difference });
-  $("pictures").hidden = !modelled;
+  $("pictures").hidden = !modelled || Boolean(written);
   for (const kind of ["svg", "png"]) $(kind).href = `searches/${state.search}/law.${kind}?candidate=${state.at}`;
   $("all").setAttribute("aria-pressed", String(shown.length === every.length));
   markPanels(shown.length < every.length ? state.chosen : new Set());

@@ -1,14 +1,16 @@
 // 3. The law: its formula and terms, the slider along its rivals, and laws of other terms.
 import { $, ask, begin, element, fill, follow, plural, pretty, state, tell, trying } from "./basics.js";
-import { showCurves, showViews, showResult } from "./curves.js";
+import { endWritten, showCurves, showViews, showResult } from "./curves.js";
+import { offerRivals } from "./compare.js";
+import { offerStarts } from "./equations.js";
 import { showNext } from "./next.js";
 import { forecastOwn, showOwn } from "./own.js";
 import { showFiles } from "./take.js";
 
 /** Show what a search has found: a law first, and when its rivals come these too. */
-export function show({ found, asked }) {
+export function show({ found, asked, written }) {
   if (state.found) return showMore(found);
-  Object.assign(state, { found, asked });
+  Object.assign(state, { found, asked: { ...asked, written }, written: null });
   showResult(true);
   $("verdict").textContent = found.verdict[0] ?? "";
   const more = [...found.verdict.slice(1), ...found.lacking];
@@ -71,6 +73,9 @@ export function move(index) {
   $("formula").append(...candidate.simpler.map(each => element("div", each, { class: "soft" })));
   press();
   fill($("coefficients"), candidate.table.head, candidate.table.rows);
+  endWritten();
+  offerStarts();
+  offerRivals();
   showCurves();
   showFiles();
   clearTimeout(state.soon);
@@ -80,7 +85,7 @@ export function move(index) {
 }
 
 /** An equation as parts between which a line may break; they are MathML of the server's own making, in which names are text. */
-function equation(parts) {
+export function equation(parts) {
   const line = element("div", "", { class: "equation" });
   line.innerHTML = parts.join("<wbr>");
   return line;

@@ -1,6 +1,7 @@
 // 1. Measurements: a table, what its columns are, what its checks found.
 import { $, ask, element, fill, plural, remember, state, tell, trying } from "./basics.js";
 import { showMeasured } from "./curves.js";
+import { beginEquations } from "./equations.js";
 import { showHeld, showLibraries } from "./question.js";
 
 async function openTable(made) {
@@ -51,6 +52,7 @@ function showPreview() {
   if (!roles.properties.length) $("explain").checked = false;
   showLibraries();
   showHeld();
+  beginEquations();
 }
 
 function showChecks({ checks, notes, columns }) {

@@ -34,48 +34,54 @@ export function draw(place, curves, { x, y, height = 300, dragged = null, lines 
       bands.push({ series: [series.length, series.length + 1], fill: `${color}2e` });
       for (const end of [curve.high, curve.low]) add(end, { stroke: "transparent", points: { show: false } });
     }
-    if (curve.line) add(curve.line, { width: 2, points: { show: false } });
+    if (curve.line) add(curve.line, { width: 2, dash: curve.dash, points: { show: false } });
     if (curve.points) add(curve.points, { width: 0, paths: () => null, points: { show: true, size: 5, fill: color, width: 0 } });
     tables.push(columns);
   }
-  shown.get(place)?.plot.destroy();
+  const data = tables.length > 1 ? uPlot.join(tables) : tables[0];
+  const key = JSON.stringify([series, bands, curves.map(each => each.label), x, y, height, lines, points, Boolean(dragged), css("--ink"), place.clientWidth]), before = shown.get(place);
+  if (before?.key === key && !dragged) {
+    // The same lines with other values: they move, and nothing is made anew
+    before.content.curves = curves;
+    return before.plot.setData(data);
+  }
+  before?.plot.destroy();
   shown.delete(place);
   place.replaceChildren();
   if (!tables.length) return;
-  const data = tables.length > 1 ? uPlot.join(tables) : tables[0];
-  const held = holding.get(place), told = readout(curves, { x, lines, points });
+  const content = { curves }, held = holding.get(place), told = readout(content, { x, lines, points });
   const options = {
     width: Math.max(280, place.clientWidth), height, series, bands,
-    scales: { x: { time: false }, y: { range: (_, low, high) => held ? held.range : within(low, high, curves) } },
+    scales: { x: { time: false }, y: { range: (_, low, high) => held ? held.range : within(low, high, content.curves) } },
     axes: [{ ...axis(x), size: 40 }, { ...axis(y), size: width, space: Math.min(30, height / 8) }],
     legend: { show: false }, hooks: { setCursor: [told.show] },
     cursor: { points: { show: false }, drag: { x: !dragged, y: !dragged, setScale: !dragged, uni: 20 } },
   };
   const plot = new uPlot(options, data, place);
   place.append(told.list);
-  shown.set(place, { plot, again: () => draw(place, curves, { x, y, height, dragged, lines, points }) });
+  shown.set(place, { plot, key, content, again: () => draw(place, content.curves, { x, y, height, dragged, lines, points }) });
   if (dragged) letDrag(place, plot, curves.map(each => each.line), dragged);
 }
 
 const MOST_NAMED = 6;
 
 /** A list of the curves, with their values under the pointer; of many curves only the one nearest to the pointer. */
-function readout(curves, words) {
-  const list = document.createElement("ul"), few = curves.length <= MOST_NAMED;
+function readout(content, words) {
+  const list = document.createElement("ul"), { curves: first } = content, few = first.length <= MOST_NAMED;
   list.className = "readout";
-  const rows = (few ? curves : [null]).map(() => list.appendChild(document.createElement("li")));
+  const rows = (few ? first : [null]).map(() => list.appendChild(document.createElement("li")));
   const tell = (row, curve, values) => {
     const swatch = document.createElement("span");
     swatch.style.background = colorOf(curve.color);
     row.replaceChildren(swatch, `${curve.label}${values}`);
   };
   const rest = () => {
-    if (few) curves.forEach((curve, i) => tell(rows[i], curve, ""));
-    else rows[0].textContent = `${curves.length} curves: point at one to see which it is`;
+    if (few) first.forEach((curve, i) => tell(rows[i], curve, ""));
+    else rows[0].textContent = `${first.length} curves: point at one to see which it is`;
   };
   rest();
   const show = plot => {
-    const { left, top } = plot.cursor;
+    const { left, top } = plot.cursor, { curves } = content;
     if (!(left >= 0)) return rest();
     const at = plot.posToVal(left, "x"), range = plot.scales.x.max - plot.scales.x.min;
     if (few) return curves.forEach((curve, i) => tell(rows[i], curve, valuesAt(curve, at, range, words)));

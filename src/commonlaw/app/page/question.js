@@ -1,6 +1,7 @@
 // 2. Question: which law is looked for, and the search for it.
 import { $, ask, element, follow, remember, state, trying } from "./basics.js";
 import { showMeasured } from "./curves.js";
+import { restoreEquations } from "./equations.js";
 import { followFit, settle, show } from "./law.js";
 
 const LIBRARIES = [
@@ -53,16 +54,17 @@ function known() {
   return Object.fromEntries(pairs.map(([name, value]) => [name.trim(), Number(value)]));
 }
 
-function question(law = null) {
+function question(more) {
   const kind = $("hold_out").value, order = $("order").value;
   return {
     table: state.table, columns: state.columns, order: order === "auto" ? order : Number(order), library: $("own_library").value.trim() || $("library").value,
-    hold_out: { kind, value: kind === "after" ? $("after").value : $("held").value }, known: known(), explain: $("explain").checked, settings: settings(), law,
+    hold_out: { kind, value: kind === "after" ? $("after").value : $("held").value }, known: known(), explain: $("explain").checked, settings: settings(), ...more,
   };
 }
 
 /** Put what was asked before into the form. */
-export function showQuestion({ order, library, hold_out, known, explain, settings }) {
+export function showQuestion({ order, library, hold_out, known, explain, settings, equations }) {
+  if (equations) restoreEquations(equations);
   $("order").value = order;
   showLibraries();
   const offered = [...$("library").options].some(each => each.value === library);
@@ -76,9 +78,10 @@ export function showQuestion({ order, library, hold_out, known, explain, setting
   for (const { name, choices, default: usual } of state.settings) $(`setting_${name}`).value = settings[name]?.join(", ") ?? (Object.keys(choices).length ? usual : "");
 }
 
-export async function start(law = null) {
+/** Begin a search; `more` has equations to fit, or a saved law to show. */
+export async function start(more = {}) {
   await trying("failed", async () => {
-    state.search = (await ask("searches", "POST", question(law))).search;
+    state.search = (await ask("searches", "POST", question(more))).search;
     remember();
     await showSearch();
   });

@@ -42,10 +42,13 @@ export async function take(event) {
 
 /**
  * The command that finds the law, or fits the candidate that is shown. There is none for a law that was opened, and for a
- * candidate with known coefficients, which its equation does not say.
+ * candidate with known coefficients, which its equation does not say; nor for equations with priors, or with parameters that
+ * objects of one property share.
  */
 function command({ chosen, text }) {
   const { preview, asked, found } = state, { columns } = asked, known = Object.entries(asked.known);
+  const { equations } = asked, given = chosen && equations;
+  if (given && (Object.keys(equations.priors).length || Object.values(equations.shared).some(Boolean) || equations.starts_at !== null)) return "";
   if (asked.law || (!chosen && (known.length || !found.others))) return "";
   const roles = [], reading = [];
   for (const role of ["object", "trial", "time"]) if (columns[role] || columns[role] === "") roles.push(`--${role}`, columns[role]);
@@ -54,15 +57,19 @@ function command({ chosen, text }) {
   for (const option of ["wide", "restarts", "decimal", "dates"]) if (columns[option]) reading.push(`--${option}`, columns[option]);
   for (const mark of columns.missing ?? []) reading.push("--missing", mark);
   const described = reading.length ? ["commonlaw", "data", "check", preview.name, ...roles, ...reading, "--save", "schema.toml"] : [];
-  const said = ["commonlaw", chosen ? "discover" : "fit", preview.name, ...chosen ? [] : [text.join("; ")]];
+  const said = ["commonlaw", chosen && !given ? "discover" : "fit", preview.name, ...given ? [asked.written] : chosen ? [] : [text.join("; ")]];
   said.push(...reading.length ? ["--schema", "schema.toml"] : roles);
-  if (chosen) said.push("--order", String(asked.order), "--library", asked.library);
+  if (given) {
+    for (const [name, value] of Object.entries(equations.starts)) said.push("--initial-value", `${name}=${value}`);
+    for (const name of equations.doses) said.push("--dose", name);
+    for (const name of Object.keys(equations.shared)) said.push("--universal", name);
+  } else if (chosen) said.push("--order", String(asked.order), "--library", asked.library);
   for (const [name, value] of known) said.push("--known", `${name}=${value}`);
-  for (const { name, of_fit } of state.settings) if (chosen || of_fit) for (const value of asked.settings[name] ?? []) said.push("--set", `${name}=${value}`);
+  for (const { name, of_fit } of state.settings) if ((chosen && !given) || of_fit) for (const value of asked.settings[name] ?? []) said.push("--set", `${name}=${value}`);
   const { kind, value } = asked.hold_out;
   if (kind === "after") said.push("--learn-until", value);
   else if (kind !== "nothing") said.push("--hold-out", `${preview.roles[kind]}=${value}`);
-  if (chosen && asked.explain) said.push("--explain");
+  if (chosen && !given && asked.explain) said.push("--explain");
   return [described, said].filter(words => words.length).map(words => words.map(quoted).join(" ")).join("\n");
 }
 

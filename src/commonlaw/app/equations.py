@@ -1,0 +1,174 @@
+"""Equations that a user writes: read as they are typed, and solved as sliders move."""
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from commonlaw.app.question import Columns, Equations, Table, message
+from commonlaw.app.result import numbers
+from commonlaw.array_types import Floats
+from commonlaw.discovery.measured_rates import without_measured_rates
+from commonlaw.errors import CommonlawError
+from commonlaw.estimation import needs_model
+from commonlaw.estimation.fitting import Beginning, InitialGiven, begin
+from commonlaw.estimation.model import ModelText
+from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.law.parse import latex_summands, read_equations
+from commonlaw.law.text import Addend, aligned, latex_left_hand_sides
+from commonlaw.library import with_rates
+from commonlaw.library.equation import split_equations
+from commonlaw.library.grammar import FUNCTIONS
+from commonlaw.library.notation import latex_name
+from commonlaw.report.markup import formula, parts_of
+from commonlaw.trials import Trials
+from commonlaw.trials.transformations import with_doses
+from commonlaw.trials.trial import property_names
+
+_TRIALS, _POINTS = 60, 60
+"""Trials that are drawn, and points of a curve where samples are fewer."""
+_ITERATIONS, _TOLERANCE = 2, 1e-5
+"""Gauss-Newton steps of initial conditions, and relative error of a step of a solution."""
+
+
+class Asked(msgspec.Struct, forbid_unknown_fields=True):
+    """Equations that are written for a table."""
+
+    table: str
+    columns: Columns
+    equations: Equations
+
+
+def words(trials: Trials) -> list[str]:
+    """Return what may stand in equations: states, rates, inputs, time, properties and functions."""
+    schema = trials.schema
+    rates = [f"{name}'" for name in schema.states]
+    return [
+        *schema.states,
+        *rates,
+        *schema.inputs,
+        "t",
+        *property_names(trials.properties),
+        *(f"{f}(" for f in FUNCTIONS),
+    ]
+
+
+def solved(table: Table, columns: Columns, equations: Equations) -> dict[str, Any]:
+    """Return equations as they were read, their parameters with first values, and their curves.
+
+    Where they cannot be read there is a problem instead.
+    """
+    try:
+        begun, trials, formulas = _read(
+            table, columns, equations.text, tuple(equations.initial.items()), equations.starts_at, equations.doses
+        )
+    except CommonlawError as error:
+        return {"problem": message(error)}
+    first = begun.first.copy()
+    for owner, own in begun.unknowns.of_object.items():
+        at = trials.objects.index(owner)
+        for name, k in zip(begun.model.parameters, own, strict=True):
+            given = equations.values.get(name, ())
+            if k >= 0 and at < len(given):
+                first[k] = given[at]
+    columns_of = begun.unknowns.of_object
+    values = {
+        name: [float(first[columns_of[owner][i]]) for owner in trials.objects]
+        for i, name in enumerate(begun.model.parameters)
+        if columns_of[trials.objects[0]][i] >= 0
+    }
+    return {
+        "problem": "",
+        "formula": formulas,
+        "states": begun.model.observables,
+        "values": values,
+        "curves": [_curve(begun.problem, each, first) for each in begun.problem.trials[:_TRIALS]],
+    }
+
+
+@lru_cache(maxsize=8)
+def _read(
+    table: Table,
+    columns: Columns,
+    text: str,
+    starts: tuple[tuple[str, InitialGiven], ...],
+    starts_at: float | None,
+    doses: tuple[str, ...],
+) -> tuple[Beginning, Trials, list[list[str]]]:
+    """Return how a fit of equations begins, the trials, and the equations as MathML."""
+    trials = with_doses(table.trials(columns), doses)
+    model_text, given = ModelText.of(text), dict(starts)
+    asked = split_equations(model_text.equations)
+    second = [each.state for each in asked if each.order == 2]
+    trials, _ = without_measured_rates(trials, second, [each.state for each in asked])
+    if not needs_model(model_text, trials, given, (), None) and not given:
+        read_equations("; ".join(model_text.equations), trials.schema)  # Says what `fit` refuses
+    begun = begin(model_text, trials, given, starts_at)
+    begun = replace(begun, problem=replace(begun.problem, tolerance=_TOLERANCE), first=_with_rates(begun))
+    return begun, trials, _formulas(begun)
+
+
+def _with_rates(begun: Beginning) -> Floats:
+    """Return the first values, with initial rates by straight lines through the first samples."""
+    model, first = begun.model, begun.first.copy()
+    count = len(model.schema.states)
+    second = with_rates(model.order, count).tolist()
+    for data in begun.problem.trials:
+        for i, j in enumerate(second):
+            k, name = data.initial[count + i], model.schema.states[j]
+            if k >= 0 and name in model.observables:
+                column = data.trial.states[:, model.observables.index(name)]
+                seen = np.flatnonzero(np.isfinite(column))[:5]
+                if len(seen) > 1:
+                    first[k] = np.polyfit(data.trial.times[seen], column[seen], 1)[0]
+    return first
+
+
+def _formulas(begun: Beginning) -> list[list[str]]:
+    model = begun.model
+    lefts = latex_left_hand_sides(model.schema.states, model.order)
+    second = [model.schema.states[j] for j in with_rates(model.order, len(lefts))]
+    rates = list(zip(second, model.variables.states[len(lefts) :], strict=True))
+    starts = {f"{name}(0)": start for name, start in model.text.initial.items() if isinstance(start, str)}
+    others = {**model.text.observed, **starts}
+    written = latex_summands(model.text.equations, model.schema, model.variables, rates, others)
+    rows = [[Addend(negative, "", latex) for negative, latex in row] for row in written]
+    lefts = (*lefts, *(latex_name(each.removesuffix("(0)")) + "(0)" * each.endswith("(0)") for each in others))
+    try:
+        return [[formula(part) for part in parts] for parts in parts_of(aligned(zip(lefts, rows, strict=True)))]
+    except CommonlawError:
+        return []
+
+
+def _curve(problem: Problem, data: TrialData, unknowns: Floats) -> dict[str, Any]:
+    """Return the solution for a trial, its free initial values by least squares."""
+    begins, ends = data.times[0], data.times[-1]
+    if len(data.times) < _POINTS:
+        times = np.union1d(data.times, np.linspace(begins, ends, _POINTS))
+        data = replace(data, times=times, rows=np.searchsorted(times, data.trial.times))
+    free, rows, measured = data.initial[data.initial >= 0], data.rows, data.trial.states
+    seen, scale = np.isfinite(measured), np.nanstd(measured, axis=0) + 1e-300
+    data = replace(data, rows=np.arange(len(data.times)))
+    best, unknowns, values = np.inf, unknowns.copy(), np.full((len(data.times), measured.shape[1]), np.nan)
+    for step in range(_ITERATIONS + 1):
+        with np.errstate(all="ignore"):
+            predicted = problem.predicted(data, unknowns, step < _ITERATIONS and len(free) > 0)
+            residuals = ((predicted.values[rows] - measured) / scale)[seen]
+            cost = float(residuals @ residuals)
+        if step and not cost < best:
+            break
+        best, values = cost, predicted.values
+        if predicted.slopes is None or not np.isfinite(cost):
+            break
+        slopes = (predicted.slopes[rows][..., free] / scale[:, np.newaxis])[seen]
+        unknowns[free] -= np.linalg.lstsq(slopes, residuals, rcond=None)[0]
+    with np.errstate(all="ignore"):
+        values = np.where(problem.logarithmic, np.exp(values), values)
+    return {
+        "object": data.trial.object,
+        "name": data.trial.name,
+        "t": data.times.tolist(),
+        "states": [numbers(each) for each in values.T],
+    }

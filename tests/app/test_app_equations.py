@@ -1,0 +1,160 @@
+"""Equations that are written in the app: read, solved, fitted and compared."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from selenium.webdriver import Keys
+
+import commonlaw as cl
+from commonlaw.app.equations import solved
+from commonlaw.app.question import Columns, Equations, Table
+from tests.in_browser import choose, is_fault, open_page, serious, text, wait
+from tests.served import served
+
+TIMES = np.linspace(0.0, 4.0, 41)
+
+
+def _pairs(noise=0.0):
+    """A table of two predators with their prey, over which Lotka's equations were integrated."""
+    rng, rows = np.random.default_rng(0), ["object,t,x,y"]
+    for i, growth in enumerate((1.0, 1.2)):
+        states = _lotka(growth, (10.0, 5.0)) + rng.normal(0.0, noise, (2, len(TIMES)))
+        rows += [f"P{i},{t},{x},{y}" for t, x, y in zip(TIMES, *states, strict=True)]
+    return Table("pairs.csv", "\n".join(rows).encode())
+
+
+def _lotka(growth, start):
+    def rates(_, z):
+        return [growth * z[0] - 0.1 * z[0] * z[1], -1.5 * z[1] + 0.075 * z[0] * z[1]]
+
+    return solve_ivp(rates, (TIMES[0], TIMES[-1]), start, t_eval=TIMES, rtol=1e-9, atol=1e-9).y
+
+
+LOTKA = "x' = a x - b x y\ny' = -c y + d x y"
+VALUES = {"a": (1.0, 1.2), "b": (0.1, 0.1), "c": (1.5, 1.5), "d": (0.075, 0.075)}
+
+
+def test_curves_are_solutions_of_the_equations_with_each_objects_values_from_the_best_initial_conditions():
+    found = solved(_pairs(), Columns(), Equations(LOTKA, VALUES))
+    assert found["problem"] == ""
+    assert [each["object"] for each in found["curves"]] == ["P0", "P1"]
+    for curve, growth in zip(found["curves"], VALUES["a"], strict=True):
+        at = [curve["t"].index(time) for time in TIMES]
+        np.testing.assert_allclose(np.array(curve["states"])[:, at], _lotka(growth, (10.0, 5.0)), rtol=1e-3)
+    known = solved(_pairs(), Columns(), Equations(f"{LOTKA}\nx(0) = 7", VALUES))["curves"][0]
+    assert known["states"][0][0] == 7.0
+
+
+@pytest.mark.parametrize(
+    ("written", "code"),
+    [
+        ("x' = a x - b x z; y' = -c y", "equation"),
+        ("x' = a x + b x; y' = -c y", "term-twice"),
+        ("x' = a x; y' = sine(y)", "["),
+        ("x' = a x", "equations-of-other-states"),
+        ("x' =", "["),
+    ],
+)
+def test_what_cannot_be_read_is_said_with_a_code(written, code):
+    problem = solved(_pairs(), Columns(), Equations(written))["problem"]
+    assert code in problem
+    assert problem.endswith("]")
+
+
+def test_fits_take_fixed_values_bounds_shared_parameters_and_priors():
+    trials = _pairs(0.05).trials(Columns())
+    given = Equations(LOTKA, VALUES | {"b": (0.11, 0.11)}, fixed=("b",), bounds={"c": (None, 1.4)}, shared={"d": ""})
+    assert given.written == "x' = a x - 0.11 x y\ny' = -c y + d x y; c < 1.4"
+    law = given.fit(trials, {"errors": "white"})
+    estimate = law.params.set_index(["object", "parameter"])["estimate"]
+    assert {name for _, name in estimate.index} == {"a", "c", "d"}
+    assert max(estimate["P0", "c"], estimate["P1", "c"]) <= 1.4
+    assert estimate["P0", "d"] == estimate["P1", "d"]
+    assert (
+        Equations("x' = -k x; y' = k x", {"k": (-0.5, -0.5)}, fixed=("k",)).written == "x' = -(-0.5) x; y' = (-0.5) x"
+    )
+
+    near = Equations(LOTKA, VALUES, priors={"a": (3.0, 1e-6)}).fit(trials, {})
+    rows = near.params.set_index(["object", "parameter"])["estimate"]
+    np.testing.assert_allclose([rows["P0", "a"], rows["P1", "a"]], 3.0, atol=1e-4)
+
+
+def test_equations_are_typed_moved_by_sliders_fitted_and_compared(page, tmp_path):
+    path = tmp_path / "pairs.csv"
+    path.write_bytes(_pairs(0.05).content)
+    with served(path) as app:
+        open_page(page, app)
+        wait(page, "$('counts').textContent.includes('2 trials of 2 objects')")
+        page.execute_script("document.getElementById('write').open = true")
+        field = page.find_element("id", "equations")
+        field.send_keys("x' = a x - si")
+        assert page.find_element("css selector", "#completions li").text == "sin("
+        field.send_keys(Keys.TAB, "y) x")
+        assert field.get_attribute("value") == "x' = a x - sin(y) x"
+        assert wait(page, "$('equations_problem').querySelector('a')?.textContent") == "equations-of-other-states"
+        field.send_keys(Keys.CONTROL, "a")
+        field.send_keys(LOTKA)
+        wait(page, "$('parameters').children.length === 4 && !$('equations_problem').textContent")
+        assert page.find_elements("css selector", "#equations_formula math")
+        assert text(page, "see_title") == "Measurements and your equations"
+        before = _paths(page)
+        page.find_element("id", "parameter_a").send_keys(Keys.ARROW_RIGHT)
+        wait_until_moved(page, before)
+        choose(page, "setting_errors", "white")
+        for name, (value, _) in VALUES.items():
+            page.execute_script(SET, name, value)
+        assert serious(page) == []
+        page.find_element("id", "fit").click()
+        wait(page, "!$('result').hidden && $('going').hidden")
+        assert text(page, "command") == (
+            "commonlaw fit pairs.csv \"x' = a x - b x y; y' = -c y + d x y\" --set errors=white".replace("; ", "\n")
+        )
+        (link,) = [each for each in page.find_elements("css selector", "#files a") if each.text == "law.json"]
+        content = app.say("GET", link.get_attribute("href").partition(app.host)[2], patience=120)[1].decode()
+        law = cl.Law.from_json(content)
+        np.testing.assert_allclose(law.params.query("parameter == 'a'")["estimate"], VALUES["a"], rtol=0.02)
+
+        choose(page, "write_from", "law")
+        wait(page, "document.querySelectorAll('#panels path.line').length === 2")
+        field.send_keys(Keys.CONTROL, "a")
+        field.send_keys("x' = a x - b x y\ny' = d x y")
+        wait(page, "$('parameters').children.length === 3")
+        page.find_element("id", "fit").click()
+        wait(page, "$('result').hidden")
+        wait(page, "!$('result').hidden && $('going').hidden")
+        page.execute_script("document.getElementById('compare').open = true")
+        wait(page, "$('rival').options.length === 2")
+        choose(page, "rival", page.execute_script("return document.getElementById('rival').options[1].value"))
+        wait(page, "!$('comparison').hidden")
+        rows = [each.text for each in page.find_elements("css selector", "#comparison tbody tr")]
+        assert any(each.startswith("2 log B") and each.endswith(" 0") for each in rows)
+        assert "P0, compared law" in page.find_element("css selector", "#forecast_plot .readout").text
+        for width in (390, 1440):
+            window = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width == 390}
+            page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
+            look = [{"name": "prefers-color-scheme", "value": "dark" if width == 390 else "light"}]
+            page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": look})
+            assert page.execute_script("return document.documentElement.scrollWidth") <= width
+            assert serious(page) == []
+        page.refresh()
+        wait(page, "!$('result').hidden && $('equations').value")
+        assert page.find_element("id", "equations").get_attribute("value") == "x' = a x - b x y\ny' = d x y"
+        assert [each for each in page.get_log("browser") if is_fault(each)] == []
+
+
+SET = """
+const field = document.querySelector(`[data-name=${arguments[0]}] input[type=number]`);
+field.value = arguments[1];
+field.dispatchEvent(new Event("change"));
+"""
+
+
+PATHS = "JSON.stringify([...document.querySelectorAll('#panels path.line')].map(each => each.getAttribute('d')))"
+
+
+def _paths(page):
+    return page.execute_script(f"return {PATHS}")
+
+
+def wait_until_moved(page, before):
+    wait(page, f"{PATHS} !== {before!r}")
