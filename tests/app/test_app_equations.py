@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from selenium.webdriver import Keys
 
-import commonlaw as cl
-from commonlaw.app.equations import solved
+from commonlaw.app.equations import named, solved
 from commonlaw.app.question import Columns, Equations, Table
+from commonlaw.law import from_json
 from tests.in_browser import choose, is_fault, open_page, serious, text, wait
 from tests.served import served
 
@@ -79,6 +79,16 @@ def test_fits_take_fixed_values_bounds_shared_parameters_and_priors():
     np.testing.assert_allclose([rows["P0", "a"], rows["P1", "a"]], 3.0, atol=1e-4)
 
 
+def test_models_by_name_are_over_the_columns_of_a_table():
+    found = {each["name"]: each for each in named(_pairs().trials(Columns()))}
+    assert found["lotka-volterra"]["text"].startswith("x' = ")
+    assert "logistic" not in found
+    one = Table("weights.csv", b"object,t,weight\na,0,1\na,1,2\na,2,3\n").trials(Columns())
+    assert {each["name"]: each for each in named(one)}["logistic"]["text"] == (
+        "weight' = r weight (1 - weight/K)\nr > 0\nK > 0"
+    )
+
+
 def test_equations_are_typed_moved_by_sliders_fitted_and_compared(page, tmp_path):
     path = tmp_path / "pairs.csv"
     path.write_bytes(_pairs(0.05).content)
@@ -111,9 +121,11 @@ def test_equations_are_typed_moved_by_sliders_fitted_and_compared(page, tmp_path
         )
         (link,) = [each for each in page.find_elements("css selector", "#files a") if each.text == "law.json"]
         content = app.say("GET", link.get_attribute("href").partition(app.host)[2], patience=120)[1].decode()
-        law = cl.Law.from_json(content)
+        law = from_json(content)
         np.testing.assert_allclose(law.params.query("parameter == 'a'")["estimate"], VALUES["a"], rtol=0.02)
 
+        choose(page, "write_from", "model:lotka-volterra")
+        wait(page, "$('equations').value.startsWith(\"x' = \")")
         choose(page, "write_from", "law")
         wait(page, "document.querySelectorAll('#panels path.line').length === 2")
         field.send_keys(Keys.CONTROL, "a")

@@ -16,9 +16,11 @@ from commonlaw.estimation import needs_model
 from commonlaw.estimation.fitting import Beginning, InitialGiven, begin
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.law.models import named_models
 from commonlaw.law.parse import latex_summands, read_equations
 from commonlaw.law.text import Addend, aligned, latex_left_hand_sides
 from commonlaw.library import with_rates
+from commonlaw.library.bounds import parts_of as parts_of_text
 from commonlaw.library.equation import split_equations
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.library.notation import latex_name
@@ -53,6 +55,20 @@ def words(trials: Trials) -> list[str]:
         *property_names(trials.properties),
         *(f"{f}(" for f in FUNCTIONS),
     ]
+
+
+def named(trials: Trials) -> list[dict[str, Any]]:
+    """Return the models of textbooks over the columns of a table, as far as it is clear which is which."""
+    properties, found = property_names(trials.properties), list[dict[str, Any]]()
+    for name, model in named_models.items():
+        try:
+            own = model.over_columns(trials.schema, properties, {})
+        except CommonlawError:
+            continue
+        if {*trials.schema.states} <= {*own.states}:
+            text = "\n".join(parts_of_text(own.equations))
+            found.append({"name": name, "title": model.title, "field": model.field, "text": text, "doses": own.doses})
+    return found
 
 
 def solved(table: Table, columns: Columns, equations: Equations) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from commonlaw.app.equations import words
+from commonlaw.app.equations import named, words
 from commonlaw.app.question import Columns, Table, message, shown_roles, text_in_page
 from commonlaw.app.result import Found, numbers
 from commonlaw.errors import CommonlawError, unknown
@@ -149,6 +149,7 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
         "samples": sum(map(len, trials)),
         "units": dict(schema.units),
         "words": words(trials),
+        "models": named(trials),
         "trials": [
             {
                 "object": each.object,

@@ -101,7 +101,7 @@ def fit_model(
 class Beginning:
     """A model before it is fitted: what is unknown, likely first values of it, whether these were guessed, its bounds.
 
-    First values have shape (p,), initial values among them; `groups` has the group of noise of each object, by quantity.
+    First values have shape (p,), initial values among them; `groups` has the noise group of each object, by quantity.
     """
 
     model: Model

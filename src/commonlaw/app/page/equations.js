@@ -14,8 +14,8 @@ function given(name) {
 /** Begin with a table: a blank line, until a law is found. */
 export function beginEquations() {
   const { objects } = state.preview;
-  Object.assign(written, { values: {}, ranges: {}, kept: {}, starts: {}, doses: [] });
-  $("equations").value = "";
+  if (written.table !== state.table) $("equations").value = "";
+  Object.assign(written, { table: state.table, values: {}, ranges: {}, kept: {}, starts: {}, doses: [] });
   $("write_object").replaceChildren(element("option", "all objects", { value: "" }), ...objects.map(name => element("option", name, { value: name })));
   $("write_object").parentElement.hidden = objects.length < 2;
   offerStarts();
@@ -26,12 +26,18 @@ export function beginEquations() {
 export function offerStarts() {
   const options = [["", "a blank line"]];
   if (state.found?.candidates[state.at].equations) options.push(["law", "the law shown"]);
-  $("write_from").replaceChildren(...options.map(([value, text]) => element("option", text, { value })));
+  const groups = new Map();
+  for (const { name, title, field } of state.preview.models) {
+    if (!groups.has(field)) groups.set(field, element("optgroup", "", { label: field }));
+    groups.get(field).append(element("option", title, { value: `model:${name}` }));
+  }
+  $("write_from").replaceChildren(...options.map(([value, text]) => element("option", text, { value })), ...groups.values());
 }
 
 export function startFrom() {
   const from = $("write_from").value, law = from === "law" ? state.found.candidates[state.at].equations : null;
-  Object.assign(written, { values: {}, ranges: {}, kept: {}, starts: law?.starts ?? {}, doses: law?.doses ?? [] });
+  const model = state.preview.models.find(each => `model:${each.name}` === from);
+  Object.assign(written, { values: {}, ranges: {}, kept: {}, starts: law?.starts ?? {}, doses: (law ?? model)?.doses ?? [] });
   if (law) {
     const at = state.preview.objects.map(name => state.found.objects.indexOf(name));
     for (const [name, values] of Object.entries(law.values)) {
@@ -39,7 +45,7 @@ export function startFrom() {
       written.ranges[name] = around(values, law.errors[name]);
     }
   }
-  $("equations").value = law?.text ?? "";
+  $("equations").value = (law ?? model)?.text ?? "";
   read();
 }
 
