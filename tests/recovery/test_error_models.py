@@ -72,7 +72,7 @@ def test_the_errors_of_measurements_are_found_with_the_law(errors):
         assert not found
         assert law.uncertainty.noise == pytest.approx([0.02], rel=0.1)
     elif errors is proportional:
-        assert found.proportional == pytest.approx([0.05], rel=0.15)
+        assert found.heteroscedastic["proportional"] == pytest.approx([0.05], rel=0.15)
         assert found.correlated is None
     else:
         noise, level, memory = most_likely([correlated(TIMES, np.random.default_rng(i)) for i in range(3)])
@@ -182,7 +182,7 @@ def test_a_kind_of_errors_that_there_is_not_is_refused():
         cl.TrajectoryLikelihood(errors="pink")
     law = discover(white)
     with refused("law-array-range"):
-        replace(law, uncertainty=replace(law.uncertainty, error_model=ErrorModel(proportional=np.array([-1.0]))))
+        replace(law, uncertainty=replace(law.uncertainty, error_model=ErrorModel({"proportional": np.array([-1.0])})))
 
 
 def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
@@ -244,4 +244,4 @@ def test_noise_in_proportion_is_found_where_few_samples_of_a_fast_decay_hide_it(
     trials = cl.Trials.from_arrays([times] * 6, states, object=list("abcdef"), names=["c"])
     law = cl.discover(trials, order=2, library=library)
     assert law.structure == ("c'' = a c + b v",)
-    assert law.uncertainty.error_model.proportional == pytest.approx([0.1], rel=0.3)
+    assert law.uncertainty.error_model.heteroscedastic["proportional"] == pytest.approx([0.1], rel=0.3)

@@ -76,7 +76,7 @@ def test_noise_that_grows_is_found_beside_what_was_given():
     states = [x + np.hypot(LEVELS, 0.1 * x) * generator.standard_normal(len(x)) for x in paths]
     trials = cl.Trials.from_arrays([TIMES] * 3, states, object=["cup"] * 3, noise=[LEVELS] * 3)
     law = cl.fit("x' = a - b x", trials, errors="proportional")
-    assert law.uncertainty.error_model.proportional == pytest.approx([0.1], rel=0.25)
+    assert law.uncertainty.error_model.heteroscedastic["proportional"] == pytest.approx([0.1], rel=0.25)
     assert law.uncertainty.noise == [0.3]
 
 

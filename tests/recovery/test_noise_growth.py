@@ -27,7 +27,7 @@ def noise(seed=0):
 
 def test_noise_in_proportion_is_seen_with_its_share():
     found = [with_growing_noise(problem_of(DECAY * (1 + 0.05 * noise(seed)))) for seed in range(10)]
-    shares = [each.errors.proportional[0] for each in found]
+    shares = [each.errors.heteroscedastic["proportional"][0] for each in found]
     assert np.mean(shares) == pytest.approx(0.05, rel=0.1)
     assert all(each.noise[0] < 0.02 for each in found)  # Where the noise is 0.25 at first
 
@@ -80,4 +80,4 @@ def test_an_epidemic_that_dies_down_under_noise_in_proportion_is_found():
     measured = clean * (1 + 0.05 * np.random.default_rng(5).standard_normal(clean.shape))
     law = cl.discover(cl.Trials.from_arrays(times, measured, names=["s", "i"]), library="poly:2", order=1)
     assert law.structure == ("s' = a s i", "i' = b i + c s i")
-    assert law.uncertainty.error_model.proportional == pytest.approx([0.05, 0.05], rel=0.2)
+    assert law.uncertainty.error_model.heteroscedastic["proportional"] == pytest.approx([0.05, 0.05], rel=0.2)

@@ -50,7 +50,7 @@ def test_a_law_of_other_terms_is_that_candidate_or_says_what_is_missing(law, dro
 def test_candidates_have_errors_of_the_kind_that_the_law_has(drops):
     law = cl.fit("x'' = a + b v", drops, errors="proportional")
     other = candidate_law(law, drops, np.isin(law.terms.names, ["1"])[None]).law
-    share, larger = (each.uncertainty.error_model.proportional for each in (law, other))
+    share, larger = (each.uncertainty.error_model.heteroscedastic["proportional"] for each in (law, other))
     assert (larger > share).all()
     assert other.predict(drops, return_std=True).std is not None
 

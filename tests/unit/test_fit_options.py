@@ -149,7 +149,7 @@ def test_a_new_setting_is_in_the_form_the_program_the_key_and_the_tables():
         "name": "gain", "label": "Gain", "text": "Gain of the amplifier", "choices": {}, "default": "2.0",
         "example": "RATIO", "of_fit": True,
     }  # fmt: skip
-    assert written(Extended(gain=3.0)) == "cl.Extended(gain=3.0)"
+    assert written(Extended(gain=3.0)) == "cl.runtime.Extended(gain=3.0)"
     assert digest(Extended()) != digest(Extended(gain=3.0))
     assert digest(Extended()) == digest(Extended(n_jobs=2))
     assert [*setting_rows(Extended)][-1] == ("gain", "2.0", "Gain of the amplifier.")

@@ -25,7 +25,8 @@ def law_with(errors, noise):
 @pytest.mark.parametrize("kind", ["proportional", "correlated"])
 def test_samples_weigh_what_the_errors_of_the_law_say(kind):
     additive, share = 0.0005, 0.1
-    errors = ErrorModel(**{kind: np.array([share])}, memory=0.5)
+    level = np.array([share])
+    errors = ErrorModel({"proportional": level}) if kind == "proportional" else ErrorModel({}, level, memory=0.5)
     clean = grown(0.002)
     scale = np.hypot(additive, share * clean) if kind == "proportional" else np.full(41, np.hypot(additive, share))
     states = clean + 0.3 * scale * np.random.default_rng(2).standard_normal(41)

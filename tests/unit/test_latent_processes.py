@@ -1,12 +1,24 @@
 """Errors with a memory and smooth forces, beside dense normal distributions with their covariance functions."""
 
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from commonlaw.likelihood import Estimate, LatentProcesses, ObservationModel, TrajectoryModel, fit, linearize, meshes
+from commonlaw.likelihood import (
+    ERRORS,
+    Estimate,
+    LatentProcesses,
+    ObservationModel,
+    Scales,
+    TrajectoryModel,
+    fit,
+    linearize,
+    meshes,
+)
+from commonlaw.runtime.fit_options import ErrorKind, FitOptions, settings_of
 from tests.unit.trajectories import information, terms_of, trial
 
 TIMES = np.array([0.0, 0.4, 0.7, 1.5, 1.9, 2.2, 3.0, 3.1])
@@ -168,3 +180,19 @@ def test_the_fit_has_the_residuals_of_the_linearized_likelihood(kind, order):
     errors = np.sqrt(np.diag(np.linalg.inv(information(model, found, support, 0.3))))
     again = rows.least_squares(support.ravel(), 0)
     np.testing.assert_allclose((again - found.coefficients.ravel()) / errors, 0, atol=0.05)
+
+
+def test_every_kind_of_errors_has_a_class():
+    assert tuple(ERRORS) == get_args(ErrorKind)
+    _, about = settings_of(FitOptions)["errors"]
+    assert about.choices.keys() == {"auto", *ERRORS}
+
+
+@pytest.mark.parametrize("kind", ERRORS)
+def test_levels_and_times_begin_between_their_bounds_and_make_errors_of_their_kind(kind):
+    scales = Scales(np.array([2.0, 3.0]), np.array([1.0, 5.0]), 0.1, 8.0, 1e-4, 0.03)
+    low, high = ERRORS[kind].bounds(scales)
+    assert np.all(low < high)
+    starts = ERRORS[kind].starts(np.log([0.1, 0.2]), np.log(low), np.log(high))
+    assert all(start.shape == low.shape for start in starts)
+    assert ERRORS[kind].model(high).kind == ("white" if kind == "walk" else kind)

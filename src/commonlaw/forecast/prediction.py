@@ -338,7 +338,7 @@ def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
     if (
         law.uncertainty.noise is None
         or law.schema.logarithmic
-        or (errors.proportional is None and errors.correlated is None)
+        or not (errors.heteroscedastic or errors.correlated is not None)
     ):
         return fit
     # Errors that grow with the states are known once these are

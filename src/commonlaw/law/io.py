@@ -47,9 +47,10 @@ class HeaderDocument(msgspec.Struct):
 
 
 class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """Levels by state, see `ErrorModel`."""
+    """Levels by state, see `ErrorModel`; heteroscedastic ones by kind, but for those in proportion to the state."""
 
     proportional: list[float] | None = None
+    heteroscedastic: dict[str, list[float]] = {}
     correlated: list[float] | None = None
     memory: float | None = None
     force: list[float] | None = None
@@ -278,8 +279,12 @@ def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> UncertaintyDocument:
     covariance, wider = uncertainty.covariance, uncertainty.widening
-    levels = {name: each for name, each in vars(uncertainty.error_model).items() if each is not None}
-    errors = {name: np.asarray(each).tolist() for name, each in levels.items() if np.all(np.isfinite(each))}
+    levels = {**vars(uncertainty.error_model)}
+    grown = {kind: each.tolist() for kind, each in levels.pop("heteroscedastic").items()}
+    known = {name: np.asarray(each) for name, each in levels.items() if each is not None}
+    errors: dict[str, Any] = {name: each.tolist() for name, each in known.items() if np.isfinite(each).all()}
+    if grown:
+        errors |= {"proportional": grown.pop("proportional", None), "heteroscedastic": grown}
     factors, noise, inclusion, degrees = (
         None if each is None else each.tolist()
         for each in (
@@ -459,7 +464,9 @@ def _read_uncertainty(
     saved, explanation, shared = document.uncertainty, None, None
     inclusion = saved.inclusion_probabilities
     levels = msgspec.structs.asdict(saved.error_model) if saved.error_model else {}
+    grown = levels.pop("heteroscedastic", {}) | {"proportional": levels.pop("proportional", None)}
     errors: dict[str, Any] = {name: np.array(each) if isinstance(each, list) else each for name, each in levels.items()}
+    errors["heteroscedastic"] = {kind: np.array(each) for kind, each in grown.items() if each is not None}
     if saved.shared_factor is not None:
         columns = max((len(row) for rows in saved.shared_factor.values() for row in rows), default=parameters)
         matrices = [

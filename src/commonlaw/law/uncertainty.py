@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, unknown
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.quantiles import two_sided
-from commonlaw.likelihood import NO_ERRORS, ErrorModel
+from commonlaw.likelihood import ERRORS, NO_ERRORS, ErrorModel, Heteroscedastic
 
 _ASYMMETRY = 1e-6
 """Relative to the standard errors of both coefficients: more than rounding leaves of a symmetric matrix."""
@@ -312,11 +312,19 @@ class Uncertainty:
 def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
     """Return errors as read-only arrays, for so many states."""
     found: dict[str, Any] = {}
-    for name, what in (("proportional", "share"), ("correlated", "level"), ("force", "level"), ("walk", "level")):
+    kinds = [kind for kind, each in ERRORS.items() if isinstance(each, Heteroscedastic)]
+    for kind in errors.heteroscedastic:
+        if kind not in kinds:
+            raise unknown("kind of heteroscedastic errors", kind, kinds)
+    found["heteroscedastic"] = {
+        kind: checked(levels, f"level of errors ({kind})", "states", (states,), low=0)
+        for kind, levels in errors.heteroscedastic.items()
+    }
+    for name in ("correlated", "force", "walk"):
         values = getattr(errors, name)
         if values is not None:
             size = len(values) if name == "walk" else states  # Rates walk too
-            found[name] = checked(values, f"{what} of errors ({name})", "states", (size,), low=0)
+            found[name] = checked(values, f"level of errors ({name})", "states", (size,), low=0)
     for name in ("memory", "force_time"):
         if not getattr(errors, name) > 0:
             raise CommonlawError("law-error-not-positive", name=name, value=getattr(errors, name))

@@ -10,24 +10,34 @@ from commonlaw.likelihood.computing import (
     threads_pay,
     whitened,
 )
+from commonlaw.likelihood.errors import (
+    ERRORS,
+    NO_ERRORS,
+    AbstractErrors,
+    ErrorModel,
+    Heteroscedastic,
+    Scales,
+    heteroscedastic,
+)
 from commonlaw.likelihood.fitting import Estimate, NotPositiveError, Prior, TrajectoryModel, without_states
 from commonlaw.likelihood.linearization import Linearization, Regression, variance_of_rates, whitened_from_starts
 from commonlaw.likelihood.mesh import MAX_MESH_SAMPLES, Mesh, interpolate, meshes
 from commonlaw.likelihood.observation_model import (
     HUBER_THRESHOLD,
-    NO_ERRORS,
-    ErrorModel,
     LatentProcesses,
     ObservationModel,
 )
 
 __all__ = [
+    "ERRORS",
     "HUBER_THRESHOLD",
     "MAX_MESH_SAMPLES",
     "NO_ERRORS",
     "AboutEstimates",
+    "AbstractErrors",
     "ErrorModel",
     "Estimate",
+    "Heteroscedastic",
     "LatentProcesses",
     "Linearization",
     "Mesh",
@@ -35,9 +45,11 @@ __all__ = [
     "ObservationModel",
     "Prior",
     "Regression",
+    "Scales",
     "TrajectoryModel",
     "fit",
     "fit_each",
+    "heteroscedastic",
     "interpolate",
     "jacobians",
     "linearize",

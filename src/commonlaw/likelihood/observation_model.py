@@ -1,4 +1,4 @@
-"""What samples are worth: models of errors, their levels, and latent processes."""
+"""What samples are worth: white noise, and latent processes."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.likelihood.mesh import Mesh
-from commonlaw.runtime.fit_options import ErrorKind, FitOptions
+from commonlaw.runtime.fit_options import FitOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,70 +124,6 @@ def _joined(blocks: list[Floats]) -> Floats:
         found[:, at:stop, at:stop] = each
         at = stop
     return found
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorModel:
-    """Standard deviations of errors besides white noise, in units of states and time; None without errors of a kind.
-
-    Parameters
-    ----------
-    proportional
-        White measurement noise relative to the state, shape (d,).
-    correlated, memory, force, force_time
-        See `LatentProcesses`.
-    walk
-        A random walk of states and rates, for a unit of time, shape (D,).
-    """
-
-    proportional: Floats | None = None
-    correlated: Floats | None = None
-    memory: float = np.inf
-    force: Floats | None = None
-    force_time: float = np.inf
-    walk: Floats | None = None
-
-    @property
-    def kind(self) -> ErrorKind:
-        """Of which kind these errors are."""
-        kinds: tuple[ErrorKind, ...] = ("force", "correlated", "proportional", "walk")
-        return next((kind for kind in kinds if getattr(self, kind) is not None), "white")
-
-    @property
-    def latent(self) -> LatentProcesses:
-        """What is eliminated with the states."""
-        return LatentProcesses(self.correlated, self.memory, self.force, self.force_time)
-
-    @property
-    def hyperparameters(self) -> int:
-        """How many numbers there are, but for the random walk."""
-        return self.latent.hyperparameters + (0 if self.proportional is None else len(self.proportional))
-
-    def __bool__(self) -> bool:
-        return any(each is not None for each in (self.proportional, self.correlated, self.force, self.walk))
-
-    @property
-    def of_law(self) -> bool:
-        """Whether the law itself errs, and not the measurements alone."""
-        return self.force is not None or self.walk is not None
-
-    @property
-    def rounds(self) -> int:
-        """How often noise and states are estimated in turn: proportional noise follows fitted states."""
-        return 1 if self.proportional is None else 2
-
-    def white_std(self, states: Floats, noise: Floats) -> Floats:
-        """Return the white noise at states, shape (n, d), from that at zero, shape (n, d) or (d,)."""
-        return noise if self.proportional is None else noise * np.hypot(1.0, self.proportional / noise * states)
-
-    def measurement_std(self, states: Floats, noise: Floats) -> Floats:
-        """Return the standard deviation of a measurement about states, shape (n, d), see `white_std`."""
-        correlated = 0.0 if self.correlated is None else self.correlated
-        return np.hypot(self.white_std(states, noise), correlated) + np.zeros_like(states)
-
-
-NO_ERRORS = ErrorModel()
-"""White noise alone."""
 
 
 HUBER_THRESHOLD = FitOptions.huber_threshold

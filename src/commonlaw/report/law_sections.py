@@ -222,11 +222,8 @@ def _of_measurement(case: LawCase) -> Iterator[str]:
     for kind, levels in kinds:
         if levels is not None:
             yield f"{kind} of {levels_in_words(levels, schema)}"
-    if errors.proportional is not None:
-        shares = [
-            f"{100 * each:.3g} % of {name}" for name, each in zip(law.schema.states, errors.proportional, strict=True)
-        ]
-        yield f"noise of {', '.join(shares)}"
+    for grown in errors.heteroscedastic_in_words(law.schema.states).values():
+        yield f"noise of {grown}"
 
 
 _MIN_OBJECTS = 2

@@ -64,7 +64,7 @@ def with_growing_noise(problem: SearchProblem) -> SearchProblem:
         gain, (constant, share) = growth(squared, sizes)
         if gain > noise_correlation(order) * np.log(sum(problem.measured)):
             noise[j], shares[j] = max(constant, floor[j]), share
-    errors = ErrorModel(proportional=shares)
+    errors = ErrorModel({"proportional": shares})
     return problem.with_errors(noise, errors, "by differences of neighbouring samples") if shares.any() else problem
 
 

@@ -15,6 +15,7 @@ from commonlaw.inference.settings import CONVERGED, MAX_MESH_POINTS, MAX_MODELS,
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.tables import LOG_SCORE
+from commonlaw.likelihood import ERRORS
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.text import counted
 from commonlaw.trials import Schema
@@ -224,12 +225,10 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
 def fit_steps(fit: Fit) -> tuple[Step, ...]:
     """Return what errors there are besides noise, how the coefficients were found, and what the trajectories leave."""
     problem, schema = fit.problem, fit.problem.trials.schema
-    names, errors = schema.states, problem.errors
+    errors = problem.errors
     time = f" {schema.units.get(schema.time, '')}".rstrip()
-    found = []
-    if errors.proportional is not None:
-        shares = (f"{100 * each:.3g} % of {name}" for name, each in zip(names, errors.proportional, strict=True))
-        found.append(Step("proportional noise", ", ".join(shares), _LEVELS))
+    grown = errors.heteroscedastic_in_words(schema.states)
+    found = [Step(ERRORS[kind].label, levels, _LEVELS) for kind, levels in grown.items()]
     if errors.correlated is not None:
         levels = levels_in_words(errors.correlated, schema)
         found.append(Step("autocorrelated errors", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from itertools import product
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from commonlaw.inference.fit.fit import NO_ERROR, Fit, errors_to_fit, fitted, pr
 from commonlaw.inference.fit.newton import minimum
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
-from commonlaw.likelihood import AboutEstimates, ErrorModel, NotPositiveError
+from commonlaw.likelihood import ERRORS, AboutEstimates, ErrorModel, Heteroscedastic, NotPositiveError, Scales
 from commonlaw.runtime.fit_options import ErrorKind
 
 
@@ -25,7 +24,8 @@ def with_errors_of_kind(fit: Fit, kind: ErrorKind) -> Fit:
     """
     if not fit.is_usable:
         return fit
-    fit = _with_levels(fit.problem.about(fit.estimates) if kind == "proportional" else fit.problem, fit, kind)
+    grows = isinstance(ERRORS[kind], Heteroscedastic)
+    fit = _with_levels(fit.problem.about(fit.estimates) if grows else fit.problem, fit, kind)
     for _ in range(1, fit.problem.errors.rounds):
         fit = _with_levels(fit.problem.about(fit.estimates), fit, kind) if fit.is_usable else fit
     return to_scale(fit)
@@ -58,15 +58,8 @@ class _Levels:
 
     def errors(self, logs: Floats) -> tuple[Floats, ErrorModel]:
         """Return the noise of each state, shape (d,), and the other errors."""
-        d, kind, values = len(self.before.noise), self.kind, np.exp(logs)
-        errors = ErrorModel()
-        if kind == "proportional":
-            errors = ErrorModel(proportional=values[d:])
-        elif kind == "correlated":
-            errors = ErrorModel(correlated=values[d:-1], memory=float(values[-1]))
-        elif kind == "force":
-            errors = ErrorModel(force=values[d:-1], force_time=float(values[-1]))
-        return values[:d], errors
+        d, values = len(self.before.noise), np.exp(logs)
+        return values[:d], ERRORS[self.kind].model(values[d:])
 
     def problem(self, logs: Floats, before: SearchProblem) -> SearchProblem:
         """Return a problem with these levels."""
@@ -79,39 +72,22 @@ class _Levels:
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """The least and the largest values, each of shape (levels and times,)."""
-        states, rates, step, duration = self._scales
-        noise, floor = self.before.first_noise, noise_floor(self.before.trials)
+        scales, floor, noise = self._scales, noise_floor(self.before.trials), self.before.first_noise
         fixed = self.before.noise_given | self.before.trials.schema.unmeasured
-        found = [(np.where(fixed, noise, floor), np.where(fixed, noise, np.maximum(states, floor)))]
-        if self.kind == "proportional":
-            found.append((np.full(len(states), settings.MIN_NOISE), np.ones(len(states))))
-        elif self.kind == "correlated":
-            found += [(settings.MIN_NOISE * states, states), (np.array([step]), np.array([3 * duration]))]
-        elif self.kind == "force":
-            found += [(settings.MIN_NOISE * rates, rates), (np.array([2 * step]), np.array([duration]))]
-        elif self.kind == "walk":
-            found.append((np.array([settings.FINAL_MODEL_ERRORS[0]]), np.array([30.0])))
-        low, high = (np.log(np.concatenate(each)) for each in zip(*found, strict=True))
-        return low, high
+        least, largest = ERRORS[self.kind].bounds(scales)
+        low = np.append(np.where(fixed, noise, floor), least)
+        high = np.append(np.where(fixed, noise, np.maximum(scales.states, floor)), largest)
+        return np.log(low), np.log(high)
 
     @property
     def starts(self) -> list[Floats]:
         """Where to begin: some levels that errors may have besides the noise, and some times."""
         noise, (low, high) = np.log(self.before.noise), self.bounds
-        d = len(noise)
-        if self.kind == "white":
-            return [np.clip(noise, low, high)]
-        timed = self.kind in ("correlated", "force")
-        times = [low[-1:] + share * (high - low)[-1:] for share in (0.2, 0.5, 0.8)] if timed else [np.empty(0)]
-        others = slice(d, -1) if timed else slice(d, None)
-        shares = np.log([0.3, 1.0]) if self.kind == "correlated" else (0.2, 0.5, 0.7)
-        base, width = (noise, 1.0) if self.kind == "correlated" else (low[others], (high - low)[others])
-        found = [np.concatenate([noise, base + share * width, time]) for share, time in product(shares, times)]
-        return [np.clip(each, low, high) for each in found]
+        others = ERRORS[self.kind].starts(noise, low[len(noise) :], high[len(noise) :])
+        return [np.clip(np.append(noise, each), low, high) for each in others]
 
     @cached_property
-    def _scales(self) -> tuple[Floats, Floats, float, float]:
-        """Standard deviations of states and of their highest derivatives, the median step, the longest trial."""
+    def _scales(self) -> Scales:
         problem, d = self.before, len(self.before.noise)
         groups = [problem.trials.of_object(name) for name in problem.trials.objects]
         trials = [trial for group in groups for trial in group]
@@ -120,7 +96,9 @@ class _Levels:
         rates = [np.gradient(own, trial.times, axis=0) for own, trial in zip(curves, trials, strict=True)]
         steps = np.concatenate([np.diff(trial.times) for trial in trials])
         longest = max(float(trial.times[-1] - trial.times[0]) for trial in trials)
-        return states, np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0)), float(np.median(steps)), longest
+        deviations = np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0))
+        least = settings.MIN_NOISE, settings.FINAL_MODEL_ERRORS[0]
+        return Scales(states, deviations, float(np.median(steps)), longest, *least)
 
 
 def _value(levels: _Levels, problem: SearchProblem, about: AboutEstimates, logs: Floats) -> float:

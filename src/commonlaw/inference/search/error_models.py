@@ -13,19 +13,11 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.error_levels import with_errors_of_kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
+from commonlaw.likelihood import ERRORS
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 
-WORDS: dict[ErrorKind, str] = {
-    "white": "white noise",
-    "proportional": "proportional noise",
-    "correlated": "autocorrelated measurement errors",
-    "walk": "a random walk",
-    "force": "a smooth random force",
-}
-"""What is said of each kind of errors."""
-
-GROUPS: tuple[tuple[ErrorKind, ...], ...] = (("white",), ("proportional", "correlated"), ("walk", "force"))
+GROUPS = ("white", "measurement", "law")
 """White noise, other errors of measurements, and those of laws: the best of each is sought with its own law."""
 
 
@@ -114,10 +106,10 @@ def of_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallba
     starts, pools = under_each_kind(fit.problem, fit.supports, kinds), list[Pool]()
     for number, group in enumerate(GROUPS, start=1):
         show = part(progress, number / (len(GROUPS) + 1), (number + 1) / (len(GROUPS) + 1))
-        of_group = [each for each in starts if each.errors in group]
+        of_group = [each for each in starts if ERRORS[each.errors].group == group]
         if of_group:
             start = min(of_group)
-            show(f"searching for a law with {WORDS[start.errors]}")
+            show(f"searching for a law with {ERRORS[start.errors].label}")
             pools.append(_in_turn(start, show))
     return sorted((pool for pool in pools if pool.best.is_usable), key=lambda pool: pool.best.score)
 

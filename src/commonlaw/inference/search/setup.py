@@ -7,7 +7,7 @@ Finding a law begins with `as_followed`; refining, comparing, adapting and its d
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms
-from commonlaw.likelihood import HUBER_THRESHOLD, NO_ERRORS, Prior
+from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, NO_ERRORS, Heteroscedastic, Prior
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
@@ -140,10 +140,10 @@ def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[Er
     CommonlawError
         If noise is to grow with the logarithm of a state.
     """
-    if errors == "proportional" and schema.logarithmic:
+    grown = [kind for kind, each in ERRORS.items() if isinstance(each, Heteroscedastic)] if schema.logarithmic else []
+    if errors in grown:
         raise CommonlawError("log-states-with-errors", states=schema.logarithmic)
-    kinds: tuple[ErrorKind, ...] = get_args(ErrorKind) if errors == "auto" else (errors,)
-    return tuple(each for each in kinds if each != "proportional" or not schema.logarithmic)
+    return tuple(kind for kind in (ERRORS if errors == "auto" else (errors,)) if kind not in grown)
 
 
 def check_one_scale(laws: Sequence[Law]) -> None:

@@ -117,9 +117,14 @@ def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> LawOfPart:
 
 def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
     """Return the errors of all parts; times are means over those that have such errors."""
-    kinds = ("proportional", "correlated", "force", "walk")
-    levels = {kind: _root_mean_square(weights, [getattr(each, kind) for each in parts]) for kind in kinds}
+    kinds = dict.fromkeys(kind for each in parts for kind in each.heteroscedastic)
+    grown = {kind: _root_mean_square(weights, [each.heteroscedastic.get(kind) for each in parts]) for kind in kinds}
+    levels = {
+        kind: _root_mean_square(weights, [getattr(each, kind) for each in parts])
+        for kind in ("correlated", "force", "walk")
+    }
     return ErrorModel(
+        {kind: level for kind, level in grown.items() if level is not None},
         **levels,
         memory=_mean(weights, [each.memory for each in parts]),
         force_time=_mean(weights, [each.force_time for each in parts]),

@@ -12,7 +12,7 @@ from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import ANY_ERROR, Fit
 from commonlaw.inference.propose.orders import score_of_order
 from commonlaw.inference.score.score import Score
-from commonlaw.inference.search.error_models import WORDS, with_error_models
+from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, check_one_scale, error_kinds
@@ -20,6 +20,7 @@ from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched
 from commonlaw.library import Order, parse_terms
+from commonlaw.likelihood import ERRORS
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, check_settings
 from commonlaw.runtime.parallel import in_parallel, threads
@@ -118,7 +119,7 @@ def compare(
             "law": list(laws),
             "equations": ["; ".join(law.structure) for law in laws.values()],
             "coefficients": [fit.size for fit in fits],
-            "errors": [WORDS[fit.errors] for fit in fits],
+            "errors": [ERRORS[fit.errors].label for fit in fits],
             "model error": [fit.has_process_noise for fit in fits],
             "2 log B": above,
             "probability": weights / weights.sum(),

@@ -1,0 +1,259 @@
+"""Kinds of errors besides white noise: a class for each, with what the likelihood and the search ask of it."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.likelihood.observation_model import LatentProcesses
+from commonlaw.runtime.fit_options import ErrorKind
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """Levels of errors besides white noise, in units of states and time; None without errors of a kind.
+
+    Parameters
+    ----------
+    heteroscedastic
+        Levels of white noise that grows with the states, by kind, each of shape (d,); see `Heteroscedastic`.
+    correlated, memory, force, force_time
+        See `LatentProcesses`.
+    walk
+        A random walk of states and rates, for a unit of time, shape (D,).
+    """
+
+    heteroscedastic: Mapping[ErrorKind, Floats] = field(default_factory=dict)
+    correlated: Floats | None = None
+    memory: float = np.inf
+    force: Floats | None = None
+    force_time: float = np.inf
+    walk: Floats | None = None
+
+    @property
+    def kind(self) -> ErrorKind:
+        """Of which kind these errors are."""
+        latent: tuple[ErrorKind, ...] = ("force", "correlated")
+        kinds = [kind for kind in latent if getattr(self, kind) is not None]
+        return next(iter([*kinds, *self.heteroscedastic]), "white" if self.walk is None else "walk")
+
+    @property
+    def latent(self) -> LatentProcesses:
+        """What is eliminated with the states."""
+        return LatentProcesses(self.correlated, self.memory, self.force, self.force_time)
+
+    @property
+    def hyperparameters(self) -> int:
+        """How many numbers there are, but for the random walk."""
+        return self.latent.hyperparameters + sum(map(len, self.heteroscedastic.values()))
+
+    def __bool__(self) -> bool:
+        return self.kind != "white"
+
+    @property
+    def of_law(self) -> bool:
+        """Whether the law itself errs, and not the measurements alone."""
+        return self.force is not None or self.walk is not None
+
+    @property
+    def rounds(self) -> int:
+        """How often noise and states are estimated in turn: heteroscedastic noise follows fitted states."""
+        return 2 if self.heteroscedastic else 1
+
+    def white_std(self, states: Floats, noise: Floats) -> Floats:
+        """Return the white noise at states, shape (n, d), from that at zero, shape (n, d) or (d,)."""
+        relative = np.ones_like(noise)
+        for kind, levels in self.heteroscedastic.items():
+            relative = np.hypot(relative, levels / noise * heteroscedastic(kind).growth(states))
+        return noise * relative
+
+    def heteroscedastic_in_words(self, names: Sequence[str]) -> dict[ErrorKind, str]:
+        """Return the levels of heteroscedastic noise as text, by kind, for the states of these names."""
+        return {
+            kind: ", ".join(heteroscedastic(kind).in_words(*each) for each in zip(levels.tolist(), names, strict=True))
+            for kind, levels in self.heteroscedastic.items()
+        }
+
+    def measurement_std(self, states: Floats, noise: Floats) -> Floats:
+        """Return the standard deviation of a measurement about states, shape (n, d), see `white_std`."""
+        correlated = 0.0 if self.correlated is None else self.correlated
+        return np.hypot(self.white_std(states, noise), correlated) + np.zeros_like(states)
+
+
+NO_ERRORS = ErrorModel()
+"""White noise alone."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What bounds the levels and times of errors.
+
+    Parameters
+    ----------
+    states, rates
+        Standard deviations of states and of their highest derivatives, shape (d,).
+    step, duration
+        The median time between samples, and the duration of the longest trial.
+    least
+        The smallest levels, as a share of these standard deviations.
+    least_walk
+        The smallest random walk, relative to the noise.
+    """
+
+    states: Floats
+    rates: Floats
+    step: float
+    duration: float
+    least: float
+    least_walk: float
+
+
+class AbstractErrors(ABC):
+    """A kind of errors: its levels, and times, and how they are sought."""
+
+    label: ClassVar[str]
+    """As messages and reports name it."""
+    group: ClassVar[Literal["white", "measurement", "law"]] = "measurement"
+    """What errs besides white noise; the best kind of each group is sought with its own law."""
+    shares: ClassVar[tuple[float, ...]] = (0.2, 0.5, 0.7)
+    """Where levels begin, from the logarithm of the least to that of the largest."""
+
+    @abstractmethod
+    def model(self, values: Floats) -> ErrorModel:
+        """Return the errors of given levels, then times."""
+
+    @abstractmethod
+    def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
+        """Return the least and the largest levels, then times."""
+
+    def starts(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
+        """Return logarithms of levels and times to begin at, between bounds."""
+        return [low + share * (high - low) for share in self.shares]
+
+
+class White(AbstractErrors):
+    """White noise alone."""
+
+    label = "white noise"
+    group = "white"
+
+    def model(self, values: Floats) -> ErrorModel:
+        return NO_ERRORS
+
+    def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
+        return np.empty(0), np.empty(0)
+
+    def starts(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
+        return [np.empty(0)]
+
+
+class Heteroscedastic(AbstractErrors):
+    """White noise whose variance is ``noise^2 + (level growth(x))^2``."""
+
+    kind: ClassVar[ErrorKind]
+
+    @abstractmethod
+    def growth(self, states: Floats) -> Floats:
+        """Return the standard deviation at states for a level of one."""
+
+    @abstractmethod
+    def in_words(self, level: float, state: str) -> str:
+        """Return the noise of a state at a level as text."""
+
+    def model(self, values: Floats) -> ErrorModel:
+        return ErrorModel({self.kind: values})
+
+    def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
+        growth = self.growth(scales.states)
+        largest = np.divide(scales.states, growth, out=np.ones_like(growth), where=growth > 0)
+        return scales.least * largest, largest
+
+
+class Proportional(Heteroscedastic):
+    """Noise in proportion to the state."""
+
+    kind = "proportional"
+    label = "proportional noise"
+
+    def growth(self, states: Floats) -> Floats:
+        return states
+
+    def in_words(self, level: float, state: str) -> str:
+        return f"{100 * level:.3g} % of {state}"
+
+
+class _Timed(AbstractErrors):
+    """Errors with a memory: their levels are followed by one time."""
+
+    times: ClassVar[tuple[float, ...]] = (0.2, 0.5, 0.8)
+
+    def starts(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
+        times = [low[-1:] + share * (high - low)[-1:] for share in self.times]
+        levels = self._levels(log_noise, low[:-1], high[:-1])
+        return [np.concatenate(each) for each in product(levels, times)]
+
+    def _levels(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
+        return super().starts(log_noise, low, high)
+
+
+class Correlated(_Timed):
+    """Autocorrelated errors of measurements (Ornstein-Uhlenbeck)."""
+
+    label = "autocorrelated measurement errors"
+    shares = (0.3, 1.0)
+    """Of the noise."""
+
+    def model(self, values: Floats) -> ErrorModel:
+        return ErrorModel(correlated=values[:-1], memory=float(values[-1]))
+
+    def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
+        return np.append(scales.least * scales.states, scales.step), np.append(scales.states, 3 * scales.duration)
+
+    def _levels(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
+        return [log_noise + np.log(share) for share in self.shares]
+
+
+class Force(_Timed):
+    """A smooth random force on the highest derivatives (Matern process of smoothness 3/2)."""
+
+    label = "a smooth random force"
+    group = "law"
+
+    def model(self, values: Floats) -> ErrorModel:
+        return ErrorModel(force=values[:-1], force_time=float(values[-1]))
+
+    def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
+        return np.append(scales.least * scales.rates, 2 * scales.step), np.append(scales.rates, scales.duration)
+
+
+class Walk(AbstractErrors):
+    """A random walk of states and rates; its level, relative to the noise, is the model error of a fit."""
+
+    label = "a random walk"
+    group = "law"
+
+    def model(self, values: Floats) -> ErrorModel:
+        return NO_ERRORS
+
+    def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
+        return np.array([scales.least_walk]), np.array([30.0])
+
+
+ERRORS: Mapping[ErrorKind, AbstractErrors] = {
+    "white": White(),
+    "proportional": Proportional(),
+    "correlated": Correlated(),
+    "walk": Walk(),
+    "force": Force(),
+}
+
+
+def heteroscedastic(kind: ErrorKind) -> Heteroscedastic:
+    """Return a kind of errors that grow with the states."""
+    found = ERRORS[kind]
+    assert isinstance(found, Heteroscedastic)
+    return found
