@@ -284,3 +284,27 @@ def test_trials_are_equal_by_what_was_measured(trials):
     assert gap == again != trials.with_trials([trials[0]])
     assert trials != trials.with_properties({trials.objects[0]: {"charge": 1.0}})
     assert trials != "trials"
+
+
+def test_excluded_measurements_leave_the_inputs_at_their_times():
+    times = np.arange(6.0)
+    rows = {"object": "a", "t": times, "x": times**2, "u": 10 * times}
+    trials = Trials.from_frame(pd.DataFrame(rows), inputs=["u"])
+    (trial,) = trials.exclude(between=(2.0, 3.0))
+    np.testing.assert_array_equal(trial.states[:, 0], [0.0, 1.0, np.nan, np.nan, 16.0, 25.0])
+    np.testing.assert_array_equal(trial.inputs[:, 0], 10 * times)
+    (late,) = trials.exclude(between=(-1.0, 1.0))
+    np.testing.assert_array_equal(late.times, times[2:])
+    with refused("everything-excluded"):
+        trials.exclude(object="a")
+
+
+def test_blanks_are_subtracted_at_their_times_and_between():
+    times = np.array([0.0, 1.0, 2.0])
+    plate = Trials.from_arrays(
+        [times, times[::2], times[::2]], [5.0 + times, [1.0, 3.0], [2.0, 4.0]], object=["a", "b", "c"], names=["OD"]
+    )
+    (trial,) = plate.subtract_blanks("b", "c")
+    np.testing.assert_allclose(trial.states[:, 0], 5.0 + times - [1.5, 2.5, 3.5])
+    with refused("blanks-only"):
+        plate.subtract_blanks("a", "b", "c")

@@ -125,11 +125,19 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
         rows = columns.rows(held)
     except CommonlawError as error:
         return found | {"recognised": columns.recognised(held), "problem": message(error)}
-    trials = Trials(*rows.data)
-    check = trials.check()
+    whole = Trials(*rows.data)
+    check = whole.check()
+    try:
+        trials = columns.edited(whole)
+    except CommonlawError as error:
+        return found | {"recognised": shown_roles(rows.columns), "problem": message(error)}
     found |= {"recognised": shown_roles(rows.columns), "guessed": rows.columns.guessed and rows.columns.sentence}
     notes = [text_in_page(each) for each in check.notes if not each.startswith(GUESSED)]
-    return found | _of_trials(trials) | {"checks": finding_kinds(check, held, rows.row_indices), "notes": notes}
+    return (
+        found
+        | _of_trials(trials)
+        | {"all_objects": whole.objects, "checks": finding_kinds(check, held, rows.row_indices), "notes": notes}
+    )
 
 
 def _of_trials(trials: Trials) -> dict[str, Any]:

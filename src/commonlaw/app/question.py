@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -109,6 +110,39 @@ def settings_form(options: type = FitOptions) -> list[dict[str, Any]]:
     ]
 
 
+class Edit(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A change of the measurements: some are left out, or blanks subtracted.
+
+    Parameters
+    ----------
+    object, trial
+        Names; all by default.
+    between
+        First and last time.
+    blanks
+        Objects whose mean is subtracted from the others, in place of what is left out.
+    """
+
+    object: str | None = None
+    trial: str | None = None
+    between: tuple[float, float] | None = None
+    blanks: tuple[str, ...] = ()
+
+    def of(self, trials: Trials) -> Trials:
+        """Return the trials with this change."""
+        if self.blanks:
+            return trials.subtract_blanks(*self.blanks)
+        return trials.exclude(object=self.object, trial=self.trial, between=self.between)
+
+    @property
+    def written(self) -> str:
+        """The change as Python, behind trials."""
+        if self.blanks:
+            return f".subtract_blanks({', '.join(map(repr, self.blanks))})"
+        said = {"object": self.object, "trial": self.trial, "between": self.between}
+        return f".exclude({', '.join(f'{name}={value!r}' for name, value in said.items() if value is not None)})"
+
+
 class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """Which column is what; empty where the table says it itself. An empty text says that there are no labels."""
 
@@ -123,6 +157,14 @@ class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     missing: tuple[str, ...] = ()
     decimal: DecimalMark | None = None
     dates: DateOrder | None = None
+    below: tuple[tuple[str, float], ...] = ()
+    """Marks of values below a limit of quantification, with their limits."""
+    edits: tuple[Edit, ...] = ()
+    """Changes of the measurements, one after another."""
+
+    def edited(self, trials: Trials) -> Trials:
+        """Return trials with all changes."""
+        return reduce(lambda changed, edit: edit.of(changed), self.edits, trials)
 
     def rows(self, cells: Cells) -> Rows:
         """Return what the rows of a table make."""
@@ -138,6 +180,8 @@ class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     @property
     def _said(self) -> Reading:
         said: Any = {name: each for name, each in msgspec.structs.asdict(self).items() if each or each == ""}
+        said.pop("edits", None)
+        said |= {"below": dict(self.below)} if self.below else {}
         if self.states and not self.wide:
             said["properties"] = list(self.properties)
         return cast(Reading, said)
@@ -311,8 +355,16 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         reading: dict[str, Any] = {"wide": columns.wide, "restarts": columns.restarts}
         notation = {"missing": list(columns.missing), "decimal": columns.decimal, "dates": columns.dates}
         reading |= {name: said for name, said in notation.items() if said}
+        reading |= {"below": dict(columns.below)} if columns.below else {}
         reading |= {role: "" for role in ("object", "trial") if getattr(columns, role) == ""}
-        return Source(table.name, table.dataset, columns.properties, learned.written, reading)
+        return Source(
+            table.name,
+            table.dataset,
+            columns.properties,
+            learned.written,
+            reading,
+            kept="".join(edit.written for edit in columns.edits),
+        )
 
 
 class Table(msgspec.Struct, frozen=True):
@@ -329,7 +381,7 @@ class Table(msgspec.Struct, frozen=True):
 
     def trials(self, columns: Columns) -> Trials:
         """Return the trials in it."""
-        return Trials(*columns.rows(self.cells()).data)
+        return columns.edited(Trials(*columns.rows(self.cells()).data))
 
 
 def named(name: str, content: bytes) -> Table:

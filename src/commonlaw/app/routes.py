@@ -38,6 +38,7 @@ _SCRIPTS = (
     "basics",
     "compare",
     "curves",
+    "edits",
     "equations",
     "law",
     "measurements",

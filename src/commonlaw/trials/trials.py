@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from commonlaw.array_types import same_content
+from commonlaw.array_types import Floats, same_content
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
@@ -291,6 +291,74 @@ class Trials(ShownInNotebooks):
         if not kept:
             raise CommonlawError("trials-begin-later", time_name=self.schema.time, time=time)
         return self.with_trials(kept)
+
+    def exclude(self, /, *, between: tuple[float, float] | None = None, **conditions: object) -> "Trials":
+        """Return the trials without the measurements of those that fit every condition, see `select`.
+
+        With `between` only measurements from its first to its last time are left out; the inputs at these times stay.
+        Trials without any measurement left are left out.
+
+        Raises `CommonlawError` if a name is not known, nothing fits, or no measurement is left.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.01)
+        >>> len(drops.exclude(object="Ball 1")), len(drops.exclude(trial=1, between=(0.0, 1.0))[0]) < len(drops[0])
+        (8, True)
+        """
+        chosen = {id(each) for each in self.select(**conditions)}
+        first, last = (-np.inf, np.inf) if between is None else between
+        kept = list[Trial]()
+        for trial in self.trials:
+            inside = (trial.times >= first) & (trial.times <= last)
+            if id(trial) in chosen and inside.any():
+                seen = ~inside & (np.isfinite(trial.states) | np.isfinite(trial.below)).any(axis=1)
+                # Rows with inputs alone stay, but for those ahead of what was measured
+                rows = np.logical_or.accumulate(seen) & (~inside | (trial.inputs.shape[1] > 0))
+                if not rows.any():
+                    continue
+                states, below = (np.where(inside[:, np.newaxis], np.nan, own) for own in (trial.states, trial.below))
+                trial = replace(trial.rows(rows), states=states[rows], below=below[rows])
+            kept.append(trial)
+        if not kept:
+            raise CommonlawError("everything-excluded")
+        return self.with_trials(kept)
+
+    def subtract_blanks(self, *blanks: str) -> "Trials":
+        """Return the other objects' trials less the mean of the blanks: objects without a sample, as wells with medium.
+
+        ``y(t) - b(t)``, where b is the mean of all measurements of the blanks at a time, on straight lines between
+        their times, and constant beyond. Limits of quantification are lowered in the same way.
+
+        Raises `CommonlawError` if a name is not known, or all objects are blanks.
+
+        Examples
+        --------
+        >>> import numpy as np, commonlaw as cl
+        >>> times = np.arange(3.0)
+        >>> plate = cl.Trials.from_arrays(times, [times + 0.1, 0.1 + 0 * times], object=["A1", "A2"], names=["OD"])
+        >>> plate.subtract_blanks("A2")[0].states[:, 0]
+        array([0., 1., 2.])
+        """
+        chosen = self.select(object=list(blanks))
+        kept = [each for each in self.trials if each.object not in labels(blanks)]
+        if not kept:
+            raise CommonlawError("blanks-only")
+        times = np.concatenate([each.times for each in chosen])
+        states = np.concatenate([each.states for each in chosen])
+        means = list[tuple[Floats, Floats]]()
+        for column in states.T:
+            seen = np.isfinite(column)
+            at, places = np.unique(times[seen], return_inverse=True)
+            if not len(at):
+                raise CommonlawError("blank-not-measured", names=labels(blanks))
+            means.append((at, np.bincount(places, column[seen]) / np.bincount(places)))
+        changed = []
+        for trial in kept:
+            level = np.column_stack([np.interp(trial.times, *mean) for mean in means])
+            changed.append(replace(trial, states=trial.states - level, below=trial.below - level))
+        return self.with_trials(changed, f"subtracted as blanks: {', '.join(labels(blanks))}")
 
     def clip_irregular(self, tolerance: float | None = None) -> "Trials":
         """Return the trials, each clipped at its last irregular frame; a note says which and how far.

@@ -2,7 +2,8 @@
 import { $, ask, remember, state, trying } from "./basics.js";
 import { compare } from "./compare.js";
 import { changeView, showCurves, togetherOrAlone } from "./curves.js";
-import { close, complete, fit, read, showValues, startFrom, steer } from "./equations.js";
+import { exclude, subtractBlanks, toggleMouse, undo } from "./edits.js";
+import { close, complete, fit, read, showValues, startFrom, steer, takeGiven } from "./equations.js";
 import { move } from "./law.js";
 import { openFile, openSample, recognise, takeColumns } from "./measurements.js";
 import { showBudget, suggest } from "./next.js";
@@ -20,7 +21,7 @@ $("file").addEventListener("change", () => $("file").files[0] && openFile($("fil
 $("sample").addEventListener("change", () => $("sample").value && openSample($("sample").value));
 $("confirm").addEventListener("click", () => takeColumns());
 $("change").addEventListener("click", () => { $("columns").open = true; $("columns").querySelector("select[data-column]").focus(); });
-for (const id of ["wide", "restarts", "missing", "decimal", "dates"]) $(id).addEventListener("change", () => takeColumns());
+for (const id of ["is_wide", "wide", "below", "restarts", "missing", "decimal", "dates"]) $(id).addEventListener("change", () => takeColumns());
 $("order").addEventListener("change", showLibraries);
 $("hold_out").addEventListener("change", showHeld);
 $("start").addEventListener("click", () => start());
@@ -30,6 +31,16 @@ $("state").addEventListener("change", showCurves);
 $("view").addEventListener("change", changeView);
 $("find").addEventListener("input", findPanels);
 $("all").addEventListener("click", togetherOrAlone);
+$("exclude").addEventListener("click", exclude);
+$("subtract").addEventListener("click", subtractBlanks);
+$("exclude_mouse").addEventListener("click", toggleMouse);
+for (const id of ["undo", "undo_see"]) $(id).addEventListener("click", undo);
+addEventListener("keydown", event => {
+  const typing = event.target.matches("input, textarea, select");
+  if ((event.ctrlKey || event.metaKey) && event.key === "z" && !typing && state.columns.edits?.length) { event.preventDefault(); undo(); }
+});
+$("log").addEventListener("change", showCurves);
+for (const id of ["starts_given", "starts_at"]) $(id).addEventListener("change", takeGiven);
 $("rival").addEventListener("change", compare);
 $("write_from").addEventListener("change", startFrom);
 $("write_object").addEventListener("change", showValues);

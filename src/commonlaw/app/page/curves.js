@@ -1,6 +1,7 @@
 // Curves as measured, and as a candidate fits or forecasts them: one figure of the objects that are chosen, and small ones of all.
 import { $, element, labels, state, withUnit } from "./basics.js";
 import { markPanels, showPanels, updatePanels } from "./panels.js";
+import { picked } from "./edits.js";
 import { draw } from "./plots.js";
 
 const WRITTEN = { fit: true, title: "your equations" };
@@ -93,7 +94,7 @@ function curves(j) {
   const drawn = found?.candidates[at].views[Number($("view").value)]?.curves ?? [];
   if (!drawn.length) {
     const names = labels(preview.trials);
-    return preview.trials.map(({ object, t, states }, i) => ({ object, t, points: states[j], line: found ? null : states[j], label: names[i], color: i }));
+    return preview.trials.map(({ object, name, t, states }, i) => ({ object, name, t, points: states[j], line: found ? null : states[j], label: names[i], color: i }));
   }
   const { trials } = view(), names = labels(trials);
   return trials.flatMap(({ object }, i) => {
@@ -129,8 +130,11 @@ export function showCurves() {
   const modelled = every.some(each => each.line && each.line !== each.points), { fit, title } = view() ?? {};
   $("see_title").textContent = !modelled ? "Measurements" : written ? "Measurements and your equations" : fit ? "Measurements and fit" : `Measurements and ${title}`;
   const lines = fit ? "fitted" : "forecast", difference = fit ? "residual" : "error";
+  const excluding = state.excluding && !modelled;
+  $("exclude_mouse").hidden = modelled;
+  $("log_part").hidden = !every.some(each => each.points.some(value => value > 0));
   const others = found ? rivalCurves(j, labels(view()?.trials ?? [])) : [];
-  draw($("forecast_plot"), [...shown, ...others], { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240, lines });
+  draw($("forecast_plot"), [...shown, ...others], { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240, lines, log: $("log").checked && !$("log_part").hidden, picked: excluding ? picked : null });
   $("bands").hidden = !modelled || Boolean(written) || shown.some(each => each.low);
   const what = written ? "Lines: your equations. Below: residuals, measured minus computed." : fit ? "Lines: fit of the law, initial conditions estimated from all samples. Below: residuals, measured minus fitted." : `Lines: ${title}. Below: errors, forecast minus measured.`;
   const bands = written ? "" : "Bands: 95 % of measurements expected. ";

@@ -17,8 +17,30 @@ export function beginEquations() {
   if (written.table !== state.table) $("equations").value = "";
   Object.assign(written, { table: state.table, values: {}, ranges: {}, kept: {}, starts: {}, doses: [] });
   $("write_object").replaceChildren(element("option", "all objects", { value: "" }), ...objects.map(name => element("option", name, { value: name })));
-  $("write_object").parentElement.hidden = objects.length < 2;
+  $("write_objects").hidden = objects.length < 2;
+  const { inputs } = state.preview.roles;
+  $("doses_part").hidden = !inputs.length;
+  $("doses_part").replaceChildren("Doses, amounts that are added at once: ", ...inputs.map(name => {
+    const label = element("label"), box = element("input", "", { type: "checkbox", value: name });
+    box.addEventListener("change", () => { written.doses = [...$("doses_part").querySelectorAll(":checked")].map(each => each.value); read(); });
+    label.append(box, ` ${name} `);
+    return label;
+  }));
+  showGiven();
   offerStarts();
+  read();
+}
+
+/** Show initial values and doses as they are given. */
+function showGiven() {
+  $("starts_given").value = Object.entries(written.starts).map(pair => pair.join("=")).join("; ");
+  for (const box of $("doses_part").querySelectorAll("input")) box.checked = written.doses.includes(box.value);
+}
+
+/** Take initial values of latent states from the form. */
+export function takeGiven() {
+  const pairs = $("starts_given").value.split(";").map(each => each.split("=").map(part => part.trim()));
+  written.starts = Object.fromEntries(pairs.filter(([name, value]) => name && value));
   read();
 }
 
@@ -46,17 +68,22 @@ export function startFrom() {
     }
   }
   $("equations").value = (law ?? model)?.text ?? "";
+  $("starts_at").value = "";
+  $("given").open = Boolean(Object.keys(written.starts).length || written.doses.length);
+  showGiven();
   read();
 }
 
 /** Put equations that were fitted before into the editor, with all that was given. */
-export function restoreEquations({ text, values, fixed, bounds, shared, priors, starts, doses }) {
+export function restoreEquations({ text, values, fixed, bounds, shared, priors, starts, starts_at, doses }) {
   Object.assign(written, { values, ranges: {}, kept: {}, starts, doses });
   for (const name of Object.keys(values)) {
     const [low, high] = bounds[name] ?? [null, null], [mean, std] = priors[name] ?? ["", ""];
     written.kept[name] = { fixed: fixed.includes(name), low: low ?? "", high: high ?? "", shared: shared[name] ?? null, mean, std };
   }
   $("equations").value = text;
+  $("starts_at").value = starts_at ?? "";
+  showGiven();
   $("write").open = true;
 }
 
@@ -75,6 +102,7 @@ function asked() {
   const kept = Object.keys(written.values).map(name => [name, given(name)]), number = text => text === "" ? null : Number(text);
   return {
     text: $("equations").value, values: written.values, starts: written.starts, doses: written.doses,
+    starts_at: $("starts_at").value === "" ? null : Number($("starts_at").value),
     fixed: kept.filter(([, each]) => each.fixed).map(([name]) => name),
     bounds: Object.fromEntries(kept.filter(([, each]) => each.low !== "" || each.high !== "").map(([name, { low, high }]) => [name, [number(low), number(high)]])),
     shared: Object.fromEntries(kept.filter(([, each]) => each.shared !== null).map(([name, { shared }]) => [name, shared])),

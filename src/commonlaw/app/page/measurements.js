@@ -1,5 +1,6 @@
 // 1. Measurements: a table, what its columns are, what its checks found.
 import { $, ask, element, fill, plural, remember, state, tell, trying } from "./basics.js";
+import { showEdits } from "./edits.js";
 import { showMeasured } from "./curves.js";
 import { beginEquations } from "./equations.js";
 import { showHeld, showLibraries } from "./question.js";
@@ -38,6 +39,7 @@ function showPreview() {
   $("guessed").hidden = !found.guessed || Boolean(state.columns.states?.length);
   $("guessed").firstElementChild.textContent = found.guessed || "";
   showColumns(found);
+  showEdits();
   if (found.problem) {
     $("counts").textContent = found.name;
     $("columns").open = true;
@@ -102,7 +104,10 @@ function showColumns({ columns, rows, recognised }) {
     choices.append(cell);
   }
   table.tBodies[0].prepend(choices);
+  $("is_wide").checked = Boolean(recognised.wide);
+  $("wide_part").hidden = !recognised.wide;
   $("wide").value = recognised.wide || "";
+  $("below").value = (state.columns.below ?? []).map(pair => pair.join("=")).join("; ");
   $("restarts").checked = Boolean(state.columns.restarts);
   $("missing").value = (state.columns.missing ?? []).join("; ");
   for (const id of ["decimal", "dates"]) $(id).value = state.columns[id] ?? "";
@@ -117,6 +122,12 @@ function roleOf(name, roles) {
   return SINGLE.find(role => roles[role] === name) ?? Object.keys(SEVERAL).find(role => roles[SEVERAL[role]]?.includes(name)) ?? "";
 }
 
+/** Limits of quantification by the marks of values below them. */
+function limits() {
+  const pairs = $("below").value.split(";").map(each => each.split("=").map(part => part.trim())).filter(([mark]) => mark);
+  return pairs.filter(([, limit]) => limit && Number.isFinite(Number(limit))).map(([mark, limit]) => [mark, Number(limit)]);
+}
+
 /** Take what was chosen: of the roles that one column has, the last choice takes it from another. */
 export async function takeColumns(last) {
   const selects = [...$("columns").querySelectorAll("select")];
@@ -124,8 +135,11 @@ export async function takeColumns(last) {
   const all = role => selects.filter(({ value }) => value === role).map(each => each.dataset.column);
   // What the reader took for labels is none where the user chose so
   const label = role => all(role)[0] ?? (state.columns[role] === "" || state.preview.recognised[role] ? "" : null);
+  const { edits = [] } = state.columns;
+  Object.assign(state, { found: null, search: null });
   state.columns = { object: label("object"), trial: label("trial"), time: all("time")[0] ?? null, states: all("state"), inputs: all("input"), properties: all("property") };
-  Object.assign(state.columns, { wide: $("wide").value.trim() || null, restarts: $("restarts").checked ? "trials" : null });
+  const wide = $("is_wide").checked ? $("wide").value.trim() || "value" : null;
+  Object.assign(state.columns, { wide, edits, below: limits(), restarts: $("restarts").checked ? "trials" : null });
   Object.assign(state.columns, { missing: $("missing").value.split(";").map(mark => mark.trim()).filter(Boolean), decimal: $("decimal").value || null, dates: $("dates").value || null });
   await trying("failure", recognise);
 }

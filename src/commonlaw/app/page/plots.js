@@ -23,13 +23,14 @@ function width(_, numbers) {
 
 /**
  * Draw curves into a place: each has times, label, color index, and as far as there are any points, a line, and low and high
- * ends of a band. Where `dragged` is given, it takes the curve that is dragged, and the value of its start.
+ * ends of a band. `log` is for a logarithmic axis, without what is not positive. `picked` takes a range of times that is dragged
+ * over, in place of zooming, or a curve that is clicked. Where `dragged` is given, it takes the curve that is dragged, and the value of its start.
  */
-export function draw(place, curves, { x, y, height = 300, dragged = null, lines = "forecast", points = "measured" }) {
+export function draw(place, curves, { x, y, height = 300, dragged = null, lines = "forecast", points = "measured", log = false, picked = null }) {
   const series = [{}], bands = [], tables = [];
   for (const curve of curves) {
     const color = colorOf(curve.color), columns = [curve.t];
-    const add = (values, settings) => { columns.push(values); series.push({ spanGaps: true, scale: "y", stroke: color, pxAlign: 0, ...settings }); };
+    const add = (values, settings) => { columns.push(log ? values.map(each => each > 0 ? each : null) : values); series.push({ spanGaps: true, scale: "y", stroke: color, pxAlign: 0, ...settings }); };
     if (curve.low) {
       bands.push({ series: [series.length, series.length + 1], fill: `${color}2e` });
       for (const end of [curve.high, curve.low]) add(end, { stroke: "transparent", points: { show: false } });
@@ -39,7 +40,7 @@ export function draw(place, curves, { x, y, height = 300, dragged = null, lines 
     tables.push(columns);
   }
   const data = tables.length > 1 ? uPlot.join(tables) : tables[0];
-  const key = JSON.stringify([series, bands, curves.map(each => each.label), x, y, height, lines, points, Boolean(dragged), css("--ink"), place.clientWidth]), before = shown.get(place);
+  const key = JSON.stringify([series, bands, curves.map(each => each.label), x, y, height, lines, points, log, Boolean(dragged), Boolean(picked), css("--ink"), place.clientWidth]), before = shown.get(place);
   if (before?.key === key && !dragged) {
     // The same lines with other values: they move, and nothing is made anew
     before.content.curves = curves;
@@ -52,14 +53,15 @@ export function draw(place, curves, { x, y, height = 300, dragged = null, lines 
   const content = { curves }, held = holding.get(place), told = readout(content, { x, lines, points });
   const options = {
     width: Math.max(280, place.clientWidth), height, series, bands,
-    scales: { x: { time: false }, y: { range: (_, low, high) => held ? held.range : within(low, high, content.curves) } },
+    scales: { x: { time: false }, y: { range: (_, low, high) => held ? held.range : within(low, high, content.curves, log), distr: log ? 3 : 1 } },
     axes: [{ ...axis(x), size: 40 }, { ...axis(y), size: width, space: Math.min(30, height / 8) }],
-    legend: { show: false }, hooks: { setCursor: [told.show] },
-    cursor: { points: { show: false }, drag: { x: !dragged, y: !dragged, setScale: !dragged, uni: 20 } },
+    legend: { show: false }, hooks: { setCursor: [told.show], setSelect: picked ? [plot => pickRange(plot, picked)] : [] },
+    cursor: { points: { show: false }, drag: { x: !dragged, y: !dragged && !picked, setScale: !dragged && !picked, uni: 20 } },
   };
   const plot = new uPlot(options, data, place);
   place.append(told.list);
-  shown.set(place, { plot, key, content, again: () => draw(place, content.curves, { x, y, height, dragged, lines, points }) });
+  shown.set(place, { plot, key, content, again: () => draw(place, content.curves, { x, y, height, dragged, lines, points, log, picked }) });
+  if (picked) letClick(plot, content, picked);
   if (dragged) letDrag(place, plot, curves.map(each => each.line), dragged);
 }
 
@@ -111,9 +113,29 @@ function valuesAt(curve, at, range, { x, lines, points }) {
   return parts.length ? `: ${parts.join(", ")} at ${x} ${number(time)}` : "";
 }
 
+const LEAST = 4;
+
+function pickRange(plot, picked) {
+  const { left, width } = plot.select;
+  if (width >= LEAST) picked.range(plot.posToVal(left, "x"), plot.posToVal(left + width, "x"));
+}
+
+/** Let a click choose the curve nearest to the pointer. */
+function letClick(plot, content, picked) {
+  let from = 0;
+  plot.over.addEventListener("mousedown", event => { from = event.clientX; });
+  plot.over.addEventListener("mouseup", event => {
+    if (Math.abs(event.clientX - from) >= LEAST) return;
+    const box = plot.over.getBoundingClientRect(), at = plot.posToVal(event.clientX - box.left, "x"), value = plot.posToVal(event.clientY - box.top, "y");
+    const off = curve => Math.abs(nearest(curve.t, curve.points ?? curve.line, at).value - value);
+    picked.curve(content.curves.reduce((best, each) => off(each) < off(best) ? each : best));
+  });
+}
+
 /** The range of the axis: what is seen, and of bands what lies within half of its span beyond measured points and lines. */
-function within(low, high, curves) {
-  const main = curves.flatMap(each => [...(each.points ?? []), ...(each.line ?? [])]).filter(each => each !== null);
+function within(low, high, curves, log = false) {
+  const main = curves.flatMap(each => [...(each.points ?? []), ...(each.line ?? [])]).filter(each => each !== null && (each > 0 || !log));
+  if (log) return main.length ? [Math.min(...main) / 1.3, Math.max(...main) * 1.3] : [0.1, 10];
   const least = Math.min(...main), most = Math.max(...main), span = most - least || Math.abs(most) || 1;
   const from = Math.max(low ?? least, least - span / 2), to = Math.min(high ?? most, most + span / 2);
   return [from - span / 20, to + span / 20];

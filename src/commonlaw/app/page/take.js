@@ -51,6 +51,9 @@ function command({ chosen, text }) {
   if (given && (Object.keys(equations.priors).length || Object.values(equations.shared).some(Boolean) || equations.starts_at !== null)) return "";
   if (asked.law || (!chosen && (known.length || !found.others))) return "";
   const roles = [], reading = [];
+  // Excluded data have no option: the program law.py has them
+  if (columns.edits?.length) return "";
+  for (const [mark, limit] of columns.below ?? []) reading.push("--below", `${mark}=${limit}`);
   for (const role of ["object", "trial", "time"]) if (columns[role] || columns[role] === "") roles.push(`--${role}`, columns[role]);
   for (const [option, role] of [["--state", "states"], ["--input", "inputs"]]) for (const name of columns[role] ?? []) roles.push(option, name);
   for (const name of columns.properties ?? []) (chosen ? roles : reading).push("--property", name);
