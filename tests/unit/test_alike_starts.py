@@ -7,7 +7,6 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from benchmarks.next_experiment import first_trials
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.initial_condition_prior import AlikeStarts
 from commonlaw.inference.fit.problem import prepare
@@ -111,9 +110,3 @@ def test_rows_with_starts_as_columns_are_those_with_starts_eliminated():
     assert log_determinant + 2 * np.sum(np.log(noise * model.observation.noise)) == pytest.approx(
         whole.log_determinant, abs=1e-6
     )
-
-
-@pytest.mark.parametrize("seed", [25, 31])
-def test_a_law_that_asks_for_odd_starts_is_not_taken_where_trials_start_alike(seed):
-    first = first_trials("heights of balls", seed)
-    assert first.discover(first.measured(0.1, seed)).structure == ("x'' = a + b v",)

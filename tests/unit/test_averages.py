@@ -2,7 +2,6 @@
 
 import pickle
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -181,26 +180,6 @@ def test_laws_of_other_objects_or_without_a_probability_are_refused(law):
         with_other_laws(law, (PlausibleLaw(0.0, other),))
     with refused("averaged-laws-probability"):
         with_other_laws(law, (PlausibleLaw(0.6, other), PlausibleLaw(0.4, other)))
-
-
-def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
-    generator = np.random.default_rng(5)
-    times = np.linspace(0, 3, 25)
-    states = np.exp(-0.8 * times) + 0.05 * generator.standard_normal(len(times))
-    trials = cl.Trials.from_arrays([times], [states[:, np.newaxis]], names=["x"])
-    law = cl.discover(trials, order=1, library="poly:2")
-    assert len(law.models) > 1
-    assert sum(each.probability for each in law.models) == pytest.approx(1)
-    assert all(one.probability >= other.probability for one, other in pairwise(law.models))
-    table = law.comparison.set_index("terms")["score"]
-    own = table[", ".join(np.array(law.terms.names)[law.support[0]])]
-    for probability, other in law.uncertainty.other_laws:
-        behind = table[", ".join(np.array(law.terms.names)[other.support[0]])] - own
-        assert probability / law.models[0].probability == pytest.approx(np.exp(-behind / 2), rel=0.5)
-        refitted = cl.refine(
-            replace(other, uncertainty=Uncertainty()), trials, errors="white", noise={"x": law.uncertainty.noise[0]}
-        )
-        np.testing.assert_allclose(other.coefficients, refitted.coefficients, rtol=0.02, atol=1e-3)
 
 
 def test_forecasts_say_what_else_the_law_could_be_where_that_matters(law, trials):

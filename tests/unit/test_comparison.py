@@ -35,13 +35,6 @@ def test_a_coefficient_that_is_known_costs_nothing(decays):
     assert 0 < found.loc["free", "2 log B"] < np.log(40) + 2 * np.log(2)
 
 
-def test_the_same_law_is_as_probable_however_it_was_found(decays):
-    discovered = cl.discover(decays, library="poly:2", order=1)
-    found = cl.compare({"discovered": discovered, "fitted": cl.fit("x' = -k x", decays)}, decays)
-    assert discovered.equations("a")[0].endswith(" x")
-    np.testing.assert_allclose(found["2 log B"], 0, atol=1e-3)
-
-
 def test_laws_of_different_measurements_are_refused(decays):
     pair = cl.Law.from_text("x' = y; y' = -k x", {"k": 1.0})
     with refused("laws-of-other-states"):

@@ -47,7 +47,7 @@ def test_states_on_a_logarithmic_scale_start_above_zero():
     random, times = np.random.default_rng(0), np.linspace(0, 5, 40)
     states = [5 * np.exp(-rate * times + 0.05 * random.normal(size=40)) for rate in (0.5, 0.8)]
     trials = cl.Trials.from_arrays([times, times], states, object=["a", "b"], names=["x"])
-    law = cl.discover(trials, library="poly:1", method=cl.TrajectoryLikelihood(positive=["x"]), order=1)
+    law = cl.fit("x' = -k x", trials, positive=["x"])
     with refused("setting-not-positive"):
         cl.design(law, {"x": "0..10", "duration": 5, "rate": 5})
     found = cl.design(law, {"x": "1..10", "duration": "1..8", "rate": 5}, about="coefficients")

@@ -24,16 +24,6 @@ def fitted(drops):
     return cl.fit("x'' = -9.8 - k v", drops)
 
 
-def test_coefficients_and_errors_are_those_of_refining_the_same_terms(drops):
-    law = cl.fit("x'' = -g - k v", drops)
-    found = cl.discover(drops, order=2, library="poly:1")
-    refined = cl.refine(found, drops)
-    assert law.terms.names == ("1", "v")
-    np.testing.assert_allclose(law.coefficients, refined.coefficients[:, :, refined.support[0]], rtol=1e-6)
-    np.testing.assert_allclose(law.uncertainty.covariance, refined.uncertainty.covariance, rtol=1e-6, atol=1e-15)
-    np.testing.assert_allclose(law.uncertainty.noise, refined.uncertainty.noise, rtol=1e-12)
-
-
 def test_numbers_in_the_text_stay(fitted):
     truth = datasets.truth_of("linear-drag")
     constant, drag = (fitted.terms.index(name) for name in ("1", "v"))

@@ -1,6 +1,7 @@
 """Law files of strangers: what contradicts itself is refused, and what is a law comes back."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,8 +10,10 @@ import pytest
 import commonlaw as cl
 from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law import Law, Uncertainty, from_json, to_json
+from commonlaw.law import Alternative, Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_json
 from commonlaw.law.io import law_bytes
+from commonlaw.law.law import with_other_laws
+from commonlaw.law.uncertainty import Widening
 from commonlaw.trials.export import parquet_bytes, parquet_columns
 from tests.refusals import refused
 
@@ -70,7 +73,14 @@ def test_a_law_of_enormous_errors_comes_back_and_is_shown():
 def explained_law():
     """A law with everything that a file keeps by object: pooling, relations, properties, what else it could be."""
     drops = cl.datasets.linear_drag(noise=0.05)
-    law = cl.discover(drops, order=2, library="poly:1")
+    law, other = (cl.fit(text, drops) for text in ("x'' = a + b v", "x'' = a + b v + c x"))
+    alternatives = Alternative("x''", ("1", "v"), {"2 log B": 0.0}, proven=True, chosen=True)
+    law = replace(
+        law,
+        provenance=replace(law.provenance, alternatives=(alternatives,)),
+        uncertainty=replace(law.uncertainty, widening=Widening(np.array([1.0, 2.0]), np.array([1.1, 1.2]))),
+    )
+    law = with_other_laws(law, (PlausibleLaw(0.2, replace(other, provenance=Provenance())),))
     masses = {name: {"mass": mass, "make": "A"} for name, mass in zip(drops.objects, (3, 1, 1, 0.6, 0.4), strict=True)}
     return law.explain({**masses})
 

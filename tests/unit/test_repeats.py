@@ -67,11 +67,6 @@ def test_arrays_and_tables_hold_the_same_means_counts_and_squares():
     assert of_arrays.notes == read(frame).notes
 
 
-def test_discovery_takes_repeated_measurements():
-    law = cl.discover(read(rows()), order=1, library="poly:3")
-    assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["a^2"]
-
-
 def test_measurements_with_standard_deviations_are_weighted_by_these():
     trial = Trial("a", "1", [0, 0, 1], [1.0, 2.0, 3.0], noise=np.array([1.0, 0.5, 1.0]))
     np.testing.assert_allclose(trial.states[:, 0], [(1 + 4 * 2) / 5, 3])

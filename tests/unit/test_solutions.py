@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 import commonlaw as cl
 from commonlaw.formulation import law_variables
@@ -64,13 +63,3 @@ def test_a_law_whose_trajectories_diverge_is_not_solved():
     fit = stated("terms:x^2", [1.0], np.full(len(TIMES), 1.0))
     assert fit.diverges
     assert not fit.is_solved
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_growth_to_a_limit_is_not_taken_for_jumps_between_resting_points(seed):
-    generator, times = np.random.default_rng(seed), np.linspace(0, 16, 200)
-    grown = 80 / (1 + 1.9 * np.exp(-0.6 * times))[:, np.newaxis]
-    measured = grown * (1 + 0.05 * generator.standard_normal(grown.shape))
-    law = cl.discover(cl.Trials.from_arrays(times, measured, names=["x"]), library="poly:3 + trigonometric", order=1)
-    assert not law.uncertainty.error_model.of_law
-    assert law.simulate(times, [28.0])["object"].states[-1] == pytest.approx([80.0], rel=0.02)

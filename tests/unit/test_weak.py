@@ -1,11 +1,9 @@
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from commonlaw import WeakRegression, datasets, discover
 from commonlaw.differentiation import FiniteDifference
 from commonlaw.formulation import (
     CompressedTrials,
@@ -263,11 +261,3 @@ def test_what_cannot_be_is_said():
     line = Trials((Trial("it", "1", regular(60, 3.0), np.linspace(0, 1, 60)),), Schema(("x",)))
     with refused("term-not-finite", term="1/x", value="infinite", sample="1", where="it, trial 1"):
         WeakForm().rows(line[0], bound("terms:1/x", WeakForm(), line))
-
-
-def test_coefficients_do_not_depend_on_when_time_begins():
-    drops = datasets.linear_drag(noise=0.01)
-    late = drops.with_trials([replace(each, times=each.times + 1.7e9) for each in drops])
-    method = WeakRegression(solver="group-stlsq:0")
-    early, later = (discover(each, order=2, library="poly:1", method=method).coefficients for each in (drops, late))
-    np.testing.assert_allclose(later, early, rtol=1e-6)

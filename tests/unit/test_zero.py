@@ -98,10 +98,7 @@ def test_growth_from_below_the_noise_leaves_zero_by_its_law():
     assert said(fitted("x' = a x + b x^2", course(grown)), OutcomeKind.START) == []
 
 
-def test_refining_says_it_once_and_discovery_says_it_too():
+def test_refining_says_it_once():
     trials = course(COOLING, "degC")
     law = cl.refine(fitted("x' = a + b x^3", trials), trials, errors="white", noise={"x": 0.1})
     assert len(said(law, OutcomeKind.SCALE)) == 1
-    method = cl.DerivativeRegression(solver="stlsq:0", differentiation="finite:4")
-    found = cl.discover(trials, library=cl.library.ExpressionLibrary("x^3"), method=method, order=1)
-    assert len(said(found, OutcomeKind.SCALE)) == 1

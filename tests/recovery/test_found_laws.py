@@ -1,0 +1,85 @@
+"""Laws that are found beside laws that are given, and what discovery makes of unusual trials."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import commonlaw as cl
+from benchmarks.next_experiment import first_trials
+from commonlaw.law import Uncertainty
+
+
+@pytest.mark.parametrize("seed", [25, 31])
+def test_a_law_that_asks_for_odd_starts_is_not_taken_where_trials_start_alike(seed):
+    first = first_trials("heights of balls", seed)
+    assert first.discover(first.measured(0.1, seed)).structure == ("x'' = a + b v",)
+
+
+def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
+    generator = np.random.default_rng(5)
+    times = np.linspace(0, 3, 25)
+    states = np.exp(-0.8 * times) + 0.05 * generator.standard_normal(len(times))
+    trials = cl.Trials.from_arrays([times], [states[:, np.newaxis]], names=["x"])
+    law = cl.discover(trials, order=1, library="poly:2")
+    assert len(law.models) > 1
+    assert sum(each.probability for each in law.models) == pytest.approx(1)
+    assert all(one.probability >= other.probability for one, other in pairwise(law.models))
+    table = law.comparison.set_index("terms")["score"]
+    own = table[", ".join(np.array(law.terms.names)[law.support[0]])]
+    for probability, other in law.uncertainty.other_laws:
+        behind = table[", ".join(np.array(law.terms.names)[other.support[0]])] - own
+        assert probability / law.models[0].probability == pytest.approx(np.exp(-behind / 2), rel=0.5)
+        refitted = cl.refine(
+            replace(other, uncertainty=Uncertainty()), trials, errors="white", noise={"x": law.uncertainty.noise[0]}
+        )
+        np.testing.assert_allclose(other.coefficients, refitted.coefficients, rtol=0.02, atol=1e-3)
+
+
+def test_the_same_law_is_as_probable_however_it_was_found():
+    times, noise = np.linspace(0.0, 4.0, 40), np.random.default_rng(2)
+    states = [5 * np.exp(-rate * times) + noise.normal(0, 0.05, 40) for rate in (0.5, 0.7, 1.0)]
+    decays = cl.Trials.from_arrays([times] * 3, states, object=["a", "b", "c"])
+    discovered = cl.discover(decays, library="poly:2", order=1)
+    found = cl.compare({"discovered": discovered, "fitted": cl.fit("x' = -k x", decays)}, decays)
+    assert discovered.equations("a")[0].endswith(" x")
+    np.testing.assert_allclose(found["2 log B"], 0, atol=1e-3)
+
+
+def test_coefficients_and_errors_are_those_of_refining_the_same_terms():
+    drops = cl.datasets.linear_drag(noise=0.05)
+    law = cl.fit("x'' = -g - k v", drops)
+    found = cl.discover(drops, order=2, library="poly:1")
+    refined = cl.refine(found, drops)
+    assert law.terms.names == ("1", "v")
+    np.testing.assert_allclose(law.coefficients, refined.coefficients[:, :, refined.support[0]], rtol=1e-6)
+    np.testing.assert_allclose(law.uncertainty.covariance, refined.uncertainty.covariance, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(law.uncertainty.noise, refined.uncertainty.noise, rtol=1e-12)
+
+
+def test_discovery_takes_repeated_measurements():
+    times = np.repeat([0.0, 5.0, 12.0, 20.0, 35.0, 60.0, 90.0], [3, 2, 3, 1, 4, 2, 3])
+    measured = 2 / (1 + 0.1 * times) + 0.02 * np.random.default_rng(0).normal(size=18)
+    frame = pd.DataFrame({"t": times, "a": measured})
+    law = cl.discover(cl.Trials.from_frame(frame, time="t", states=["a"]), order=1, library="poly:3")
+    assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["a^2"]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_growth_to_a_limit_is_not_taken_for_jumps_between_resting_points(seed):
+    generator, times = np.random.default_rng(seed), np.linspace(0, 16, 200)
+    grown = 80 / (1 + 1.9 * np.exp(-0.6 * times))[:, np.newaxis]
+    measured = grown * (1 + 0.05 * generator.standard_normal(grown.shape))
+    law = cl.discover(cl.Trials.from_arrays(times, measured, names=["x"]), library="poly:3 + trigonometric", order=1)
+    assert not law.uncertainty.error_model.of_law
+    assert law.simulate(times, [28.0])["object"].states[-1] == pytest.approx([80.0], rel=0.02)
+
+
+def test_coefficients_do_not_depend_on_when_time_begins():
+    drops = cl.datasets.linear_drag(noise=0.01)
+    late = drops.with_trials([replace(each, times=each.times + 1.7e9) for each in drops])
+    method = cl.WeakRegression(solver="group-stlsq:0")
+    early, later = (cl.discover(each, order=2, library="poly:1", method=method).coefficients for each in (drops, late))
+    np.testing.assert_allclose(later, early, rtol=1e-6)
