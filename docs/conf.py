@@ -131,7 +131,8 @@ def _check_names(app: Sphinx) -> None:
     listed = set(Path(app.srcdir, "api.rst").read_text().split())
     modules = commonlaw, commonlaw.plots, commonlaw.datasets
     public = {name: getattr(module, name) for module in modules for name in module.__all__}
-    own = {name for name, found in public.items() if getattr(found, "__module__", "").startswith("commonlaw")}
+    documented = {name: found for name, found in public.items() if isinstance(found, type | FunctionType)}
+    own = {name for name, found in documented.items() if found.__module__.startswith("commonlaw")}
     if missing := sorted(own - listed):
         raise ExtensionError(f"api.rst does not list {', '.join(missing)}")
 
@@ -175,22 +176,18 @@ class NamedModels(SphinxDirective):
     """Lists the named models by their fields: formula, equations, variables, parameters and source of each."""
 
     def run(self) -> list[nodes.Node]:
-        """Return a section for each field."""
-        found, lines = list[nodes.Node](), list[str]()
-        models = [*commonlaw.named_models.values()]
-        for field in dict.fromkeys(model.field for model in models):
-            section = nodes.section("", nodes.title(field, field), ids=[nodes.make_id(field)])
-            for model in (each for each in models if each.field == field):
-                symbols = {**model.variables, **model.parameters}
-                lines = [f"**{model.title}**: ``{model.name}``", "", ".. math::", ""]
-                lines += [f"   {line}" for line in model.to_latex().splitlines()]
-                lines += ["", "::", "", f"   {model.equations}", ""]
-                lines += ["; ".join(f"``{name}`` {meaning}" for name, meaning in symbols.items()) + "."]
-                lines += [f"Source: {model.source}.", ""]
-                target = nodes.target("", "", ids=[model.name])
-                section += [target, *self.parse_text_to_nodes("\n".join(lines))]
-            found.append(section)
-        return found
+        """Return a section for each field, and in it one for each model."""
+        lines, field = list[str](), ""
+        for name, model in commonlaw.named_models.items():
+            if model.field != field:
+                field = model.field
+                lines += [f"## {field}", ""]
+            symbols = {**model.variables, **model.parameters}
+            lines += [f"({name})=", f"### {model.title}", "", "$$", model.to_latex(), "$$", ""]
+            lines += [f"`{name}`: `{model.equations}`", ""]
+            lines += [f"- `{symbol}`: {meaning}" for symbol, meaning in symbols.items()]
+            lines += ["", f"Source: {model.source}.", ""]
+        return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
 
 
 class Messages(SphinxDirective):
