@@ -301,6 +301,35 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         return cast("pd.DataFrame", _call("law.tables:sample_frame", self, n, seed, averaged))
 
+    def quantities(self, level: float = 0.95, initial: Mapping[str, float] | None = None) -> "pd.DataFrame":
+        """Return what is quoted of laws of a known form: half-lives, carrying capacities, periods, terminal speeds.
+
+        Columns are object, form, quantity, symbol, estimate, standard error, low, high and unit. Forms are recognised
+        by the terms of the equations, whatever their names, see the documentation for a list of them; the modes of
+        other linear laws and the equilibria of laws without inputs follow. Errors are those of the delta method;
+        intervals have all values in the confidence ellipsoid of the coefficients, which for ratios are those of
+        Fieller (1954), infinite where a denominator may be zero. They are NaN without covariance.
+
+        Raises `CommonlawError` if a state is not known, or the level is not between 0 and 1.
+
+        Parameters
+        ----------
+        level
+            Of the intervals.
+        initial
+            Initial values by state, for what depends on them, such as the lag of a growth curve.
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05).select(object="Ball 2"))
+        >>> law.quantities()[["quantity", "estimate", "low", "high", "unit"]].round(2)
+                 quantity  estimate    low   high unit
+        0  terminal speed     32.66  31.77  33.59  m/s
+        1   time constant      3.31   3.13   3.51    s
+        """
+        return cast("pd.DataFrame", _call("law.quantities:quantity_frame", self, level, initial))
+
     # Comparison with other models, and how the law was found
 
     @property

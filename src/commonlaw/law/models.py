@@ -104,21 +104,17 @@ class NamedModel:
         if twice := [name for name in new if new.count(name) > 1]:
             raise CommonlawError("named-model-name-twice", model=self.name, name=twice[0])
 
-        def written(match: re.Match[str]) -> str:
-            name = names.get(match[0], match[0])
-            return f"`{name}`" if name in _NEED_QUOTES else quoted(name)
-
-        def renamed(own: Iterable[str]) -> tuple[str, ...]:
+        def changed(own: Iterable[str]) -> tuple[str, ...]:
             return tuple(names.get(name, name) for name in own)
 
         return replace(
             self,
-            equations=re.sub("|".join(rf"\b{re.escape(name)}\b" for name in known), written, self.equations),
+            equations=renamed(self.equations, {name: names.get(name, name) for name in known}),
             variables={names.get(name, name): meaning for name, meaning in self.variables.items()},
             parameters={names.get(name, name): meaning for name, meaning in self.parameters.items()},
-            inputs=renamed(self.inputs),
-            properties=renamed(self.properties),
-            doses=renamed(self.doses),
+            inputs=changed(self.inputs),
+            properties=changed(self.properties),
+            doses=changed(self.doses),
         )
 
     def over_columns(self, schema: Schema, properties: Sequence[str], names: Mapping[str, str]) -> "NamedModel":
@@ -160,6 +156,16 @@ class NamedModel:
 
 _NEED_QUOTES = (*FUNCTIONS, *OTHER_NAMES, "e", "pi", "t", "time")
 """Words that have another meaning in equations."""
+
+
+def renamed(equations: str, names: Mapping[str, str]) -> str:
+    """Return equations with other names, quoted where they need it."""
+
+    def written(match: re.Match[str]) -> str:
+        name = names[match[0]]
+        return f"`{name}`" if name in _NEED_QUOTES else quoted(name)
+
+    return re.sub("|".join(rf"\b{re.escape(name)}\b" for name in names), written, equations)
 
 
 class NamedModels(dict[str, NamedModel]):

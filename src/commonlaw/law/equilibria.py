@@ -1,0 +1,234 @@
+"""Equilibria of a law with their stability, and the modes of linear laws."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.law.law import Law
+from commonlaw.law.propagation import Function
+from commonlaw.library import with_rates
+from commonlaw.library.grammar import columns_in
+from commonlaw.library.term import Factor
+
+_STARTS = 200
+_ITERATIONS = 60
+_TOLERANCE = 1e-9
+_SINGULAR = 1e10
+"""Condition of a Jacobian from which on equilibria are not isolated."""
+_NEUTRAL = 1e-7
+"""Real part of an eigenvalue, relative to its size, that is zero but for rounding."""
+
+
+class Quantity(NamedTuple):
+    """A number that follows from a law: how it is called, its function of the coefficients, and its unit."""
+
+    name: str
+    symbol: str
+    function: Function
+    unit: str
+
+
+class Equilibrium(NamedTuple):
+    """A state at which a law stays, shape (states,), with standard errors, and its kind: stable node, saddle, ..."""
+
+    states: Floats
+    errors: Floats
+    kind: str
+
+
+class _System:
+    """The equations of a law without inputs and time, for coefficients of shape (equations, terms)."""
+
+    def __init__(self, law: Law) -> None:
+        self.law, self.states = law, len(law.schema.states)
+        self.second = with_rates(law.order, self.states)
+
+    def coefficients(self, parameters: Floats) -> Floats:
+        """Return coefficients from those in the support, shape (parameters,)."""
+        found = np.zeros(self.law.support.shape)
+        found[self.law.support] = parameters
+        return found
+
+    def at(self, coefficients: Floats, states: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return highest derivatives at states at rest, shape (n, states), their Jacobians and the sizes of summands.
+
+        Jacobians have the shape (n, states, states + rates).
+        """
+        terms = self.law.terms
+        points = np.zeros((len(states), len(terms.variables.measured)))
+        points[:, : self.states] = states
+        values = terms.at(points, coefficients)
+        with np.errstate(all="ignore"):
+            factors, matrix = coefficients * terms.is_factor, terms.evaluate(values)
+            slopes = np.einsum("jk,nkv->njv", factors, terms.jacobian(values)[:, :, : len(terms.variables.states)])
+            return matrix @ factors.T, slopes, np.abs(matrix) @ np.abs(factors).T
+
+    def newton(self, coefficients: Floats, states: Floats) -> Floats:
+        """Return where Newton's method goes from states, shape (n, states); NaN where it does not converge."""
+        for _ in range(_ITERATIONS):
+            residuals, slopes, _ = self.at(coefficients, states)
+            inner = slopes[:, :, : self.states]
+            usable = np.isfinite(inner).all(axis=(1, 2)) & np.isfinite(residuals).all(axis=1)
+            usable[usable] &= np.abs(np.linalg.det(inner[usable])) > 0
+            steps = np.full(states.shape, np.nan)
+            steps[usable] = np.linalg.solve(inner[usable], residuals[usable, :, np.newaxis])[..., 0]
+            states = states - steps
+            if np.all(np.abs(steps[usable]) <= 1e-14 * (1 + np.abs(states[usable]))):
+                break
+        residuals, _, sizes = self.at(coefficients, states)
+        converged = np.all(np.abs(residuals) <= _TOLERANCE * sizes + 1e-300, axis=1)
+        return np.where(converged[:, np.newaxis], states, np.nan)
+
+    def slopes(self, parameters: Floats, point: Floats) -> Floats:
+        """Return the derivatives of an equilibrium by the parameters, shape (states, parameters)."""
+        inner = self.at(self.coefficients(parameters), point[np.newaxis])[1][0, :, : self.states]
+        by_parameter = np.empty((self.states, len(parameters)))
+        for i, step in enumerate(1e-6 * np.where(parameters == 0, 1.0, np.abs(parameters))):
+            ahead, behind = (
+                self.at(self.coefficients(parameters + sign * step * np.eye(len(parameters))[i]), point[np.newaxis])[0]
+                for sign in (1, -1)
+            )
+            by_parameter[:, i] = (ahead - behind)[0] / (2 * step)
+        return -np.linalg.solve(inner, by_parameter)
+
+    def matrix(self, coefficients: Floats, states: Floats) -> Floats:
+        """Return the Jacobian of the system of first order, shape (states + rates, the same), at states at rest."""
+        slopes = self.at(coefficients, states[np.newaxis])[1][0]
+        found = np.zeros((slopes.shape[1], slopes.shape[1]))
+        found[: self.states] = slopes
+        found[self.states :] = slopes[self.second]
+        for i, j in enumerate(self.second.tolist()):
+            found[j] = np.eye(slopes.shape[1])[self.states + i]
+        return found
+
+
+def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: float) -> Iterator[Equilibrium]:
+    r"""Yield the isolated equilibria near what was measured.
+
+    Those that Newton's method finds from points in and about the range of the states; there may be others. A law with
+    inputs or time in its terms has none. Errors are those of the delta method, with the derivatives
+    :math:`-F_x^{-1} F_\theta` of the solution of :math:`F(x, \theta) = 0`. Stability is that of the linearization; it
+    is uncertain if the interval of the largest real part of an eigenvalue includes zero.
+
+    Parameters
+    ----------
+    parameters, covariance
+        Coefficients of one object in the support, shape (p,), and their covariance if it is known.
+    reach
+        Standard errors from the estimate to the ends of intervals.
+    """
+    if not _is_autonomous(law):
+        return
+    system = _System(law)
+    coefficients = system.coefficients(parameters)
+    low, high = _box(law)
+    random = np.random.default_rng(0)
+    starts = np.concatenate([np.zeros((1, len(low))), low + random.random((_STARTS, len(low))) * (high - low)])
+    reached = system.newton(coefficients, starts)
+    reached = reached[np.isfinite(reached).all(axis=1) & np.all((reached >= low) & (reached <= high), axis=1)]
+    found = list[Floats]()
+    for each in reached:
+        slopes = system.at(coefficients, each[np.newaxis])[1][0, :, : system.states]
+        known = any(np.allclose(each, other, rtol=1e-6, atol=1e-9 * np.max(high - low)) for other in found)
+        if not known and np.linalg.cond(slopes) < _SINGULAR:
+            found.append(each)
+    for point in sorted(found, key=lambda each: each.tolist()):
+        eigenvalues = np.linalg.eigvals(system.matrix(coefficients, point))
+        errors, is_sure = np.full(len(point), np.nan), True
+        if covariance is not None:
+            slopes = system.slopes(parameters, point)
+            errors = np.sqrt(np.maximum(np.einsum("jp,pq,jq->j", slopes, covariance, slopes), 0.0))
+            steps = np.sqrt(np.diagonal(covariance)) * 1e-3
+            ahead, behind = (
+                [_leading(system, parameters + sign * step, point + sign * slopes @ step) for step in np.diag(steps)]
+                for sign in (1, -1)
+            )
+            gradient = np.divide(np.subtract(ahead, behind), 2 * steps, out=np.zeros(len(steps)), where=steps > 0)
+            error = float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
+            leading = float(eigenvalues.real.max())
+            is_sure = abs(leading) > reach * error or abs(leading) <= _NEUTRAL * np.abs(eigenvalues).max()
+        yield Equilibrium(point, errors, _kind(eigenvalues) if is_sure else "stability uncertain")
+
+
+def _leading(system: "_System", parameters: Floats, point: Floats) -> float:
+    """Return the largest real part of the eigenvalues at a point."""
+    return float(np.linalg.eigvals(system.matrix(system.coefficients(parameters), point)).real.max())
+
+
+def _is_autonomous(law: Law) -> bool:
+    variables, used = law.terms.variables, np.flatnonzero(law.support.any(axis=0)).tolist()
+    outer = {variables.index(name) for name in (*variables.inputs, variables.time)}
+    return not any(law.terms.terms[k].columns() & outer for k in used)
+
+
+def _box(law: Law) -> tuple[Floats, Floats]:
+    """Return the range of the states with as much on both sides, but no negative values of what was none."""
+    visited, sizes = law.provenance.domain.visited, {} if law.observation is None else law.observation.sizes
+    ends = [visited.get(name, (-sizes.get(name, 1e3), sizes.get(name, 1e3))) for name in law.schema.states]
+    low, high = np.array(ends).T
+    width = np.maximum(high - low, 1e-3 * np.abs(high) + 1e-12)
+    return np.where(low >= 0, np.minimum(0.0, low), low - width), high + width
+
+
+def _kind(eigenvalues: Floats) -> str:
+    real, is_complex = eigenvalues.real, np.any(eigenvalues.imag != 0)
+    neutral = np.abs(real) <= _NEUTRAL * np.abs(eigenvalues).max(initial=0.0)
+    if neutral.any():
+        return "centre of its linearization" if is_complex and neutral.all() else "neutral"
+    if len(real) == 1:
+        return "stable" if real[0] < 0 else "unstable"
+    if (real > 0).any() and (real < 0).any():
+        return "saddle"
+    return f"{'stable' if real[0] < 0 else 'unstable'} {'focus' if is_complex else 'node'}"
+
+
+def _is_state(powers: Sequence[tuple[Factor, int]]) -> bool:
+    return len(powers) == 1 and powers[0][0].column is not None and powers[0][1] == 1
+
+
+def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
+    """Yield time constants, periods and damping ratios of the modes of a linear law, the slowest first.
+
+    A law is linear if its terms with states are the states themselves and their rates. Modes that grow have doubling
+    times.
+
+    Parameters
+    ----------
+    parameters
+        Coefficients of one object in the support.
+    """
+    system, variables = _System(law), law.terms.variables
+    dynamic = {*range(len(variables.states))}
+    used = [law.terms.terms[k] for k in np.flatnonzero(law.support.any(axis=0) & law.terms.is_factor)]
+    with_states = [[pair for pair in each.powers if columns_in(pair[0]) & dynamic] for each in used]
+    if not any(with_states) or any(each and not _is_state(each) for each in with_states):
+        return
+    origin, unit = np.zeros(system.states), law.schema.units.get(law.schema.time, "")
+
+    def eigenvalues(row: Floats) -> Floats:
+        found = np.linalg.eigvals(system.matrix(system.coefficients(row), origin))
+        return found[np.lexsort((found.imag, np.abs(found.real)))]
+
+    here = eigenvalues(parameters)
+    for i, eigenvalue in enumerate(here.tolist()):
+
+        def of(change: Function, i: int = i, oscillates: bool = eigenvalue.imag != 0) -> Function:
+            def value(rows: Floats) -> Floats:
+                found = np.array([eigenvalues(row)[i] for row in rows])
+                return np.where((found.imag != 0) == oscillates, change(found), np.nan)
+
+            return value
+
+        label = f"mode {i + 1}"
+        if abs(eigenvalue) == 0 or eigenvalue.imag < 0:
+            continue
+        if eigenvalue.imag > 0:
+            yield Quantity(f"period of {label}", "T", of(lambda each: 2 * np.pi / each.imag), unit)
+            yield Quantity(f"damping ratio of {label}", "ζ", of(lambda each: -each.real / np.abs(each)), "")
+        elif eigenvalue.real < 0:
+            yield Quantity(f"time constant of {label}", "τ", of(lambda each: -1 / each.real), unit)
+            yield Quantity(f"half-life of {label}", "t½", of(lambda each: -np.log(2) / each.real), unit)
+        else:
+            yield Quantity(f"doubling time of {label}", "T2", of(lambda each: np.log(2) / each.real), unit)

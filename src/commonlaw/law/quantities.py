@@ -1,0 +1,434 @@
+"""Quantities that are quoted of laws of known forms: half-lives, carrying capacities, periods, reproduction numbers."""
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import permutations
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import check_choice
+from commonlaw.law.equilibria import Quantity, equilibria, modes
+from commonlaw.law.law import Law
+from commonlaw.law.models import renamed
+from commonlaw.law.parse import GivenEquations, read_equations
+from commonlaw.law.propagation import Function, propagated
+from commonlaw.library import Variables, order_of_each, term_unit, with_rates
+from commonlaw.library.bounds import Bound
+from commonlaw.library.equation import Equation, split_equations
+from commonlaw.library.grammar import evaluate
+from commonlaw.library.term import Term, parse_term
+from commonlaw.runtime.reading import read_file
+from commonlaw.trials import Schema
+from commonlaw.trials.trial import property_names
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = ("object", "form", "quantity", "symbol", "estimate", "standard error", "low", "high", "unit")
+
+
+@dataclass(frozen=True)
+class Form:
+    """Equations that a law may have up to names, and quantities of these; the file of forms explains the fields."""
+
+    title: str
+    equations: tuple[str, ...]
+    quantities: tuple[tuple[str, ...], ...]
+    inputs: tuple[str, ...] = ()
+    forced: bool = False
+    doses: bool = False
+    bolus: str = ""
+
+
+@cache
+def forms() -> tuple[Form, ...]:
+    """Return all forms."""
+    tables = tomllib.loads(read_file(Path(__file__).with_name("quantities.toml")).decode())
+    return tuple(msgspec.convert(each, Form) for each in tables["form"])
+
+
+class _Entry(NamedTuple):
+    """A term of an equation of a form, without parameters that are its factors: a number and their powers before it."""
+
+    equation: int
+    term: Term
+    number: float
+    powers: Mapping[str, int]
+
+
+class _Variant(NamedTuple):
+    """One way to write a form: its equations and bounds, with the names of its states and inputs."""
+
+    form: Form
+    text: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    orders: tuple[int, ...]
+
+    def over(self, names: Mapping[str, str], schema: Schema, variables: Variables) -> GivenEquations:
+        """Return what the equations say over other names."""
+        return read_equations(renamed(self.text, names), schema, variables)
+
+
+@cache
+def _variants() -> tuple[_Variant, ...]:
+    found = []
+    for form in forms():
+        for text in form.equations:
+            equations = split_equations(text)
+            states, orders = tuple(each.state for each in equations), tuple(each.order for each in equations)
+            inputs = tuple(name for name in form.inputs if re.search(rf"\b{name}\b", text))
+            found.append(_Variant(form, text, states, inputs, orders))
+    return tuple(found)
+
+
+@cache
+def _parameters(variant: _Variant) -> tuple[str, ...]:
+    given = read_equations(variant.text, Schema(variant.states, variant.inputs))
+    return tuple(each.name for each in given.coefficients)
+
+
+def _stripped(term: Term, variables: Variables) -> tuple[Term, dict[str, int]]:
+    """Return a term without the parameters that are its factors, and the powers of these."""
+    first = len(variables.measured)
+    outer = {factor: power for factor, power in term.powers if factor.column is not None and factor.column >= first}
+    powers = {variables.names[factor.column or 0]: power for factor, power in outer.items()}
+    return Term(tuple(each for each in term.powers if each[0] not in outer)), powers
+
+
+def _entries(given: GivenEquations) -> list[_Entry]:
+    """Return the terms of the equations of a form."""
+    products, found = {(each.equation, each.term): each for each in given.products}, list[_Entry]()
+    for j, k in np.argwhere((given.known != 0) & given.terms.is_factor).tolist():
+        term, powers = _stripped(given.terms.terms[k], given.terms.variables)
+        number = given.known[j, k]
+        if (product := products.get((j, k))) is not None:
+            number = product.factor
+            for name, power in product.coefficients:
+                powers[name] = powers.get(name, 0) + power
+        found.append(_Entry(j, term, float(number), powers))
+    return found
+
+
+class _Place(NamedTuple):
+    """A coefficient of a law by equation and term, and the terms of parameters that multiply it, with their powers."""
+
+    equation: int
+    term: int
+    powers: tuple[tuple[int, int], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Match:
+    """A form that a law has.
+
+    Parameters
+    ----------
+    names
+        Variables of the law by those of the form.
+    equations
+        The equations of the law, by index.
+    entries, places
+        The terms of the form, and for each the coefficients of the law that are added before it.
+    inner
+        The terms of the law that are the places of parameters inside terms, by name.
+    bounds
+        Of parameters of the form, by name.
+    constant, inputs
+        Coefficients of terms that a forced form may have.
+    volume
+        The term of a volume, and the name of the dose.
+    """
+
+    variant: _Variant
+    law: Law
+    names: Mapping[str, str]
+    equations: tuple[int, ...]
+    entries: tuple[_Entry, ...]
+    places: tuple[tuple[_Place, ...], ...]
+    inner: Mapping[str, int]
+    bounds: Mapping[str, Bound]
+    constant: _Place | None
+    inputs: Mapping[str, _Place]
+    volume: tuple[int, str] | None
+
+    @property
+    def title(self) -> str:
+        """What the form is called, with its states where it is that of a part of the equations."""
+        states = [self.law.schema.states[j] for j in self.equations]
+        part = f" of {', '.join(states)}" if len(states) < len(self.law.schema.states) else ""
+        return f"{self.variant.form.title}{part}"
+
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """Parameters that are factors of terms."""
+        names = dict.fromkeys(name for each in self.entries for name in each.powers)
+        return tuple(name for name in names if name not in self.inner)
+
+    @cached_property
+    def solution(self) -> tuple[list[int], Floats, Floats]:
+        """Entries that determine these, powers of them that they are, and their powers in all entries."""
+        powers = np.array([[each.powers.get(name, 0) for name in self.unknown] for each in self.entries], dtype=float)
+        powers = powers.reshape(len(self.entries), len(self.unknown))
+        chosen = list[int]()
+        for i in range(len(powers)):
+            if np.linalg.matrix_rank(powers[[*chosen, i]]) > len(chosen):
+                chosen.append(i)
+        return chosen, np.linalg.pinv(powers[chosen]), powers
+
+    def values(self, coefficients: Floats) -> tuple[dict[str, Floats], Bools]:
+        """Return the parameters of the form from coefficients of the law, shape (n, equations, terms).
+
+        The other value is which of them agree with all entries, shape (n,): some parameters stand in several.
+        """
+        whole = coefficients.sum(axis=1)  # A parameter inside terms has one coefficient, in whatever equation
+        found = {name: whole[:, term] for name, term in self.inner.items()}
+        sizes = np.zeros((len(self.entries), len(coefficients)))
+        chosen, inverse, powers = self.solution
+        with np.errstate(all="ignore"):
+            for row, entry, places in zip(sizes, self.entries, self.places, strict=True):
+                row += sum(_value(coefficients, whole, each) for each in places) / entry.number
+                for name, power in entry.powers.items():
+                    row /= found[name] ** power if name in self.inner else 1.0
+            for name, row in zip(self.unknown, inverse, strict=True):
+                found[name] = np.prod(sizes[chosen] ** np.rint(row)[:, np.newaxis], axis=0)
+            columns = np.array([found[name] for name in self.unknown]).reshape(len(self.unknown), -1)
+            expected = np.prod(columns ** powers[:, :, np.newaxis], axis=1)
+            agree = np.all(np.isclose(expected, sizes, rtol=1e-9, atol=0.0), axis=0)
+        if self.constant:
+            found["constant"] = _value(coefficients, whole, self.constant)
+        if self.volume is not None:
+            found[self.variant.form.bolus] = whole[:, self.volume[0]]
+        return found, agree
+
+    def holds(self, coefficients: Floats) -> bool:
+        """Return whether the coefficients of one object, shape (1, equations, terms), have the form."""
+        values, agree = self.values(coefficients)
+        inside = (np.all((values[name] > each.low) & (values[name] < each.high)) for name, each in self.bounds.items())
+        return bool(agree.all()) and all(np.isfinite(each).all() for each in values.values()) and all(inside)
+
+
+def _value(coefficients: Floats, parameters: Floats, place: _Place) -> Floats:
+    found = coefficients[:, place.equation, place.term]
+    for term, power in place.powers:
+        found = found * parameters[:, term] ** power
+    return np.asarray(found)
+
+
+def _matches(law: Law) -> list[_Match]:
+    """Return the forms that equations of a law may have, by their terms."""
+    return [match for variant in _variants() for match in _matches_of(law, variant)]
+
+
+def _matches_of(law: Law, variant: _Variant) -> Iterator[_Match]:
+    states, own = law.schema.states, order_of_each(law.order, len(law.schema.states))
+    doses = variant.form.doses
+    inputs = law.schema.doses if doses else tuple(name for name in law.schema.inputs if name not in law.schema.doses)
+    for chosen in permutations(range(len(states)), len(variant.states)):
+        if tuple(own[j] for j in chosen) == variant.orders:
+            for given in permutations(inputs, len(variant.inputs)):
+                names = dict(zip(variant.states, (states[j] for j in chosen), strict=True))
+                match = _matched(law, variant, chosen, names | dict(zip(variant.inputs, given, strict=True)))
+                if match is not None:
+                    yield match
+
+
+def _matched(law: Law, variant: _Variant, chosen: tuple[int, ...], names: Mapping[str, str]) -> _Match | None:
+    """Return the match of some equations of a law, if they have the terms of a form over these names."""
+    variables, states, form = law.terms.variables, law.schema.states, variant.form
+    rates = dict(zip(with_rates(law.order, len(states)).tolist(), variables.states[len(states) :], strict=True))
+    subset = (*(states[j] for j in chosen), *(rates[j] for j in chosen if j in rates))
+    allowed = {variables.index(name) for name in (*subset, *variables.inputs, variables.time, *variables.parameters)}
+    dynamic = {variables.index(name) for name in subset}
+    own, forcing = list[tuple[int, int, int]](), list[tuple[int, int]]()
+    for i, j in enumerate(chosen):
+        for k in np.flatnonzero(law.support[j] & law.terms.is_factor).tolist():
+            columns = law.terms.terms[k].columns()
+            if not columns <= allowed:
+                return None
+            if form.forced and not columns & dynamic:
+                forcing.append((j, k))
+            else:
+                own.append((i, j, k))
+    fresh = {name: f"{name}_" for name in _parameters(variant)}
+    while {*fresh.values()} & {*variables.names}:
+        fresh = {name: f"{each}_" for name, each in fresh.items()}
+    schema = Schema(subset[: len(chosen)], law.schema.inputs, time=law.schema.time)
+    orders = variant.orders if len({*variant.orders}) > 1 else ()
+    over = Variables(subset, variables.inputs, variables.time, orders=orders)
+    given = variant.over({**names, **fresh}, schema, over)
+    entries = _entries(given)
+    inside = _inside([each.term for each in entries], given.terms.variables)
+    bare = [_stripped(law.terms.terms[k], variables)[0] for _, _, k in own]
+    for order in permutations(names_ := _inside(bare, variables)):
+        if len(names_) != len(inside):
+            return None
+        others = tuple(name for name in variables.parameters if name not in order)
+        there = tuple(name for name in given.terms.variables.parameters if name not in inside)
+        form_over = Variables(subset, over.inputs, over.time, (), (*inside, *there), orders)
+        parsed = Variables(subset, over.inputs, over.time, (), (*order, *others), orders)
+        wanted = [(each.equation, _over(each.term, given.terms.variables, form_over)) for each in entries]
+        found = dict[tuple[int, Term], list[_Place]]()
+        for i, j, k in own:
+            term, powers = _stripped(_over(law.terms.terms[k], variables, parsed), parsed)
+            of_law = tuple((law.terms.parameters[variables.parameters.index(n)], power) for n, power in powers.items())
+            found.setdefault((i, term), []).append(_Place(j, k, of_law))
+        if {*found} != {*wanted}:
+            continue
+        back = {new: name for name, new in fresh.items()}
+        volume = _volume(law, names[variant.states[0]]) if form.bolus else None
+        if form.bolus and volume is None:
+            return None
+        constant = next((_Place(*at) for at in forcing if not law.terms.terms[at[1]].columns()), None)
+        measured = {name: name for name in law.schema.inputs if name not in law.schema.doses}
+        inputs = {measured[law.terms.names[k]]: _Place(j, k) for j, k in forcing if law.terms.names[k] in measured}
+        return _Match(
+            variant,
+            law,
+            names,
+            chosen,
+            tuple(each._replace(powers={back[n]: power for n, power in each.powers.items()}) for each in entries),
+            tuple(tuple(found[key]) for key in wanted),
+            {
+                back[name]: law.terms.parameters[variables.parameters.index(of_law)]
+                for name, of_law in zip(inside, order, strict=True)
+            },
+            {back[each.name]: each for each in given.bounds},
+            constant,
+            inputs,
+            volume,
+        )
+    return None
+
+
+def _inside(terms: Sequence[Term], variables: Variables) -> list[str]:
+    """Return the parameters in terms."""
+    used = frozenset[int]().union(*(each.columns() for each in terms))
+    return [name for name in variables.parameters if variables.index(name) in used]
+
+
+def _over(term: Term, variables: Variables, others: Variables) -> Term:
+    return parse_term(term.expression(variables.names), others)
+
+
+def _volume(law: Law, state: str) -> tuple[int, str] | None:
+    """Return the term of the parameter V, and the name of the dose, where a state begins at ``dose/V``."""
+    start = None if law.observation is None else law.observation.initial.get(state)
+    parts = re.fullmatch(r"(\w+) */ *(\w+)", start) if isinstance(start, str) else None
+    parameters = law.terms.variables.parameters
+    if parts is None or parts[2] not in parameters or parts[1] not in property_names(law.properties):
+        return None
+    return law.terms.parameters[parameters.index(parts[2])], parts[1]
+
+
+@cache
+def _formula(text: str, names: tuple[str, ...]) -> str | None:
+    """Return a formula over columns of these names, None if it has another name."""
+    code, others = Equation(f"q = {text}", "q", -1, len("q =")).expression(Variables(names))
+    return None if others else code
+
+
+def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quantity]:
+    """Yield the quantities of a form that a law has."""
+    form, support = match.variant.form, match.law.support
+    given = {f"{own}0": initial[name] for own, name in match.names.items() if name in initial}
+
+    def function(formula: str, where: str, gain: _Place | None) -> Function | None:
+        def values(rows: Floats) -> dict[str, Floats]:
+            coefficients = np.zeros((len(rows), *support.shape))
+            coefficients[:, support] = rows
+            found = match.values(coefficients)[0] | {name: np.full(len(rows), each) for name, each in given.items()}
+            return found | ({"input": coefficients[:, gain.equation, gain.term]} if gain else {})
+
+        names = tuple(values(np.ones((1, support.sum()))))
+        code, condition = _formula(formula, names), _formula(where, names)
+        if code is None or condition is None:
+            return None
+
+        def of(rows: Floats) -> Floats:
+            columns = [*values(rows).values()]
+            with np.errstate(all="ignore"):
+                return np.where(evaluate(condition, columns) > 0, evaluate(code, columns), np.nan)
+
+        return of
+
+    for name, symbol, formula, unit, *where in form.quantities:
+        gains = match.inputs.items() if "input" in formula else [("", None)]
+        for source, place in gains:
+            found = function(formula, where[0] if where else "1", place)
+            if found is not None:
+                units = _units(match, source)
+                yield Quantity(f"{name} of {source}" if source else name, symbol, found, _unit(unit, units))
+
+
+def _units(match: _Match, source: str) -> dict[str, str]:
+    """Return the units of the variables of a form, as far as they are known; u is an input of a gain."""
+    names = {**match.names, "t": match.law.schema.time, "u": source}
+    if match.volume:
+        names["dose"] = match.volume[1]
+    observation = match.law.observation
+    units = {**({} if observation is None else observation.measured.units), **match.law.schema.units}
+    return {own: units[name] for own, name in names.items() if name in units}
+
+
+def _unit(text: str, units: Mapping[str, str]) -> str:
+    variables = Variables(tuple(dict.fromkeys([*re.findall(r"[A-Za-z]+", text), "t"]))[:-1] or ("x",))
+    found = term_unit(parse_term(text, variables), variables, units)
+    return "" if found is None else f"{found:~P}"
+
+
+def _most_specific(matches: Sequence[_Match]) -> list[_Match]:
+    """Return the first of several ways to write a form, and none that another one says more of.
+
+    That is a form of more equations, these among them, or one of the same terms with fewer parameters.
+    """
+    found = {(match.variant.form.title, frozenset(match.equations)): match for match in reversed(matches)}
+
+    def is_less(match: _Match, other: _Match) -> bool:
+        here, there = ({*each.equations} for each in (match, other))
+        fewer = len(other.unknown) < len(match.unknown) and len(other.entries) == len(match.entries)
+        return here < there or (here == there and fewer)
+
+    own = [match for match in found.values() if not any(is_less(match, other) for other in found.values())]
+    return own[::-1]
+
+
+def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) -> "pd.DataFrame":
+    """Return what is quoted of the forms that a law has, and its equilibria, see `Law.quantities`."""
+    import pandas as pd
+
+    for name in initial or {}:
+        check_choice("state", name, law.schema.states)
+    reach = float(law.uncertainty.reach(len(law.schema.states), level).max())
+    matches = _matches(law) if law.order != 0 else []
+    rows = list[tuple[object, ...]]()
+    for i, owner in enumerate(law.objects if law.order != 0 else ()):
+        parameters = law.coefficients[i, law.support]
+        covariance = None if law.uncertainty.covariance is None else law.uncertainty.covariance[i]
+        own = _most_specific([each for each in matches if each.holds(law.coefficients[[i]])])
+        found = [(each.title, quantity) for each in own for quantity in _quantities_of(each, initial or {})]
+        if not own:
+            found += [("Linear system", quantity) for quantity in modes(law, parameters)]
+        for title, quantity in found:
+            estimate = propagated(quantity.function, parameters, covariance, reach)
+            if np.isfinite(estimate.value):
+                rows.append((owner, title, quantity.name, quantity.symbol, *estimate, quantity.unit))
+        points = [*equilibria(law, parameters, covariance, reach)]
+        if len(points) == 1 and not points[0].states.any():  # The origin of an equation without a constant
+            continue
+        for number, point in enumerate(points, 1):
+            name = f"equilibrium {number}, {point.kind}" if len(points) > 1 else f"equilibrium, {point.kind}"
+            for state, value, error in zip(law.schema.states, point.states, point.errors, strict=True):
+                ends = value - reach * error, value + reach * error
+                unit = law.schema.units.get(state, "")
+                rows.append(
+                    (owner, "Equilibria", name, f"{state}*", float(value), float(error), *map(float, ends), unit)
+                )
+    return pd.DataFrame(rows, columns=list(COLUMNS))

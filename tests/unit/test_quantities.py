@@ -1,0 +1,247 @@
+"""Quantities of laws of known forms against closed forms, and their intervals against simulated estimates."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import commonlaw as cl
+from commonlaw.law.parse import read_equations
+from commonlaw.law.propagation import propagated
+from commonlaw.law.quantities import forms
+from commonlaw.library.equation import split_equations
+from commonlaw.trials import Schema
+from tests.refusals import refused
+
+Z = 1.959963984540054
+
+
+def law_of(text, covariance=None, inputs=(), units=None, **values):
+    """Return the law of equations with these values, and a covariance of its coefficients."""
+    law = cl.Law.from_text(text, values, inputs=inputs, units=units or {})
+    if covariance is None:
+        return law
+    whole = np.tile(covariance, (len(law.objects), 1, 1))
+    return replace(law, uncertainty=replace(law.uncertainty, covariance=whole))
+
+
+def found(law, **how):
+    """Return the estimates of a law by symbol."""
+    return law.quantities(**how).set_index("symbol")["estimate"].to_dict()
+
+
+def variants():
+    for form in forms():
+        for text in form.equations:
+            yield pytest.param(form, text, id=text)
+
+
+@pytest.mark.parametrize(("form", "text"), [*variants()])
+def test_every_form_is_recognised_with_all_its_quantities(form, text):
+    """Of what depends on an initial value only the names are known here."""
+    states = [each.state for each in split_equations(text)]
+    inputs = tuple(name for name in form.inputs if f"{name} " in text or f"{name}/" in text)
+    names = [each.name for each in read_equations(text, Schema(tuple(states), inputs)).coefficients]
+    law = cl.Law.from_text(text, {name: 0.3 + 0.2 * i for i, name in enumerate(names)}, inputs=inputs)
+    if form.doses:
+        law = replace(law, schema=replace(law.schema, doses=inputs, input_between="linear"))
+    if form.bolus:
+        return
+    table = law.quantities(initial=dict.fromkeys(states, 0.01))
+    own = table[table["form"] == form.title]
+    unconditional = {row[0] for row in form.quantities if len(row) == 4 and "input" not in row[2] and "n" not in row[2]}
+    assert unconditional - {*own["quantity"]} - {"damping ratio at small amplitude"} == set()
+
+
+def test_logistic_growth_by_any_name_and_in_any_spelling():
+    expected = {"r": 0.8, "K": 2.0, "T2": np.log(2) / 0.8, "r K/4": 0.4}
+    for text, values in (
+        ("x' = r x (1 - x/K)", {"r": 0.8, "K": 2.0}),
+        ("weight' = a weight + b weight^2", {"a": 0.8, "b": -0.4}),
+        ("N' = q N (M - N)", {"q": 0.4, "M": 2.0}),
+    ):
+        quantities = found(law_of(text, **values))
+        assert {name: quantities[name] for name in expected} == pytest.approx(expected)
+
+
+def test_lag_is_where_the_tangent_of_the_inflection_meets_zero():
+    """Against the closed form of the logistic curve, x = K/(1 + (K/x0 - 1) exp(-r t))."""
+    r, K, x0 = 0.8, 2.0, 0.05
+    at = brentq(lambda t: K / (1 + (K / x0 - 1) * np.exp(-r * t)) - K / 2, 0.0, 50.0)
+    quantities = found(law_of("x' = r x (1 - x/K)", r=r, K=K), initial={"x": x0})
+    assert quantities["t_i"] == pytest.approx(at)
+    assert quantities["λ"] == pytest.approx(at - (K / 2) / (r * K / 4))
+    assert "λ" not in found(law_of("x' = r x (1 - x/K)", r=r, K=K))
+
+
+def test_damping_decides_what_is_quoted_of_each_object():
+    law = law_of("x'' = -k x - c v", k={"light": 4.0, "heavy": 4.0}, c={"light": 1.0, "heavy": 5.0})
+    light, heavy = (
+        group.set_index("symbol")["estimate"] for _, group in law.quantities().groupby("object", sort=False)
+    )
+    assert light["ζ"] == pytest.approx(0.25)
+    assert light["T"] == pytest.approx(2 * np.pi / np.sqrt(4 - 0.25))
+    assert heavy["ζ"] == pytest.approx(1.25)
+    roots = np.roots([1.0, 5.0, 4.0])
+    assert sorted(heavy[["τ_1", "τ_2"]]) == pytest.approx(sorted(-1 / roots))
+    assert "T" not in heavy
+    assert "τ_1" not in light
+
+
+def test_inputs_have_gains_and_forces_are_ignored():
+    law = law_of("x'' = a - k x - c v + b u + f w", inputs=("u", "w"), a=1.0, k=4.0, c=1.0, b=2.0, f=-1.0)
+    table = law.quantities().set_index("quantity")["estimate"]
+    assert table["static gain of u"] == pytest.approx(0.5)
+    assert table["static gain of w"] == pytest.approx(-0.25)
+    assert table["damping ratio"] == pytest.approx(0.25)
+
+
+def test_units_follow_from_those_of_the_variables():
+    law = law_of("s' = -V s/(K + s)", units={"s": "mmol/L", "t": "min"}, V=2.0, K=0.5)
+    assert law.quantities().set_index("symbol")["unit"].to_dict() == {
+        "V_max": "mmol/l/min",
+        "K_m": "mmol/l",
+        "V/K": "1/min",
+    }
+    unknown = law_of("s' = -V s/(K + s)", units={"t": "min"}, V=2.0, K=0.5)
+    assert [*unknown.quantities()["unit"]] == ["", "", "1/min"]
+
+
+def test_parts_of_the_equations_have_forms_of_their_own():
+    table = law_of("S' = -b S I; I' = b S I - g I; R' = g I", b=0.6, g=0.2).quantities()
+    assert {*table["form"]} == {"SIR epidemic of S, I"}
+    table = law_of("a' = -k a; b' = r b", k=0.5, r=2.0).quantities()
+    assert {"First-order relaxation of a", "Exponential growth of b"} <= {*table["form"]}
+    assert "First-order relaxation of a" not in {*law_of("a' = -k a + b; b' = r b", k=0.5, r=2.0).quantities()["form"]}
+
+
+@pytest.mark.parametrize("text", ["x' = r x (1 - x/K)", "x' = r x - s x^3", "x' = r x - s x^2 + c t", "x' = r x u"])
+def test_other_equations_and_signs_have_no_form(text):
+    inputs = ("u",) if "u" in text else ()
+    names = {"r": -0.8, "K": 2.0, "s": 0.3, "c": 0.1}
+    law = law_of(text, inputs=inputs, **{name: value for name, value in names.items() if name in text})
+    assert {*law.quantities()["form"]} <= {"Equilibria"}
+
+
+def test_discrete_time_has_no_quantities():
+    assert len(law_of("x[k+1] = r x", r=0.5).quantities()) == 0
+
+
+def test_linear_systems_have_modes():
+    matrix = np.array([[-0.9, 0.3, 0.1], [0.4, -0.5, 0.0], [0.0, 0.2, -0.7]])
+    text = "a' = p a + q b + r c; b' = s a + u b; c' = w b + z c"
+    values = {"p": -0.9, "q": 0.3, "r": 0.1, "s": 0.4, "u": -0.5, "w": 0.2, "z": -0.7}
+    table = law_of(text, **values).quantities()
+    eigenvalues = np.linalg.eigvals(matrix)
+    damped = eigenvalues[eigenvalues.imag == 0].real
+    assert sorted(table[table["symbol"] == "τ"]["estimate"]) == pytest.approx(sorted(-1 / damped))
+    (pair,) = [each for each in eigenvalues if each.imag > 0] or [None]
+    if pair is not None:
+        assert table.set_index("symbol")["estimate"]["T"] == pytest.approx(2 * np.pi / pair.imag)
+
+
+def test_equilibria_have_values_errors_and_kinds():
+    """Those of x' = r x - s x^3 are 0 and -+ sqrt(r/s)."""
+    covariance = np.array([[0.01, 0.002], [0.002, 0.03]])
+    law = law_of("x' = r x - s x^3", covariance, r=2.0, s=1.0)
+    table = law.quantities()
+    assert [*table["quantity"]] == ["equilibrium 1, stable", "equilibrium 2, unstable", "equilibrium 3, stable"]
+    root = np.sqrt(2.0)
+    assert table["estimate"].tolist() == pytest.approx([-root, 0.0, root], abs=1e-9)
+    gradient = np.array([1 / (2 * root), root / 2])  # By r and by the coefficient of x^3, which is -s
+    error = np.sqrt(gradient @ covariance @ gradient)
+    assert table["standard error"].tolist() == pytest.approx([error, 0.0, error], rel=1e-5, abs=1e-12)
+    assert [*law_of("x' = a x - b x y; y' = c x y - d y", a=1.0, b=1.0, c=1.0, d=1.0).quantities()["quantity"]][-1] == (
+        "equilibrium 2, centre of its linearization"
+    )
+
+
+def test_stability_that_estimates_do_not_decide_is_uncertain():
+    law = law_of("x'' = c v - k x - b x^3", np.diag([0.04, 0.01, 0.01]), c=0.1, k=1.0, b=1.0)
+    (kind,) = law_of("x'' = f + c v - k x", np.diag([0.01, 0.04, 0.01]), f=1.0, c=0.1, k=1.0).quantities()["quantity"][
+        -1:
+    ]
+    assert kind == "equilibrium, stability uncertain"
+    assert "Equilibria" not in {*law.quantities()["form"]}
+
+
+def fieller(a, b, covariance, z):
+    """Return the ends of Fieller's interval of a/b, from its quadratic equation."""
+    (vaa, vab), (_, vbb) = covariance
+    roots = np.roots([b**2 - z**2 * vbb, -2 * (a * b - z**2 * vab), a**2 - z**2 * vaa])
+    return sorted(roots.real)
+
+
+def test_intervals_of_ratios_are_those_of_fieller():
+    covariance = np.array([[0.09, -0.01], [-0.01, 0.0025]])
+    law = law_of("x'' = -g - c v", covariance, g=9.8, c=0.3)
+    row = law.quantities().iloc[0]
+    slopes = np.array([1 / 0.3, -9.8 / 0.09])
+    assert row["standard error"] == pytest.approx(np.sqrt(slopes @ covariance @ slopes), rel=1e-4)
+    assert [row["low"], row["high"]] == pytest.approx(fieller(9.8, 0.3, covariance, Z), rel=1e-4)
+
+
+def test_an_interval_is_unbounded_where_the_denominator_may_be_zero():
+    law = law_of("x'' = -g - c v", np.diag([0.01, 0.0025]), g=9.8, c=0.06)
+    row = law.quantities().iloc[0]
+    assert row["high"] == np.inf
+    assert row["low"] == pytest.approx(max(fieller(9.8, 0.06, np.diag([0.01, 0.0025]), Z)), rel=1e-3)
+    narrow = law.quantities(level=0.5).iloc[0]
+    assert row["low"] < narrow["low"] < narrow["high"] < np.inf
+
+
+def test_an_interval_ends_where_its_function_ends():
+    """At critical damping the slow time constant 2/(c - sqrt(c^2 - 4 k)) ends at 2/c, and a period is infinite."""
+    law = law_of("x'' = -k x - c v", np.diag([0.04, 0.0]) + 1e-18 * np.eye(2), k=1.0, c=2.05)
+    table = law.quantities().set_index("symbol")
+    assert table.loc["τ_1", "low"] == pytest.approx(2 / 2.05, rel=1e-3)
+    law = law_of("x'' = -k x - c v", np.diag([0.04, 0.0]) + 1e-18 * np.eye(2), k=1.0, c=1.95)
+    assert law.quantities().set_index("symbol").loc["T", "high"] == np.inf
+
+
+def test_without_covariance_there_are_values_alone():
+    row = law_of("x' = -k x", k=0.5).quantities().iloc[1]
+    assert row["estimate"] == pytest.approx(np.log(2) / 0.5)
+    assert np.isnan(row[["standard error", "low", "high"]].astype(float)).all()
+
+
+FUNCTIONS = {
+    "ratio": (lambda rows: rows[:, 0] / rows[:, 1], [9.8, 0.3], [[0.09, -0.01], [-0.01, 0.004]]),
+    "half-life": (lambda rows: np.log(2) / rows[:, 0], [0.5], [[0.02]]),
+    "period": (
+        lambda rows: 2 * np.pi / np.sqrt(rows[:, 0] - rows[:, 1] ** 2 / 4),
+        [4.0, 0.5],
+        [[0.2, 0.01], [0.01, 0.04]],
+    ),
+    "exponential": (lambda rows: np.exp(rows[:, 0] / rows[:, 1]), [1.0, 2.0], [[0.05, 0.0], [0.0, 0.05]]),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_intervals_cover_the_truth_as_often_as_they_say(name):
+    function, truth, covariance = FUNCTIONS[name]
+    truth, covariance = np.array(truth), np.array(covariance)
+    value = function(truth[np.newaxis])[0]
+    draws = np.random.default_rng(0).multivariate_normal(truth, covariance, 600)
+    covered = [each.low <= value <= each.high for each in (propagated(function, draw, covariance, Z) for draw in draws)]
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.025)
+
+
+def test_initial_values_of_other_states_are_refused():
+    with refused("unknown-name"):
+        law_of("x' = -k x", k=0.5).quantities(initial={"y": 1.0})
+
+
+def test_doses_and_boluses_have_volumes_and_clearances():
+    times = np.linspace(0.0, 8.0, 40)
+    trials = cl.Trials.from_arrays(
+        times,
+        4.0 * np.exp(-0.3 * times) * (1 + 1e-3 * np.random.default_rng(0).standard_normal(40)),
+        names=["c"],
+        units={"c": "mg/L", "t": "h", "dose": "mg"},
+        properties={"object": {"dose": 8.0}},
+    )
+    table = cl.fit("one-compartment", trials).quantities().set_index("symbol")
+    assert table.loc[["V", "CL", "t½"], "estimate"].tolist() == pytest.approx([2.0, 0.6, np.log(2) / 0.3], rel=0.01)
+    assert table.loc[["V", "CL", "t½"], "unit"].tolist() == ["l", "l/h", "h"]
