@@ -22,6 +22,7 @@ import commonlaw
 from commonlaw.cli.command import ALL_OPTIONS
 from commonlaw.cli.main import commonlaw as command
 from commonlaw.diagnostics import kinds, notes, sentences, template, topic_of, topics
+from commonlaw.law.quantities import forms
 from commonlaw.report.markup import formula
 from commonlaw.runtime.fit_options import FitOptions, setting_rows
 
@@ -190,6 +191,25 @@ class NamedModels(SphinxDirective):
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
 
 
+class Quantities(SphinxDirective):
+    """Lists the quantities of laws by their forms, with their formulas."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return a section for each form; of several ways to write one the quantities of the first."""
+        lines, shown = list[str](), set[str]()
+        for form in forms():
+            more = "; further terms without a state may be added" if form.forced else ""
+            if form.title not in shown:
+                lines += [f"## {form.title}", ""]
+            lines += [f"`{equations}`{more}", ""] if (equations := "`, `".join(form.equations)) else []
+            if form.title not in shown:
+                lines += ["| quantity | symbol | formula |", "|---|---|---|"]
+                lines += [f"| {name} | {symbol} | `{formula}` |" for name, symbol, formula, *_ in form.quantities]
+            lines.append("")
+            shown.add(form.title)
+        return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
+
+
 class Messages(SphinxDirective):
     """Lists the messages of a topic by their codes, each with an anchor of that name; ``notes`` is a topic too."""
 
@@ -261,6 +281,7 @@ def setup(app: Sphinx) -> None:
     app.add_directive("command-help", CommandHelp)
     app.add_directive("messages", Messages)
     app.add_directive("named-models", NamedModels)
+    app.add_directive("quantities", Quantities)
     app.add_directive("fit-options", FitSettings)
     app.connect("builder-inited", _check_names)
     app.connect("builder-inited", _write_pages)

@@ -55,7 +55,9 @@ def test_discover_predict_show_and_check_as_in_the_help(run, tmp_path):
 
     code, out, err = run("show", "law.json")
     law, ranges = out.split("\nRange of the training data (forecasts outside it are extrapolations):\n")
+    law, quantities = law.split("\nQuantities:\n")
     assert (code, law, err) == (0, f"{cl.Law.load(tmp_path / 'law.json')}\n", "")
+    assert quantities.count("terminal speed") == 5
     assert [line.split()[0] for line in ranges.splitlines() if line.strip()][:4:2] == ["variable", "height"]
     assert "Reliable forecast horizon: 2.6 (error below half a standard deviation" in ranges
     code, out, err = run("show", "law.json", "--latex", "--average")

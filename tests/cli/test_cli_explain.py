@@ -99,7 +99,9 @@ def test_parameters_of_given_equations_have_their_letters_also_without_propertie
         0,
         "Note: no property of the objects is known: give a table of them, --properties FILE\n",
     )
-    rows = [line.split() for line in out.partition("Parameters of N' = r*N*(1 - N/K):")[2].splitlines()]
+    table, _, quantities = out.partition("Parameters of N' = r*N*(1 - N/K):")[2].partition("\nQuantities")
+    assert "doubling time at low density" in quantities
+    rows = [line.split() for line in table.splitlines()]
     found = {(row[0], row[1]): [float(each) for each in row[2:6]] for row in rows if row and row[0] in truth}
     assert set(found) == {(name, letter) for name in truth for letter in "rK"}
     for name, values in truth.items():

@@ -214,3 +214,9 @@ def test_long_equations_go_on_in_further_lines():
     rows = law_latex(sure).splitlines()[1:-1]
     assert len(rows) == 6
     assert not any(row.strip("&= ").endswith("=") for row in rows)
+
+
+def test_quantities_of_a_law_of_a_known_form_are_a_table(report, law):
+    shown = table_of(report, "quantities")
+    assert [*shown["quantity"]] == ["terminal speed", "time constant"] * 2
+    assert shown["high"].tolist() == law.quantities()["high"].tolist()

@@ -220,8 +220,8 @@ FUNCTIONS = {
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_intervals_cover_the_truth_as_often_as_they_say(name):
-    function, truth, covariance = FUNCTIONS[name]
-    truth, covariance = np.array(truth), np.array(covariance)
+    function, center, matrix = FUNCTIONS[name]
+    truth, covariance = np.array(center), np.array(matrix)
     value = function(truth[np.newaxis])[0]
     draws = np.random.default_rng(0).multivariate_normal(truth, covariance, 600)
     covered = [each.low <= value <= each.high for each in (propagated(function, draw, covariance, Z) for draw in draws)]

@@ -110,6 +110,15 @@ def print_frame(frame: "pd.DataFrame", titles: Mapping[str, str] = MappingProxyT
     print_table([titles.get(str(name), str(name)) for name in frame.columns], frame.itertuples(index=False, name=None))
 
 
+def print_quantities(law: "Law") -> None:
+    """Print what is quoted of a law of a known form, if it has one."""
+    from commonlaw.law.tables import shown_quantities
+
+    if len(found := shown_quantities(law)):
+        say("\nQuantities, with 95 % intervals:\n" if "low" in found else "\nQuantities:\n")
+        print_frame(found)
+
+
 def _console() -> "Console":
     from rich.console import Console
 

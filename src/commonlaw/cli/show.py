@@ -9,7 +9,15 @@ import click
 from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.cli.command import command, working
 from commonlaw.cli.options import AS_JSON, HISTORY, LAW_ARGUMENT, ReadFile, saving
-from commonlaw.cli.output import parameter_columns, print_frame, print_history, print_json, print_table, say
+from commonlaw.cli.output import (
+    parameter_columns,
+    print_frame,
+    print_history,
+    print_json,
+    print_quantities,
+    print_table,
+    say,
+)
 from commonlaw.law import average_law, relations_frame, to_json
 from commonlaw.text import in_line
 
@@ -24,7 +32,7 @@ _KINDS = {"universal": "shared", "own": "object-specific"}
 @click.option("--average", is_flag=True, help="The mean of all objects' coefficients.")
 @click.option("--history", is_flag=True, help="Every choice on the way to the law, and why.")
 def show(law_path: str, latex: bool, name: str | None, average: bool, history: bool) -> None:
-    """Print LAW.json: the law, 95 % intervals of its coefficients, and the range of its data."""
+    """Print LAW.json: the law, 95 % intervals of its coefficients and of what follows, and the range of its data."""
     import pandas as pd
 
     from commonlaw.law import Law
@@ -40,6 +48,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
             averaged = ", averaged over the plausible laws" if law.uncertainty.other_laws else ""
             say(f"\n95 % intervals{averaged}:\n")
             print_frame(law.params)
+        print_quantities(law)
         if law.uncertainty.other_laws:
             say("\nPlausible laws:\n")
             rows = [(share, "; ".join(each.structure)) for share, each in law.models]
@@ -128,6 +137,7 @@ def explain(
             columns = parameter_columns(law)
             say(f"\nParameters of {'; '.join(law.provenance.equations)}:\n")
             print_table(list(columns), zip(*columns.values(), strict=True))
+        print_quantities(law)
         if history:
             print_history(law)
     notes = () if has_properties else ("no property of the objects is known: give a table of them, --properties FILE",)

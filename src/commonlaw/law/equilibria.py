@@ -1,9 +1,10 @@
 """Equilibria of a law with their stability, and the modes of linear laws."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
 from commonlaw.law.law import Law
@@ -11,6 +12,8 @@ from commonlaw.law.propagation import Function
 from commonlaw.library import with_rates
 from commonlaw.library.grammar import columns_in
 from commonlaw.library.term import Factor
+
+Complexes = NDArray[np.complex128]
 
 _STARTS = 200
 _ITERATIONS = 60
@@ -70,8 +73,8 @@ class _System:
         for _ in range(_ITERATIONS):
             residuals, slopes, _ = self.at(coefficients, states)
             inner = slopes[:, :, : self.states]
-            usable = np.isfinite(inner).all(axis=(1, 2)) & np.isfinite(residuals).all(axis=1)
-            usable[usable] &= np.abs(np.linalg.det(inner[usable])) > 0
+            usable = np.flatnonzero(np.isfinite(inner).all(axis=(1, 2)) & np.isfinite(residuals).all(axis=1))
+            usable = usable[np.abs(np.linalg.det(inner[usable])) > 0]
             steps = np.full(states.shape, np.nan)
             steps[usable] = np.linalg.solve(inner[usable], residuals[usable, :, np.newaxis])[..., 0]
             states = states - steps
@@ -91,17 +94,17 @@ class _System:
                 for sign in (1, -1)
             )
             by_parameter[:, i] = (ahead - behind)[0] / (2 * step)
-        return -np.linalg.solve(inner, by_parameter)
+        return np.asarray(-np.linalg.solve(inner, by_parameter))
 
-    def matrix(self, coefficients: Floats, states: Floats) -> Floats:
-        """Return the Jacobian of the system of first order, shape (states + rates, the same), at states at rest."""
+    def eigenvalues(self, coefficients: Floats, states: Floats) -> Complexes:
+        """Return the eigenvalues of the Jacobian of the system of first order, shape (states + rates,), at rest."""
         slopes = self.at(coefficients, states[np.newaxis])[1][0]
         found = np.zeros((slopes.shape[1], slopes.shape[1]))
         found[: self.states] = slopes
         found[self.states :] = slopes[self.second]
         for i, j in enumerate(self.second.tolist()):
             found[j] = np.eye(slopes.shape[1])[self.states + i]
-        return found
+        return np.asarray(np.linalg.eigvals(found), dtype=np.complex128)
 
 
 def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: float) -> Iterator[Equilibrium]:
@@ -134,8 +137,9 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
         known = any(np.allclose(each, other, rtol=1e-6, atol=1e-9 * np.max(high - low)) for other in found)
         if not known and np.linalg.cond(slopes) < _SINGULAR:
             found.append(each)
-    for point in sorted(found, key=lambda each: each.tolist()):
-        eigenvalues = np.linalg.eigvals(system.matrix(coefficients, point))
+    points = np.array(found).reshape(-1, system.states)
+    for point in points[np.lexsort(points.T[::-1])]:
+        eigenvalues = system.eigenvalues(coefficients, point)
         errors, is_sure = np.full(len(point), np.nan), True
         if covariance is not None:
             slopes = system.slopes(parameters, point)
@@ -145,7 +149,7 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
                 [_leading(system, parameters + sign * step, point + sign * slopes @ step) for step in np.diag(steps)]
                 for sign in (1, -1)
             )
-            gradient = np.divide(np.subtract(ahead, behind), 2 * steps, out=np.zeros(len(steps)), where=steps > 0)
+            gradient = (np.array(ahead) - np.array(behind)) / np.where(steps > 0, 2 * steps, 1.0)
             error = float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
             leading = float(eigenvalues.real.max())
             is_sure = abs(leading) > reach * error or abs(leading) <= _NEUTRAL * np.abs(eigenvalues).max()
@@ -154,7 +158,7 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
 
 def _leading(system: "_System", parameters: Floats, point: Floats) -> float:
     """Return the largest real part of the eigenvalues at a point."""
-    return float(np.linalg.eigvals(system.matrix(system.coefficients(parameters), point)).real.max())
+    return float(system.eigenvalues(system.coefficients(parameters), point).real.max())
 
 
 def _is_autonomous(law: Law) -> bool:
@@ -172,7 +176,7 @@ def _box(law: Law) -> tuple[Floats, Floats]:
     return np.where(low >= 0, np.minimum(0.0, low), low - width), high + width
 
 
-def _kind(eigenvalues: Floats) -> str:
+def _kind(eigenvalues: Complexes) -> str:
     real, is_complex = eigenvalues.real, np.any(eigenvalues.imag != 0)
     neutral = np.abs(real) <= _NEUTRAL * np.abs(eigenvalues).max(initial=0.0)
     if neutral.any():
@@ -207,14 +211,14 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
         return
     origin, unit = np.zeros(system.states), law.schema.units.get(law.schema.time, "")
 
-    def eigenvalues(row: Floats) -> Floats:
-        found = np.linalg.eigvals(system.matrix(system.coefficients(row), origin))
+    def eigenvalues(row: Floats) -> Complexes:
+        found = system.eigenvalues(system.coefficients(row), origin)
         return found[np.lexsort((found.imag, np.abs(found.real)))]
 
     here = eigenvalues(parameters)
     for i, eigenvalue in enumerate(here.tolist()):
 
-        def of(change: Function, i: int = i, oscillates: bool = eigenvalue.imag != 0) -> Function:
+        def of(change: Callable[[Complexes], Floats], i: int = i, oscillates: bool = eigenvalue.imag != 0) -> Function:
             def value(rows: Floats) -> Floats:
                 found = np.array([eigenvalues(row)[i] for row in rows])
                 return np.where((found.imag != 0) == oscillates, change(found), np.nan)

@@ -200,7 +200,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast(str, _call("law.printing:printed", self))
 
     def summary(self) -> str:
-        """Return the law as it prints, its table of `params`, and the best rows of its `comparison`.
+        """Return the law as it prints, its table of `params`, its `quantities`, and the best rows of its `comparison`.
 
         Examples
         --------
@@ -214,6 +214,10 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         object equation term parameter estimate standard error    low   high unit
         Ball 1      x''    1         g    9.769          0.075  9.619  9.919 m/s²
         Ball 1      x''    v         c   0.0992         0.0052 0.0889 0.1096  1/s
+        <BLANKLINE>
+        object                  form       quantity symbol estimate standard error  low  high unit
+        Ball 1 Fall with linear drag terminal speed    v_t     98.4            4.4 90.5 108.2  m/s
+        Ball 1 Fall with linear drag  time constant      τ    10.08           0.53 9.13 11.25    s
         """
         return cast(str, _call("law.tables:summary", self))
 
@@ -325,8 +329,8 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05).select(object="Ball 2"))
         >>> law.quantities()[["quantity", "estimate", "low", "high", "unit"]].round(2)
                  quantity  estimate    low   high unit
-        0  terminal speed     32.66  31.77  33.59  m/s
-        1   time constant      3.31   3.13   3.51    s
+        0  terminal speed     32.67  31.70  33.74  m/s
+        1   time constant      3.33   3.17   3.50    s
         """
         return cast("pd.DataFrame", _call("law.quantities:quantity_frame", self, level, initial))
 

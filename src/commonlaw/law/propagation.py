@@ -52,8 +52,8 @@ def propagated(function: Function, coefficients: Floats, covariance: Floats | No
             return function(coefficients + steps @ root.T)
 
     error = float(np.linalg.norm(_gradient(of, np.zeros(root.shape[1]))))
-    low, high = (sign * _largest(lambda steps, sign=sign: sign * of(steps), root.shape[1], reach) for sign in (-1, 1))
-    return Estimate(value, error, low, high)
+    low = -_largest(lambda steps: -of(steps), root.shape[1], reach)
+    return Estimate(value, error, low, _largest(of, root.shape[1], reach))
 
 
 def _gradient(function: Function, at: Floats) -> Floats:

@@ -16,7 +16,6 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import check_choice
 from commonlaw.law.equilibria import Quantity, equilibria, modes
 from commonlaw.law.law import Law
-from commonlaw.law.models import renamed
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.propagation import Function, propagated
 from commonlaw.library import Variables, order_of_each, term_unit, with_rates
@@ -63,36 +62,33 @@ class _Entry(NamedTuple):
     powers: Mapping[str, int]
 
 
-class _Variant(NamedTuple):
-    """One way to write a form: its equations and bounds, with the names of its states and inputs."""
+class _Pattern(NamedTuple):
+    """One way to write a form: its terms over its own names, the parameters inside them, and bounds."""
 
     form: Form
-    text: str
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     orders: tuple[int, ...]
-
-    def over(self, names: Mapping[str, str], schema: Schema, variables: Variables) -> GivenEquations:
-        """Return what the equations say over other names."""
-        return read_equations(renamed(self.text, names), schema, variables)
+    variables: Variables
+    entries: tuple[_Entry, ...]
+    inside: tuple[str, ...]
+    bounds: Mapping[str, Bound]
 
 
 @cache
-def _variants() -> tuple[_Variant, ...]:
+def _patterns() -> tuple[_Pattern, ...]:
     found = []
     for form in forms():
         for text in form.equations:
             equations = split_equations(text)
             states, orders = tuple(each.state for each in equations), tuple(each.order for each in equations)
             inputs = tuple(name for name in form.inputs if re.search(rf"\b{name}\b", text))
-            found.append(_Variant(form, text, states, inputs, orders))
+            given = read_equations(text, Schema(states, inputs))
+            variables, entries = given.terms.variables, _entries(given)
+            inside = tuple(_inside([each.term for each in entries], variables))
+            bounds = {each.name: each for each in given.bounds}
+            found.append(_Pattern(form, states, inputs, orders, variables, entries, inside, bounds))
     return tuple(found)
-
-
-@cache
-def _parameters(variant: _Variant) -> tuple[str, ...]:
-    given = read_equations(variant.text, Schema(variant.states, variant.inputs))
-    return tuple(each.name for each in given.coefficients)
 
 
 def _stripped(term: Term, variables: Variables) -> tuple[Term, dict[str, int]]:
@@ -103,7 +99,7 @@ def _stripped(term: Term, variables: Variables) -> tuple[Term, dict[str, int]]:
     return Term(tuple(each for each in term.powers if each[0] not in outer)), powers
 
 
-def _entries(given: GivenEquations) -> list[_Entry]:
+def _entries(given: GivenEquations) -> tuple[_Entry, ...]:
     """Return the terms of the equations of a form."""
     products, found = {(each.equation, each.term): each for each in given.products}, list[_Entry]()
     for j, k in np.argwhere((given.known != 0) & given.terms.is_factor).tolist():
@@ -114,7 +110,7 @@ def _entries(given: GivenEquations) -> list[_Entry]:
             for name, power in product.coefficients:
                 powers[name] = powers.get(name, 0) + power
         found.append(_Entry(j, term, float(number), powers))
-    return found
+    return tuple(found)
 
 
 class _Place(NamedTuple):
@@ -135,26 +131,22 @@ class _Match:
         Variables of the law by those of the form.
     equations
         The equations of the law, by index.
-    entries, places
-        The terms of the form, and for each the coefficients of the law that are added before it.
+    places
+        For each term of the form the coefficients of the law that are added before it.
     inner
         The terms of the law that are the places of parameters inside terms, by name.
-    bounds
-        Of parameters of the form, by name.
     constant, inputs
         Coefficients of terms that a forced form may have.
     volume
         The term of a volume, and the name of the dose.
     """
 
-    variant: _Variant
+    pattern: _Pattern
     law: Law
     names: Mapping[str, str]
     equations: tuple[int, ...]
-    entries: tuple[_Entry, ...]
     places: tuple[tuple[_Place, ...], ...]
     inner: Mapping[str, int]
-    bounds: Mapping[str, Bound]
     constant: _Place | None
     inputs: Mapping[str, _Place]
     volume: tuple[int, str] | None
@@ -164,19 +156,21 @@ class _Match:
         """What the form is called, with its states where it is that of a part of the equations."""
         states = [self.law.schema.states[j] for j in self.equations]
         part = f" of {', '.join(states)}" if len(states) < len(self.law.schema.states) else ""
-        return f"{self.variant.form.title}{part}"
+        return f"{self.pattern.form.title}{part}"
 
     @cached_property
     def unknown(self) -> tuple[str, ...]:
         """Parameters that are factors of terms."""
-        names = dict.fromkeys(name for each in self.entries for name in each.powers)
+        names = dict.fromkeys(name for each in self.pattern.entries for name in each.powers)
         return tuple(name for name in names if name not in self.inner)
 
     @cached_property
     def solution(self) -> tuple[list[int], Floats, Floats]:
         """Entries that determine these, powers of them that they are, and their powers in all entries."""
-        powers = np.array([[each.powers.get(name, 0) for name in self.unknown] for each in self.entries], dtype=float)
-        powers = powers.reshape(len(self.entries), len(self.unknown))
+        powers = np.array(
+            [[each.powers.get(name, 0) for name in self.unknown] for each in self.pattern.entries], dtype=float
+        )
+        powers = powers.reshape(len(self.pattern.entries), len(self.unknown))
         chosen = list[int]()
         for i in range(len(powers)):
             if np.linalg.matrix_rank(powers[[*chosen, i]]) > len(chosen):
@@ -190,10 +184,10 @@ class _Match:
         """
         whole = coefficients.sum(axis=1)  # A parameter inside terms has one coefficient, in whatever equation
         found = {name: whole[:, term] for name, term in self.inner.items()}
-        sizes = np.zeros((len(self.entries), len(coefficients)))
+        sizes = np.zeros((len(self.pattern.entries), len(coefficients)))
         chosen, inverse, powers = self.solution
         with np.errstate(all="ignore"):
-            for row, entry, places in zip(sizes, self.entries, self.places, strict=True):
+            for row, entry, places in zip(sizes, self.pattern.entries, self.places, strict=True):
                 row += sum(_value(coefficients, whole, each) for each in places) / entry.number
                 for name, power in entry.powers.items():
                     row /= found[name] ** power if name in self.inner else 1.0
@@ -205,13 +199,15 @@ class _Match:
         if self.constant:
             found["constant"] = _value(coefficients, whole, self.constant)
         if self.volume is not None:
-            found[self.variant.form.bolus] = whole[:, self.volume[0]]
+            found[self.pattern.form.bolus] = whole[:, self.volume[0]]
         return found, agree
 
     def holds(self, coefficients: Floats) -> bool:
         """Return whether the coefficients of one object, shape (1, equations, terms), have the form."""
         values, agree = self.values(coefficients)
-        inside = (np.all((values[name] > each.low) & (values[name] < each.high)) for name, each in self.bounds.items())
+        inside = (
+            np.all((values[name] > each.low) & (values[name] < each.high)) for name, each in self.pattern.bounds.items()
+        )
         return bool(agree.all()) and all(np.isfinite(each).all() for each in values.values()) and all(inside)
 
 
@@ -224,85 +220,67 @@ def _value(coefficients: Floats, parameters: Floats, place: _Place) -> Floats:
 
 def _matches(law: Law) -> list[_Match]:
     """Return the forms that equations of a law may have, by their terms."""
-    return [match for variant in _variants() for match in _matches_of(law, variant)]
+    states, orders, found = law.schema.states, order_of_each(law.order, len(law.schema.states)), list[_Match]()
+    for pattern in _patterns():
+        inputs = [name for name in law.schema.inputs if (name in law.schema.doses) == pattern.form.doses]
+        for chosen in permutations(range(len(states)), len(pattern.states)):
+            if tuple(orders[j] for j in chosen) == pattern.orders:
+                for given in permutations(inputs, len(pattern.inputs)):
+                    names = zip((*pattern.states, *pattern.inputs), (*(states[j] for j in chosen), *given), strict=True)
+                    if (match := _matched(law, pattern, chosen, dict(names))) is not None:
+                        found.append(match)
+    return found
 
 
-def _matches_of(law: Law, variant: _Variant) -> Iterator[_Match]:
-    states, own = law.schema.states, order_of_each(law.order, len(law.schema.states))
-    doses = variant.form.doses
-    inputs = law.schema.doses if doses else tuple(name for name in law.schema.inputs if name not in law.schema.doses)
-    for chosen in permutations(range(len(states)), len(variant.states)):
-        if tuple(own[j] for j in chosen) == variant.orders:
-            for given in permutations(inputs, len(variant.inputs)):
-                names = dict(zip(variant.states, (states[j] for j in chosen), strict=True))
-                match = _matched(law, variant, chosen, names | dict(zip(variant.inputs, given, strict=True)))
-                if match is not None:
-                    yield match
-
-
-def _matched(law: Law, variant: _Variant, chosen: tuple[int, ...], names: Mapping[str, str]) -> _Match | None:
-    """Return the match of some equations of a law, if they have the terms of a form over these names."""
-    variables, states, form = law.terms.variables, law.schema.states, variant.form
+def _matched(law: Law, pattern: _Pattern, chosen: tuple[int, ...], names: Mapping[str, str]) -> _Match | None:
+    """Return the match of some equations of a law, if they have the terms of a form with these names of variables."""
+    variables, states, form = law.terms.variables, law.schema.states, pattern.form
     rates = dict(zip(with_rates(law.order, len(states)).tolist(), variables.states[len(states) :], strict=True))
-    subset = (*(states[j] for j in chosen), *(rates[j] for j in chosen if j in rates))
-    allowed = {variables.index(name) for name in (*subset, *variables.inputs, variables.time, *variables.parameters)}
-    dynamic = {variables.index(name) for name in subset}
-    own, forcing = list[tuple[int, int, int]](), list[tuple[int, int]]()
+    own_rates = [rates[j] for j in chosen if j in rates]
+    dynamic = {variables.index(name) for name in (*(states[j] for j in chosen), *own_rates)}
+    others = {*range(len(variables.states))} - dynamic
+    places, forcing = dict[tuple[int, Term], list[_Place]](), list[_Place]()
     for i, j in enumerate(chosen):
         for k in np.flatnonzero(law.support[j] & law.terms.is_factor).tolist():
             columns = law.terms.terms[k].columns()
-            if not columns <= allowed:
+            if columns & others:
                 return None
             if form.forced and not columns & dynamic:
-                forcing.append((j, k))
-            else:
-                own.append((i, j, k))
-    fresh = {name: f"{name}_" for name in _parameters(variant)}
-    while {*fresh.values()} & {*variables.names}:
-        fresh = {name: f"{each}_" for name, each in fresh.items()}
-    schema = Schema(subset[: len(chosen)], law.schema.inputs, time=law.schema.time)
-    orders = variant.orders if len({*variant.orders}) > 1 else ()
-    over = Variables(subset, variables.inputs, variables.time, orders=orders)
-    given = variant.over({**names, **fresh}, schema, over)
-    entries = _entries(given)
-    inside = _inside([each.term for each in entries], given.terms.variables)
-    bare = [_stripped(law.terms.terms[k], variables)[0] for _, _, k in own]
-    for order in permutations(names_ := _inside(bare, variables)):
-        if len(names_) != len(inside):
-            return None
-        others = tuple(name for name in variables.parameters if name not in order)
-        there = tuple(name for name in given.terms.variables.parameters if name not in inside)
-        form_over = Variables(subset, over.inputs, over.time, (), (*inside, *there), orders)
-        parsed = Variables(subset, over.inputs, over.time, (), (*order, *others), orders)
-        wanted = [(each.equation, _over(each.term, given.terms.variables, form_over)) for each in entries]
-        found = dict[tuple[int, Term], list[_Place]]()
-        for i, j, k in own:
-            term, powers = _stripped(_over(law.terms.terms[k], variables, parsed), parsed)
-            of_law = tuple((law.terms.parameters[variables.parameters.index(n)], power) for n, power in powers.items())
-            found.setdefault((i, term), []).append(_Place(j, k, of_law))
-        if {*found} != {*wanted}:
+                forcing.append(_Place(j, k))
+                continue
+            term, powers = _stripped(law.terms.terms[k], variables)
+            before = ((law.terms.parameters[variables.parameters.index(name)], n) for name, n in powers.items())
+            places.setdefault((i, term), []).append(_Place(j, k, tuple(before)))
+    inside = _inside([term for _, term in places], variables)
+    if len(places) != len(pattern.entries) or len(inside) != len(pattern.inside):
+        return None
+    # Over plain names, as those of a law may be any
+    plain = dict(zip(variables.names, (f"x{i}" for i in range(len(variables.names))), strict=True))
+    *measured, time = (plain[name] for name in variables.measured)
+    over = Variables(tuple(measured), time=time, parameters=tuple(plain[name] for name in variables.parameters))
+    in_law = {**names, **dict(zip(pattern.variables.states[len(pattern.states) :], own_rates, strict=True))}
+    for order in permutations(inside):
+        known = in_law | dict(zip(pattern.inside, order, strict=True))
+        columns_of_form = [plain.get(known.get(name, ""), "unused") for name in pattern.variables.names]
+        keys = [(each.equation, parse_term(each.term.expression(columns_of_form), over)) for each in pattern.entries]
+        if {*keys} != {*places}:
             continue
-        back = {new: name for name, new in fresh.items()}
-        volume = _volume(law, names[variant.states[0]]) if form.bolus else None
+        volume = _volume(law, names[pattern.states[0]]) if form.bolus else None
         if form.bolus and volume is None:
             return None
-        constant = next((_Place(*at) for at in forcing if not law.terms.terms[at[1]].columns()), None)
-        measured = {name: name for name in law.schema.inputs if name not in law.schema.doses}
-        inputs = {measured[law.terms.names[k]]: _Place(j, k) for j, k in forcing if law.terms.names[k] in measured}
+        inputs = [name for name in law.schema.inputs if name not in law.schema.doses]
         return _Match(
-            variant,
+            pattern,
             law,
             names,
             chosen,
-            tuple(each._replace(powers={back[n]: power for n, power in each.powers.items()}) for each in entries),
-            tuple(tuple(found[key]) for key in wanted),
+            tuple(tuple(places[key]) for key in keys),
             {
-                back[name]: law.terms.parameters[variables.parameters.index(of_law)]
-                for name, of_law in zip(inside, order, strict=True)
+                name: law.terms.parameters[variables.parameters.index(of_law)]
+                for name, of_law in zip(pattern.inside, order, strict=True)
             },
-            {back[each.name]: each for each in given.bounds},
-            constant,
-            inputs,
+            next((each for each in forcing if not law.terms.terms[each.term].columns()), None),
+            {law.terms.names[each.term]: each for each in forcing if law.terms.names[each.term] in inputs},
             volume,
         )
     return None
@@ -312,10 +290,6 @@ def _inside(terms: Sequence[Term], variables: Variables) -> list[str]:
     """Return the parameters in terms."""
     used = frozenset[int]().union(*(each.columns() for each in terms))
     return [name for name in variables.parameters if variables.index(name) in used]
-
-
-def _over(term: Term, variables: Variables, others: Variables) -> Term:
-    return parse_term(term.expression(variables.names), others)
 
 
 def _volume(law: Law, state: str) -> tuple[int, str] | None:
@@ -337,7 +311,7 @@ def _formula(text: str, names: tuple[str, ...]) -> str | None:
 
 def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quantity]:
     """Yield the quantities of a form that a law has."""
-    form, support = match.variant.form, match.law.support
+    form, support = match.pattern.form, match.law.support
     given = {f"{own}0": initial[name] for own, name in match.names.items() if name in initial}
 
     def function(formula: str, where: str, gain: _Place | None) -> Function | None:
@@ -389,11 +363,11 @@ def _most_specific(matches: Sequence[_Match]) -> list[_Match]:
 
     That is a form of more equations, these among them, or one of the same terms with fewer parameters.
     """
-    found = {(match.variant.form.title, frozenset(match.equations)): match for match in reversed(matches)}
+    found = {(match.pattern.form.title, frozenset(match.equations)): match for match in reversed(matches)}
 
     def is_less(match: _Match, other: _Match) -> bool:
         here, there = ({*each.equations} for each in (match, other))
-        fewer = len(other.unknown) < len(match.unknown) and len(other.entries) == len(match.entries)
+        fewer = len(other.unknown) < len(match.unknown) and len(other.pattern.entries) == len(match.pattern.entries)
         return here < there or (here == there and fewer)
 
     own = [match for match in found.values() if not any(is_less(match, other) for other in found.values())]

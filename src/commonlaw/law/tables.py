@@ -17,7 +17,7 @@ from commonlaw.law.parameters import (
     standard_errors,
 )
 from commonlaw.law.provenance import Alternative
-from commonlaw.law.text import Written, probability_text, rounded
+from commonlaw.law.text import MANY, Written, probability_text, rounded
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.text import counted
 
@@ -227,9 +227,20 @@ def summary(law: Law) -> str:
     tables = [readable(law.params).dropna(axis=1, how="all")]
     if law.observation is not None and law.observation.estimated:
         tables.append(readable(law.observation.to_frame()))
+    if len(quantities := shown_quantities(law)):
+        tables.append(readable(quantities))
     if law.provenance.alternatives:
         tables.append(readable_candidates(law.provenance.alternatives))
     return "\n\n".join([str(law), *(each.to_string(index=False, na_rep="") for each in tables)])
+
+
+def shown_quantities(law: Law) -> pd.DataFrame:
+    """Return `Law.quantities` without empty columns, and without rows where there are very many objects."""
+    if len(law.objects) > MANY:
+        return pd.DataFrame()
+    found = law.quantities()
+    known = [name for name in found if not (found[name].isna() | (found[name] == "")).all()]
+    return found[known] if len(found) else found
 
 
 _DEPTHS = {"fourth": 4, "eighth": 8, "sixteenth": 16}

@@ -21,7 +21,7 @@ from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import Source
-from commonlaw.law.tables import MEANINGS, readable_candidates
+from commonlaw.law.tables import MEANINGS, readable_candidates, shown_quantities
 from commonlaw.plots import IntervalPanels, ResidualPanels, plot_discrepancy, plot_intervals, plot_relations
 from commonlaw.plots.style import unit_text
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
@@ -255,6 +255,10 @@ def coefficients(case: LawCase) -> Section:
         if given:
             blocks.append(Text(f"Fixed: {literal(', '.join(given))}."))
         blocks.append(_intervals(law, what))
+        if len(quantities := shown_quantities(law)):
+            ends = "" if not known else "; an infinite end says that there is none"
+            caption = f"Quantities that follow from the coefficients{', with 95 % intervals' if known else ''}{ends}."
+            blocks.append(folded(Table("quantities", caption, quantities), "Quantities"))
     else:
         blocks.append(Text("The law has no term: all rates are zero."))
     return Section("coefficients", "Coefficients", tuple(blocks))
