@@ -65,6 +65,24 @@ def test_logistic_growth_by_any_name_and_in_any_spelling():
         assert {name: quantities[name] for name in expected} == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(
+    ("text", "values", "symbol", "expected"),
+    [
+        ("x'' = -w^2 x - 2 z w v", {"w": 2.0, "z": 0.1}, "ζ", 0.1),
+        ("T' = -(T - 20)/tau", {"tau": 3.0}, "τ", 3.0),
+        ("x'' = m (1 - x^2) v - k x", {"m": 0.5, "k": 4.0}, "A", 2.0),
+        ("c' = -(k + f) c + b p; p' = f c - b p", {"k": 0.5, "f": 0.4, "b": 0.3}, "τ", None),
+    ],
+)
+def test_parameters_may_stand_in_several_terms(text, values, symbol, expected):
+    if expected is None:  # Without a volume the form is not pharmacokinetic
+        rates = np.linalg.eigvals([[-0.9, 0.3], [0.4, -0.3]])
+        table = law_of(text, **values).quantities()
+        assert sorted(table[table["symbol"] == symbol]["estimate"]) == pytest.approx(sorted(-1 / rates))
+    else:
+        assert found(law_of(text, **values))[symbol] == pytest.approx(expected)
+
+
 def test_lag_is_where_the_tangent_of_the_inflection_meets_zero():
     """Against the closed form of the logistic curve, x = K/(1 + (K/x0 - 1) exp(-r t))."""
     r, K, x0 = 0.8, 2.0, 0.05

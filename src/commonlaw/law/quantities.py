@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import permutations
@@ -13,7 +14,7 @@ import msgspec
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import check_choice
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.equilibria import Quantity, equilibria, modes
 from commonlaw.law.law import Law
 from commonlaw.law.parse import GivenEquations, read_equations
@@ -21,6 +22,7 @@ from commonlaw.law.propagation import Function, propagated
 from commonlaw.library import Variables, order_of_each, term_unit, with_rates
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
+from commonlaw.library.expansion import Traced, summands
 from commonlaw.library.grammar import evaluate
 from commonlaw.library.term import Term, parse_term
 from commonlaw.runtime.reading import read_file
@@ -91,33 +93,47 @@ def _patterns() -> tuple[_Pattern, ...]:
     return tuple(found)
 
 
-def _stripped(term: Term, variables: Variables) -> tuple[Term, dict[str, int]]:
-    """Return a term without the parameters that are its factors, and the powers of these."""
+def _summands(term: Term, variables: Variables) -> Iterator[tuple[float, Term, dict[str, int]]]:
+    """Yield the summands of a term, multiplied out: numbers, terms without parameters as factors, powers of these."""
+    plain = tuple(f"x{i}" for i in range(len(variables.names)))
+    found = [(1.0, term)]
+    if any(factor.is_sum and power > 0 for factor, power in term.powers):
+        with suppress(CommonlawError):  # Of powers with parameters, which stay as they are
+            parts = summands(Traced(term.expression(plain)), plain)
+            found = [(number, parse_term(text, _over(plain, variables))) for number, text in parts]
     first = len(variables.measured)
-    outer = {factor: power for factor, power in term.powers if factor.column is not None and factor.column >= first}
-    powers = {variables.names[factor.column or 0]: power for factor, power in outer.items()}
-    return Term(tuple(each for each in term.powers if each[0] not in outer)), powers
+    for number, part in found:
+        outer = {factor: n for factor, n in part.powers if factor.column is not None and factor.column >= first}
+        powers = {variables.names[factor.column or 0]: n for factor, n in outer.items()}
+        yield number, Term(tuple(each for each in part.powers if each[0] not in outer)), powers
+
+
+def _over(names: Sequence[str], variables: Variables) -> Variables:
+    """Return variables of other names in the same columns."""
+    count = len(variables.measured)
+    return Variables(tuple(names[: count - 1]), time=names[count - 1], parameters=tuple(names[count:]))
 
 
 def _entries(given: GivenEquations) -> tuple[_Entry, ...]:
     """Return the terms of the equations of a form."""
     products, found = {(each.equation, each.term): each for each in given.products}, list[_Entry]()
     for j, k in np.argwhere((given.known != 0) & given.terms.is_factor).tolist():
-        term, powers = _stripped(given.terms.terms[k], given.terms.variables)
-        number = given.known[j, k]
+        number, before = given.known[j, k], list[tuple[str, int]]()
         if (product := products.get((j, k))) is not None:
-            number = product.factor
-            for name, power in product.coefficients:
+            number, before = product.factor, [*product.coefficients]
+        for factor, term, powers in _summands(given.terms.terms[k], given.terms.variables):
+            for name, power in before:
                 powers[name] = powers.get(name, 0) + power
-        found.append(_Entry(j, term, float(number), powers))
+            found.append(_Entry(j, term, float(number) * factor, powers))
     return tuple(found)
 
 
 class _Place(NamedTuple):
-    """A coefficient of a law by equation and term, and the terms of parameters that multiply it, with their powers."""
+    """A coefficient of a law by equation and term, and what multiplies it: a number, powers of terms of parameters."""
 
     equation: int
     term: int
+    factor: float = 1.0
     powers: tuple[tuple[int, int], ...] = ()
 
 
@@ -135,8 +151,8 @@ class _Match:
         For each term of the form the coefficients of the law that are added before it.
     inner
         The terms of the law that are the places of parameters inside terms, by name.
-    constant, inputs
-        Coefficients of terms that a forced form may have.
+    inputs
+        Coefficients of inputs that a forced form may have.
     volume
         The term of a volume, and the name of the dose.
     """
@@ -147,7 +163,6 @@ class _Match:
     equations: tuple[int, ...]
     places: tuple[tuple[_Place, ...], ...]
     inner: Mapping[str, int]
-    constant: _Place | None
     inputs: Mapping[str, _Place]
     volume: tuple[int, str] | None
 
@@ -196,8 +211,6 @@ class _Match:
             columns = np.array([found[name] for name in self.unknown]).reshape(len(self.unknown), -1)
             expected = np.prod(columns ** powers[:, :, np.newaxis], axis=1)
             agree = np.all(np.isclose(expected, sizes, rtol=1e-9, atol=0.0), axis=0)
-        if self.constant:
-            found["constant"] = _value(coefficients, whole, self.constant)
         if self.volume is not None:
             found[self.pattern.form.bolus] = whole[:, self.volume[0]]
         return found, agree
@@ -212,7 +225,7 @@ class _Match:
 
 
 def _value(coefficients: Floats, parameters: Floats, place: _Place) -> Floats:
-    found = coefficients[:, place.equation, place.term]
+    found = coefficients[:, place.equation, place.term] * place.factor
     for term, power in place.powers:
         found = found * parameters[:, term] ** power
     return np.asarray(found)
@@ -239,25 +252,23 @@ def _matched(law: Law, pattern: _Pattern, chosen: tuple[int, ...], names: Mappin
     own_rates = [rates[j] for j in chosen if j in rates]
     dynamic = {variables.index(name) for name in (*(states[j] for j in chosen), *own_rates)}
     others = {*range(len(variables.states))} - dynamic
-    places, forcing = dict[tuple[int, Term], list[_Place]](), list[_Place]()
+    places, forcing = dict[tuple[int, Term], list[_Place]](), list[tuple[Term, _Place]]()
     for i, j in enumerate(chosen):
         for k in np.flatnonzero(law.support[j] & law.terms.is_factor).tolist():
-            columns = law.terms.terms[k].columns()
-            if columns & others:
+            if law.terms.terms[k].columns() & others:
                 return None
-            if form.forced and not columns & dynamic:
-                forcing.append(_Place(j, k))
-                continue
-            term, powers = _stripped(law.terms.terms[k], variables)
-            before = ((law.terms.parameters[variables.parameters.index(name)], n) for name, n in powers.items())
-            places.setdefault((i, term), []).append(_Place(j, k, tuple(before)))
+            for factor, term, powers in _summands(law.terms.terms[k], variables):
+                before = ((law.terms.parameters[variables.parameters.index(name)], n) for name, n in powers.items())
+                if form.forced and not term.columns() & dynamic:
+                    forcing.append((term, _Place(j, k, factor, tuple(before))))
+                else:
+                    places.setdefault((i, term), []).append(_Place(j, k, factor, tuple(before)))
     inside = _inside([term for _, term in places], variables)
     if len(places) != len(pattern.entries) or len(inside) != len(pattern.inside):
         return None
     # Over plain names, as those of a law may be any
     plain = dict(zip(variables.names, (f"x{i}" for i in range(len(variables.names))), strict=True))
-    *measured, time = (plain[name] for name in variables.measured)
-    over = Variables(tuple(measured), time=time, parameters=tuple(plain[name] for name in variables.parameters))
+    over = _over([*plain.values()], variables)
     in_law = {**names, **dict(zip(pattern.variables.states[len(pattern.states) :], own_rates, strict=True))}
     for order in permutations(inside):
         known = in_law | dict(zip(pattern.inside, order, strict=True))
@@ -268,6 +279,7 @@ def _matched(law: Law, pattern: _Pattern, chosen: tuple[int, ...], names: Mappin
         volume = _volume(law, names[pattern.states[0]]) if form.bolus else None
         if form.bolus and volume is None:
             return None
+        names_of = {term: term.text(variables.names) for term, _ in forcing}
         inputs = [name for name in law.schema.inputs if name not in law.schema.doses]
         return _Match(
             pattern,
@@ -279,8 +291,7 @@ def _matched(law: Law, pattern: _Pattern, chosen: tuple[int, ...], names: Mappin
                 name: law.terms.parameters[variables.parameters.index(of_law)]
                 for name, of_law in zip(pattern.inside, order, strict=True)
             },
-            next((each for each in forcing if not law.terms.terms[each.term].columns()), None),
-            {law.terms.names[each.term]: each for each in forcing if law.terms.names[each.term] in inputs},
+            {names_of[term]: place for term, place in forcing if names_of[term] in inputs},
             volume,
         )
     return None
@@ -319,7 +330,7 @@ def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quan
             coefficients = np.zeros((len(rows), *support.shape))
             coefficients[:, support] = rows
             found = match.values(coefficients)[0] | {name: np.full(len(rows), each) for name, each in given.items()}
-            return found | ({"input": coefficients[:, gain.equation, gain.term]} if gain else {})
+            return found | ({"input": _value(coefficients, coefficients.sum(axis=1), gain)} if gain else {})
 
         names = tuple(values(np.ones((1, support.sum()))))
         code, condition = _formula(formula, names), _formula(where, names)
