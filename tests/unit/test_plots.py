@@ -18,6 +18,7 @@ from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.uncertainty import Widening
 from commonlaw.library import PolynomialLibrary
 from commonlaw.plots import plot_coefficients, plot_forecast, plot_law, plot_library, plot_trials, render
+from commonlaw.plots.style import WIDEST
 from commonlaw.trials import Schema, Trial, Trials
 from tests.refusals import refused
 
@@ -356,6 +357,7 @@ def test_nothing_is_clipped_and_no_title_runs_into_another(name: str) -> None:
     figure.draw_without_rendering()
     box, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
     assert min(box.x0, box.y0, width - box.x1, height - box.y1) > -0.02
+    assert width <= WIDEST
     titles = [panel.title.get_window_extent() for panel in figure.axes if panel.get_title()]
     legends = [legend.get_window_extent() for legend in figure.legends]
     assert all(not a.overlaps(b) for i, a in enumerate(titles) for b in [*titles[:i], *legends])

@@ -35,7 +35,7 @@ def test_the_suffix_of_a_path_chooses_the_format(suffix: str, start: bytes) -> N
         (r"\ddot{\mathrm{height}_{1}}", r"$\mathrm{d}^2\ \mathrm{height}_{1}/\mathrm{d}t^2$"),
         (r"\ddot{x}", r"$\ddot{x}$"),
         (r"\mathrm{Pc} \mathrm{Pa}^{2} v", r"$\mathrm{Pc}\ \mathrm{Pa}^{2}\ v$"),
-        ("x^{2} v", "$x^{2} v$"),
+        ("x^{2} v", r"$x^{2}\,v$"),
     ],
 )
 def test_words_have_no_dots_and_keep_a_space_between_them(latex: str, shown: str) -> None:

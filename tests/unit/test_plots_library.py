@@ -23,7 +23,7 @@ def test_the_library_has_a_panel_for_each_term_with_its_values_along_the_trial()
     assert [panel.get_title() for panel in figure.axes[:4]] == ["$1$", "$x$", "$v$", "$x^{2}$"]
     for i, panel in enumerate(figure.axes):
         np.testing.assert_array_equal(panel.get_lines()[0].get_xydata().T, (DROPS[0].times, rows[:, i]))
-    assert [panel.get_xlabel() for panel in figure.axes] == [""] * 5 + ["t (s)"] * 5
+    assert [panel.get_xlabel() for panel in figure.axes] == [""] * 6 + ["t (s)"] * 4
 
 
 def test_candidate_terms_have_their_units_beside_the_axes() -> None:
@@ -32,5 +32,5 @@ def test_candidate_terms_have_their_units_beside_the_axes() -> None:
         panel.get_title(): panel.get_ylabel()
         for panel in plot_library(DROPS[0], FORM, terms, {"x": "m", "t": "s"}).axes
     }
-    assert labels == {"$1$": "", "$x$": "m", "$v$": "m/s", "$x^{2}$": "m²", "$x v$": "m²/s", "$v^{2}$": "m²/s²"}
+    assert labels == {"$1$": "", "$x$": "m", "$v$": "m/s", "$x^{2}$": "m²", r"$x\,v$": "m²/s", "$v^{2}$": "m²/s²"}
     assert {panel.get_ylabel() for panel in plot_library(DROPS[0], FORM, terms).axes} == {""}

@@ -15,7 +15,7 @@ from commonlaw.estimation.fitting import InitialGiven
 from commonlaw.estimation.model import ModelText
 from commonlaw.law import Law
 from commonlaw.law.script import Source
-from commonlaw.library.bounds import limits_of
+from commonlaw.library.bounds import limits_of, parts_of
 from commonlaw.runtime.fit_options import FitOptions, read_settings, settings_of, shown_value
 from commonlaw.trials import Trials
 from commonlaw.trials.cells import DecimalMark
@@ -277,7 +277,7 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             number = f"({value!r})" if value < 0 else repr(value)
             text = re.sub(rf"(?<![\w`]){re.escape(name)}(?![\w`])", number, text)
         limits = [self._limits(name, *ends) for name, ends in self.bounds.items() if name not in self.fixed]
-        return "; ".join([text.strip().rstrip(";"), *filter(None, limits)])
+        return "; ".join([*parts_of(text), *filter(None, limits)])
 
     @staticmethod
     def _limits(name: str, low: float | None, high: float | None) -> str:

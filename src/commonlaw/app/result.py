@@ -205,6 +205,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "simpler": said_within_errors(within_errors(law)),
         "left": left_hand_sides(law),
         "equations": _editable(law),
+        "figures": _figure_kinds(law, found.findings.forecast is not None),
         "terms": _terms(law, law.support),
         "table": _table(law),
         "views": [_view(law, each, found.findings.start) for each in _views(found.findings)],
@@ -288,6 +289,24 @@ def _editable(law: Law) -> dict[str, Any] | None:
         },
         "doses": schema.doses,
     }
+
+
+def _figure_kinds(law: Law, has_forecast: bool) -> list[dict[str, Any]]:
+    """Return the pictures that there are of a law: name, title, and whether they are of an object and a parameter."""
+    found = [("law", "Law with fit and coefficients"), ("fit", "Fitted curves and residuals")]
+    if has_forecast:
+        found.append(("forecast", "Forecasts with bands"))
+    if law.order != 0:
+        found.append(("residuals", "Residuals: patterns, autocorrelation, quantiles"))
+    if shares_terms(law):
+        found.append(("coefficients", "Coefficients by object"))
+    of_object = []
+    if law.observation is None and (law.order, len(law.schema.states)) in ((1, 2), (2, 1)):
+        of_object.append(("phase-plane", "Phase plane with nullclines and fixed points", False))
+    if shares_terms(law) and law.order != 0 and named_parameters(law).names:
+        of_object.append(("profile", "Profile likelihood of a parameter", True))
+    plain = [{"name": name, "title": title, "object": False, "parameter": False} for name, title in found]
+    return plain + [{"name": a, "title": b, "object": True, "parameter": c} for a, b, c in of_object]
 
 
 def _curves(forecast: Forecast) -> Iterator[dict[str, Any]]:

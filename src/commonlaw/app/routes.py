@@ -6,7 +6,6 @@ from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, nullcontext
 from functools import partial, wraps
 from pkgutil import get_data
-from threading import Lock
 from typing import Any
 
 import msgspec
@@ -18,6 +17,7 @@ from starlette.routing import Route
 
 from commonlaw.app.access import TooLargeError, TooSlowError
 from commonlaw.app.equations import Asked, solved
+from commonlaw.app.figures import curves, figure_file, one_draws
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
 from commonlaw.app.question import Columns, Question, message, named, settings_form, text_in_page
 from commonlaw.app.result import Found, compared
@@ -25,11 +25,9 @@ from commonlaw.app.sessions import Search, Sessions
 from commonlaw.app.working import prepare
 from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast import Forecast
 from commonlaw.law import to_json, to_script
 from commonlaw.law.script import Source
 from commonlaw.law.tables import coefficient_rows
-from commonlaw.plots import plot_law, render
 from commonlaw.report import law_report, to_page
 from commonlaw.runtime.reading import read_json
 
@@ -40,6 +38,7 @@ _SCRIPTS = (
     "curves",
     "edits",
     "equations",
+    "figures",
     "law",
     "measurements",
     "next",
@@ -61,9 +60,6 @@ ASSETS = {
 
 _AT_ONCE = 4
 """Requests that take time and memory, tables that are sent among them; others wait for their turn."""
-
-_one_draws = Lock()
-"""Matplotlib draws in one thread at a time."""
 
 _NUMBER = re.compile("[0-9]{1,6}")
 
@@ -115,6 +111,7 @@ def application(sessions: Sessions) -> Starlette:
         ("/searches/{name}/forecasts", "POST", _forecast),
         ("/searches/{name}/experiments", "POST", _experiments),
         ("/searches/{name}/comparison", "POST", _comparison),
+        ("/searches/{name}/figures/{file}", "GET", _figure_file),
         ("/searches/{name}/{file}", "GET", _file),
     ):
         routes.append(Route(path, _mended(answer, nullcontext() if answer in _LIGHT else few), methods=[method]))
@@ -270,6 +267,24 @@ async def _file(sessions: Sessions, request: Request) -> Response:
     return Response(content, media_type="application/octet-stream", headers=headers)
 
 
+async def _figure_file(sessions: Sessions, request: Request) -> Response:
+    """Return a picture of a candidate, which the page shows, too; or its program."""
+    search, asked, name = (
+        sessions.searches.get(request.path_params["name"]),
+        request.query_params,
+        request.path_params["file"],
+    )
+    index = _number_in(asked.get("candidate", "0"))
+    found, source = search.found, search.question.source(search.table)
+    content = await run_in_threadpool(
+        lambda: figure_file(
+            name, found.of_candidate(index), source, index > 0, asked.get("object", ""), asked.get("parameter", "")
+        )
+    )
+    kind = {"svg": "image/svg+xml", "png": "image/png"}.get(name.rpartition(".")[2], "text/x-python")
+    return Response(content, media_type=kind, headers={"content-disposition": f'attachment; filename="{name}"'})
+
+
 def _made(search: Search, name: str, candidate: str) -> str | bytes:
     """Return a file of a candidate; if none is named, of the law."""
     index = 0 if not candidate else _number_in(candidate)
@@ -293,24 +308,17 @@ def _script(found: Found, source: Source | None) -> str:
 def _report(found: Found, source: Source | None) -> str:
     fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
     rivals = sorted(fitted, key=lambda each: each.size)
-    with _one_draws:
+    with one_draws:
         made = law_report(found.findings, table=source or "", words=text_in_page, rivals=rivals)
         return to_page(made).decode()
 
 
-def _figure(suffix: str, found: Found, _: Source | None) -> bytes:
-    with _one_draws:
-        return render(plot_law(found.law, _given(found, found.findings.shown)), suffix)
+def _figure(name: str, found: Found, source: Source | None) -> bytes:
+    return figure_file(name, found, source or Source())
 
 
 def _curves(kind: str, found: Found, _: Source | None) -> str:
-    return str(_given(found, getattr(found.findings, kind)).to_frame().to_csv(index=False))
-
-
-def _given(found: Found, curves: Forecast | None) -> Forecast:
-    if curves is None:
-        raise CommonlawError("curves-missing", reasons=found.findings.lacking or ["a law in discrete time has none"])
-    return curves
+    return str(curves(found, getattr(found.findings, kind)).to_frame().to_csv(index=False))
 
 
 _LIGHT = (_first, _message, _laws, _equations, _settings, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
@@ -322,8 +330,8 @@ _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {
     "law.tex": lambda found, _: found.law.to_latex(found.law.objects[0]),
     "coefficients.csv": lambda found, _: coefficient_rows(found.law).to_csv(index=False, lineterminator="\n"),
     "report.html": _report,
-    "law.svg": partial(_figure, ".svg"),
-    "law.png": partial(_figure, ".png"),
+    "law.svg": partial(_figure, "law.svg"),
+    "law.png": partial(_figure, "law.png"),
     "fit.csv": partial(_curves, "fit"),
     "forecasts.csv": partial(_curves, "forecast"),
 }

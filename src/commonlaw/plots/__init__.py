@@ -18,6 +18,8 @@ from commonlaw.plots.forecast import plot_forecast
 from commonlaw.plots.law import plot_law
 from commonlaw.plots.library import plot_library, plot_path
 from commonlaw.plots.panels import ForecastPanels, plot_trials
+from commonlaw.plots.phase_plane import FixedPoint, fixed_points, plot_phase_plane
+from commonlaw.plots.profile import plot_profile
 from commonlaw.plots.relations import plot_relations
 from commonlaw.plots.residuals import ResidualPanels, plot_discrepancy, plot_errors, plot_residuals
 from commonlaw.plots.style import figure_format, render, save_figure
@@ -25,10 +27,12 @@ from commonlaw.runtime.notebooks import show_type
 
 __all__ = [
     "Figure",
+    "FixedPoint",
     "ForecastPanels",
     "IntervalPanels",
     "ResidualPanels",
     "figure_format",
+    "fixed_points",
     "plot_coefficients",
     "plot_design",
     "plot_discrepancy",
@@ -38,6 +42,8 @@ __all__ = [
     "plot_law",
     "plot_library",
     "plot_path",
+    "plot_phase_plane",
+    "plot_profile",
     "plot_relations",
     "plot_residuals",
     "plot_trials",

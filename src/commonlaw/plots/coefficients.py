@@ -141,7 +141,8 @@ class DotPlot:
     @property
     def columns(self) -> int:
         """Number of panels side by side."""
-        return min(len(self.coefficients), 3) if self.several else 1
+        count = len(self.coefficients)
+        return (2 if count == 4 else min(count, 3)) if self.several else 1
 
     @property
     def lines(self) -> int:
@@ -270,7 +271,7 @@ def plot_intervals(law: Law) -> Figure:
         return _in_order(dots)
     figure = Figure(figsize=(dots.width, 0.8 + dots.height), layout="constrained")
     dots.draw(figure, figure.add_gridspec(1, 1)[0])
-    add_legend(figure, dots.keys(), above=True)
+    add_legend(figure, dots.keys(), "above")
     return frozen_layout(figure)
 
 
@@ -369,7 +370,7 @@ class HeatMaps:
     @cached_property
     def cell(self) -> float:
         """Width of a cell in inches."""
-        return float(np.clip(13 / self.shown.sum(), 0.2, 0.66))
+        return float(np.clip(6.5 / self.shown.sum(), 0.12, 0.66))
 
     @property
     def fits(self) -> bool:

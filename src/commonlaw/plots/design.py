@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from commonlaw.experiments.plan import Design, Forecasts
 from commonlaw.law.quantiles import two_sided
-from commonlaw.plots.style import COLORS, DASHES, axis_label, frozen_layout, key, plain, styled
+from commonlaw.plots.style import COLORS, DASHES, axis_label, fitting, frozen_layout, key, plain, styled
 
 _MAX_DRAWN = 4
 """Of experiments, and of laws, that are drawn."""
@@ -23,7 +23,7 @@ def plot_design(design: Design) -> Figure:
     """
     drawn, schema = design.experiments[:_MAX_DRAWN], design.laws[0].law.schema
     states = drawn[0].forecasts.states
-    size = (max(5.4, 3.4 * len(states)), 0.8 + 2.5 * len(drawn))
+    size = fitting(max(5.4, 3.4 * len(states)), 0.8 + 2.5 * len(drawn))
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(len(drawn), len(states), squeeze=False)
     for i, each in enumerate(drawn):

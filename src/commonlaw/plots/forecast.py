@@ -19,7 +19,7 @@ from commonlaw.plots.style import (
     GREY,
     add_legend,
     axis_label,
-    columns_for,
+    fitting,
     frozen_layout,
     key,
     plain,
@@ -57,16 +57,16 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
     """
     shown = forecast if objects is None else _of_objects(forecast, objects)
     columns, lines = forecast_grid(shown)
-    figure = Figure(figsize=(1.4 + 2.4 * max(columns, 2), 1 + 3 * lines), layout="constrained")
+    figure = Figure(figsize=fitting(1.4 + 2.4 * max(columns, 2), 1 + 3 * lines), layout="constrained")
     draw_forecast(figure, figure.add_gridspec(1, 1)[0], shown, columns)
-    add_legend(figure, forecast_keys(shown), above=True)
+    add_legend(figure, forecast_keys(shown), "above")
     return frozen_layout(figure)
 
 
-def forecast_grid(forecast: Forecast, most: int = 5) -> tuple[int, int]:
-    """Return the columns, if possible at most `most`, and the lines of pairs of panels, an object in one line."""
+def forecast_grid(forecast: Forecast, most: int = 4) -> tuple[int, int]:
+    """Return the columns of pairs of panels, at most `most` unless there are more states, and their lines."""
     states, objects = len(forecast.trials.schema.states), len(forecast.trials.objects)
-    across = columns_for(objects, max(1, most // states))
+    across = min(objects, max(1, most // states))
     return across * states, -(-objects // across)
 
 

@@ -9,7 +9,7 @@ from commonlaw.law.alignment import has_bands
 from commonlaw.plots.coefficients import DotPlot, HeatMaps
 from commonlaw.plots.equations import equation_lines
 from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys
-from commonlaw.plots.style import add_legend, frozen_layout, styled
+from commonlaw.plots.style import add_legend, fitting, frozen_layout, styled
 from commonlaw.trials import Trials
 
 _MAX_DOTS = 12
@@ -18,7 +18,7 @@ _MAX_DOTS = 12
 
 @styled()
 def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> Figure:
-    """Plot a law: above its equations, at the left its coefficients, at the right its fit to trials.
+    """Plot a law: above its equations, then its fit to trials, and below its coefficients.
 
     Curves start at initial conditions estimated from all samples of each trial, with residuals below. Where the law has
     a covariance, coefficients have 95 % intervals and curves 95 % bands. Of laws in discrete time forecasts are drawn.
@@ -39,16 +39,17 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     else:
         forecast = law.predict(trials) if law.order == 0 else fitted(law, trials, has_bands(law))
     coefficients = _coefficients(law, truth)
-    columns, lines = forecast_grid(forecast, most=3)
-    widths = (coefficients.width, 1.2 + 2.1 * max(columns, 2))
+    columns, lines = forecast_grid(forecast)
     equations = equation_lines(law)
-    height = 1.1 + 0.3 * equations.count("\n") + max(2.8 * lines, coefficients.height)
-    figure = Figure(figsize=(sum(widths) + 1.4, height), layout="constrained")
+    heights = (2.8 * lines, 0.4 + coefficients.height)
+    width = max(coefficients.width, 1.2 + 2.4 * max(columns, 2))
+    size = fitting(width, 1.4 + 0.3 * equations.count("\n") + sum(heights))
+    figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(equations)
-    indices = figure.add_gridspec(1, 2, width_ratios=widths)
-    coefficients.draw(figure, indices[0])
-    draw_forecast(figure, indices[1], forecast, columns)
-    add_legend(figure, [*coefficients.keys(), *forecast_keys(forecast)])
+    indices = figure.add_gridspec(2, 1, height_ratios=heights)
+    coefficients.draw(figure, indices[1])
+    draw_forecast(figure, indices[0], forecast, columns)
+    add_legend(figure, [*coefficients.keys(), *forecast_keys(forecast)], "below")
     return frozen_layout(figure)
 
 

@@ -19,7 +19,7 @@ from commonlaw.plots.style import (
     DASHES,
     add_legend,
     axis_label,
-    columns_for,
+    fitting,
     frozen_layout,
     key,
     math,
@@ -50,10 +50,10 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
     """
     values, _ = form.samples(trial)
     rows, _ = form.rows(trial, terms)
-    names, columns = terms.variables.names, columns_for(len(terms))
+    names, columns = terms.variables.names, min(len(terms), 4)
     known = _with_rates(units or {}, terms.variables, form.order, trial.states.shape[1])
     lines = -(-len(terms) // columns)
-    figure = Figure(figsize=(1 + 2.3 * columns, 0.9 + 1.6 * lines), layout="constrained")
+    figure = Figure(figsize=fitting(1 + 2.3 * columns, 0.9 + 1.6 * lines), layout="constrained")
     figure.suptitle(plain(trial.label, 60))
     panels: list[Axes] = []
     for i, term in enumerate(terms.terms):
@@ -103,7 +103,7 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     path = law.provenance.path()
     marks, columns = marks or {}, len(law.schema.states)
     lined = [(name, DASHES[1:][i % 3]) for i, name in enumerate(marks)]
-    figure = Figure(figsize=(1.2 + 5 * columns, 5.2), layout="constrained")
+    figure = Figure(figsize=fitting(1.2 + 5 * columns, 5.2), layout="constrained")
     panels = figure.subplots(2, columns, sharex="col", sharey="row", squeeze=False)
     for (above, below), equation, label in zip(panels.T, left_hand_sides(law), equation_labels(law), strict=True):
         own = path[path["equation"] == equation]
@@ -129,7 +129,7 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     panels[1, 0].set_yscale("log")
     chosen = key("chosen", color=COLORS[2], alpha=0.3, linewidth=8)
     lines = [key(plain(name, 40), color="black", linestyle=dash) for name, dash in lined]
-    add_legend(figure, [chosen, *lines], above=True)
+    add_legend(figure, [chosen, *lines], "above")
     return frozen_layout(figure)
 
 

@@ -17,7 +17,18 @@ from commonlaw.law.parameters import coefficient_units, left_hand_sides
 from commonlaw.law.printing import dependence
 from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.equations import equation_labels, term_labels
-from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, looks, plain, styled
+from commonlaw.plots.style import (
+    COLORS,
+    GREY,
+    add_legend,
+    axis_label,
+    fitting,
+    frozen_layout,
+    key,
+    looks,
+    plain,
+    styled,
+)
 from commonlaw.text import in_line
 
 _POINTS = 100
@@ -74,7 +85,7 @@ def plot_relations(law: Law) -> Figure:
     """
     rows = [*_coefficients(law)]
     columns = max(each.panels for each in rows)
-    figure = Figure(figsize=(1.6 + 3.1 * columns, 0.7 + 2.7 * len(rows)), layout="constrained")
+    figure = Figure(figsize=fitting(1.6 + 3.1 * columns, 0.7 + 2.7 * len(rows)), layout="constrained")
     named = len(law.objects) <= _NAMED
     alike = {"color": COLORS[0], "marker": ".", "alpha": 0.5}
     grid, look = figure.add_gridspec(len(rows), columns), looks(law.objects) if named else {}

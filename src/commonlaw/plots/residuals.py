@@ -16,7 +16,7 @@ from commonlaw.forecast import Forecast
 from commonlaw.law import Law
 from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.forecast import Curve, curves_of
-from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, frozen_layout, key, plain, styled
+from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, fitting, frozen_layout, key, plain, styled
 
 _MAX_TICKS = 6
 """Of an axis of a small panel."""
@@ -31,6 +31,8 @@ _AT_ENDS = 50
 """Of the largest and smallest residuals."""
 
 _LAGS = 20
+_COLUMNS = 4
+"""Panels side by side."""
 
 
 @styled()
@@ -42,13 +44,14 @@ def plot_residuals(residuals: Residuals) -> Figure:
     """
     states = residuals.trials.schema.states
     rows = [_panels(residuals, j) for j in range(len(states))]
-    columns = len(rows[0])
-    figure = Figure(figsize=(1.2 + 2.3 * columns, 0.6 + 2.2 * len(states)), layout="constrained")
-    grid = figure.add_gridspec(len(states), columns)
+    columns = min(len(rows[0]), _COLUMNS)
+    lines = -(-len(rows[0]) // columns)
+    figure = Figure(figsize=fitting(1.2 + 2.3 * columns, 0.6 + 2.2 * len(states) * lines), layout="constrained")
+    grid = figure.add_gridspec(len(states) * lines, columns)
     for j, row in enumerate(rows):
         for k, (_, draw) in enumerate(row):
-            draw(figure.add_subplot(grid[j, k]))
-        figure.axes[-columns].set_ylabel(plain(f"residual of {states[j]} / noise"))
+            draw(figure.add_subplot(grid[j * lines + k // columns, k % columns]))
+        figure.axes[-len(row)].set_ylabel(plain(f"residual of {states[j]} / noise"))
     return frozen_layout(figure)
 
 
@@ -169,7 +172,7 @@ def plot_errors(forecast: Forecast) -> Figure:
     if forecast.std is not None:
         dot = {"marker": "o", "linestyle": "", "markersize": 4}
         keys = [key("within the 95 % band", color=COLORS[0], **dot), key("outside", color=COLORS[1], **dot)]
-        add_legend(figure, keys if some_outside else keys[:1], above=True)
+        add_legend(figure, keys if some_outside else keys[:1], "above")
     return frozen_layout(figure)
 
 
@@ -213,5 +216,5 @@ def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     lower.set_ylabel("samples")
     lower.set_xlabel(plain(basis.coordinate, 60))
     keys = [key("function", color=COLORS[0]), key("95 % band", color=COLORS[0], linewidth=6, alpha=0.3)]
-    add_legend(figure, keys, above=True)
+    add_legend(figure, keys, "above")
     return frozen_layout(figure)

@@ -6,9 +6,9 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
-from math import ceil, sqrt
+from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context, style
@@ -104,8 +104,9 @@ def math(latex: str, text: str) -> str:
     if found := re.fullmatch(r"\\(d+)ot\{(\\mathrm.*)\}", latex):
         power = "" if found[1] == "d" else "^2"
         latex = rf"\mathrm{{d}}{power} {found[2]}/\mathrm{{d}}t{power}"
-    if r"\mathrm" in latex:
-        latex = re.sub(r"(?<=[\w}]) (?=[\\\w])", r"\\ ", latex)
+    # Mathtext sets stretched bars small and close, and factors without a space between them
+    latex = latex.replace(r"\left|", "|").replace(r"\right|", "|")
+    latex = re.sub(r"(?<=[\w})|]) (?=[\\\w(|])", r"\\ " if r"\mathrm" in latex else r"\\,", latex)
     try:
         MathTextParser("path").parse(f"${latex}$")
     except ValueError:
@@ -151,9 +152,13 @@ def axis_label(name: str, unit: str = "") -> str:
     return plain(f"{name} ({unit_text(unit)})" if unit else name, 60)
 
 
-def columns_for(panels: int, most: int = 5) -> int:
-    """Return how many columns a grid of panels has."""
-    return min(panels, max(most, ceil(sqrt(panels))))
+WIDEST = 9.0
+"""Inches, at most, that figures are wide, so that they fit the cell of a notebook."""
+
+
+def fitting(width: float, height: float) -> tuple[float, float]:
+    """Return the size of a figure, in inches, that is not wider than `WIDEST`."""
+    return min(width, WIDEST), height
 
 
 def show_lowest_ticks(panels: Sequence[Axes], columns: int, label: str) -> None:
@@ -171,13 +176,15 @@ def key(label: str, **settings: Any) -> Line2D:
     return Line2D([], [], label=f" {label}" if label.startswith("_") else label, **settings)
 
 
-def add_legend(figure: Figure, keys: Sequence[Line2D], above: bool = False) -> None:
-    """Put a legend next to or above all panels."""
+def add_legend(figure: Figure, keys: Sequence[Line2D], place: Literal["right", "above", "below"] = "right") -> None:
+    """Put a legend next to, above or below all panels."""
     if not keys:
         return
-    if above:
+    if place != "right":
         columns = min(len(keys), 5, max(1, int(figure.get_figwidth() / _KEY)))
-        figure.legend(handles=list(keys), loc="outside upper center", ncols=columns)
+        figure.legend(
+            handles=list(keys), loc=f"outside {'upper' if place == 'above' else 'lower'} center", ncols=columns
+        )
     else:
         figure.legend(handles=list(keys), loc="outside right upper", ncols=ceil(len(keys) / 25))
 

@@ -1,6 +1,7 @@
 // The page: a table, a question, a law. All that a law needs is here once it was found; moving along candidates asks nobody.
 import { $, ask, remember, state, trying } from "./basics.js";
 import { compare } from "./compare.js";
+import { choose, drawFigure } from "./figures.js";
 import { changeView, showCurves, togetherOrAlone } from "./curves.js";
 import { exclude, subtractBlanks, toggleMouse, undo } from "./edits.js";
 import { close, complete, fit, read, showValues, startFrom, steer, takeGiven } from "./equations.js";
@@ -41,6 +42,8 @@ addEventListener("keydown", event => {
 });
 $("log").addEventListener("change", showCurves);
 for (const id of ["starts_given", "starts_at"]) $(id).addEventListener("change", takeGiven);
+for (const id of ["figure", "figure_object", "figure_parameter"]) $(id).addEventListener("change", choose);
+$("draw").addEventListener("click", drawFigure);
 $("rival").addEventListener("change", compare);
 $("write_from").addEventListener("change", startFrom);
 $("write_object").addEventListener("change", showValues);

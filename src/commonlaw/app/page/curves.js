@@ -11,7 +11,7 @@ const wide = matchMedia("(min-width: 70rem)");
 /** Show or hide what is said of a law; beside it, or below it on a narrow screen, stand the curves. */
 export function showResult(shown) {
   for (const id of ["result", "take"]) $(id).hidden = !shown;
-  if (!shown) for (const id of ["own", "next", "views"]) $(id).hidden = true;
+  if (!shown) for (const id of ["own", "figures", "next", "views"]) $(id).hidden = true;
   (shown ? $("result") : $("data")).after($("see"));
 }
 
@@ -134,12 +134,12 @@ export function showCurves() {
   $("exclude_mouse").hidden = modelled;
   $("log_part").hidden = !every.some(each => each.points.some(value => value > 0));
   const others = found ? rivalCurves(j, labels(view()?.trials ?? [])) : [];
-  draw($("forecast_plot"), [...shown, ...others], { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240, lines, log: $("log").checked && !$("log_part").hidden, picked: excluding ? picked : null });
+  draw($("forecast_plot"), [...shown, ...others], { x: withUnit(x), y: withUnit(y), height: wide.matches ? 300 : 240, lines, log: $("log").checked && !$("log_part").hidden, picked: excluding ? picked : null, together: modelled });
   $("bands").hidden = !modelled || Boolean(written) || shown.some(each => each.low);
   const what = written ? "Lines: your equations. Below: residuals, measured minus computed." : fit ? "Lines: fit of the law, initial conditions estimated from all samples. Below: residuals, measured minus fitted." : `Lines: ${title}. Below: errors, forecast minus measured.`;
   const bands = written ? "" : "Bands: 95 % of measurements expected. ";
   $("reading").textContent = `${modelled ? `Points: measurements. ${what} ${bands}` : ""}Drag to zoom, double-click to go back.`;
-  draw($("error_plot"), modelled ? shown.map(each => errors(each, fit)) : [], { x: withUnit(x), y: withUnit({ name: difference, unit: y.unit }), height: 130, points: difference });
+  draw($("error_plot"), modelled ? shown.map(each => errors(each, fit)) : [], { x: withUnit(x), y: withUnit({ name: difference, unit: y.unit }), height: 130, points: difference, together: true, listed: false });
   $("pictures").hidden = !modelled || Boolean(written);
   for (const kind of ["svg", "png"]) $(kind).href = `searches/${state.search}/law.${kind}?candidate=${state.at}`;
   $("all").setAttribute("aria-pressed", String(shown.length === every.length));

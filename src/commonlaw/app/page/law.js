@@ -2,6 +2,7 @@
 import { $, ask, begin, element, fill, follow, plural, pretty, state, tell, trying } from "./basics.js";
 import { endWritten, showCurves, showViews, showResult } from "./curves.js";
 import { offerRivals } from "./compare.js";
+import { offerFigures } from "./figures.js";
 import { offerStarts } from "./equations.js";
 import { showNext } from "./next.js";
 import { forecastOwn, showOwn } from "./own.js";
@@ -76,6 +77,7 @@ export function move(index) {
   endWritten();
   offerStarts();
   offerRivals();
+  offerFigures();
   showCurves();
   showFiles();
   clearTimeout(state.soon);

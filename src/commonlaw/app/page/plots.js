@@ -18,15 +18,16 @@ function axis(label) {
 
 /** How wide the numbers beside an axis are. */
 function width(_, numbers) {
-  return 28 + 7 * Math.max(3, ...(numbers ?? []).map(each => String(each).length));
+  return 28 + 7 * Math.max(5, ...(numbers ?? []).map(each => String(each).length));
 }
 
 /**
  * Draw curves into a place: each has times, label, color index, and as far as there are any points, a line, and low and high
  * ends of a band. `log` is for a logarithmic axis, without what is not positive. `picked` takes a range of times that is dragged
- * over, in place of zooming, or a curve that is clicked. Where `dragged` is given, it takes the curve that is dragged, and the value of its start.
+ * over, in place of zooming, or a curve that is clicked. Figures that stand `together` have one time axis, and one list of curves,
+ * which is below the figure that is `listed`. Where `dragged` is given, it takes the curve that is dragged, and the value of its start.
  */
-export function draw(place, curves, { x, y, height = 300, dragged = null, lines = "forecast", points = "measured", log = false, picked = null }) {
+export function draw(place, curves, { x, y, height = 300, dragged = null, lines = "forecast", points = "measured", log = false, picked = null, together = false, listed = true }) {
   const series = [{}], bands = [], tables = [];
   for (const curve of curves) {
     const color = colorOf(curve.color), columns = [curve.t];
@@ -40,7 +41,7 @@ export function draw(place, curves, { x, y, height = 300, dragged = null, lines 
     tables.push(columns);
   }
   const data = tables.length > 1 ? uPlot.join(tables) : tables[0];
-  const key = JSON.stringify([series, bands, curves.map(each => each.label), x, y, height, lines, points, log, Boolean(dragged), Boolean(picked), css("--ink"), place.clientWidth]), before = shown.get(place);
+  const key = JSON.stringify([series, bands, curves.map(each => each.label), x, y, height, lines, points, log, together, listed, Boolean(dragged), Boolean(picked), css("--ink"), place.clientWidth]), before = shown.get(place);
   if (before?.key === key && !dragged) {
     // The same lines with other values: they move, and nothing is made anew
     before.content.curves = curves;
@@ -56,11 +57,11 @@ export function draw(place, curves, { x, y, height = 300, dragged = null, lines 
     scales: { x: { time: false }, y: { range: (_, low, high) => held ? held.range : within(low, high, content.curves, log), distr: log ? 3 : 1 } },
     axes: [{ ...axis(x), size: 40 }, { ...axis(y), size: width, space: Math.min(30, height / 8) }],
     legend: { show: false }, hooks: { setCursor: [told.show], setSelect: picked ? [plot => pickRange(plot, picked)] : [] },
-    cursor: { points: { show: false }, drag: { x: !dragged, y: !dragged && !picked, setScale: !dragged && !picked, uni: 20 } },
+    cursor: { points: { show: false }, drag: { x: !dragged, y: !dragged && !picked, setScale: !dragged && !picked, uni: 20 }, ...together ? { sync: { key: "together", scales: ["x", null] } } : {} },
   };
   const plot = new uPlot(options, data, place);
-  place.append(told.list);
-  shown.set(place, { plot, key, content, again: () => draw(place, content.curves, { x, y, height, dragged, lines, points, log, picked }) });
+  if (listed) place.append(told.list);
+  shown.set(place, { plot, key, content, again: () => draw(place, content.curves, { x, y, height, dragged, lines, points, log, picked, together, listed }) });
   if (picked) letClick(plot, content, picked);
   if (dragged) letDrag(place, plot, curves.map(each => each.line), dragged);
 }

@@ -1,0 +1,169 @@
+"""Profile likelihood of a parameter: how far it may move when all others follow."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.estimation.fitting import Beginning, begin
+from commonlaw.estimation.model import ModelText
+from commonlaw.estimation.problem import Problem
+from commonlaw.law import Law
+from commonlaw.law.alignment import matched
+from commonlaw.law.law import only_object, shares_terms
+from commonlaw.law.parameters import named_parameters
+from commonlaw.trials import Trials
+
+_STEPS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0)
+"""Distances from the estimate at which the profile is computed, in standard errors."""
+_QUANTILE, _ENOUGH = 3.841, 7.0
+"""The 95 % quantile of chi-squared with one degree of freedom, and where a profile ends."""
+_EVALUATIONS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Twice the log-likelihood ratio of the estimate to other values of a parameter, all other parameters fitted again.
+
+    Parameters
+    ----------
+    parameter, object, unit
+        Of what it is.
+    values, deviance
+        Increasing values of the parameter, shape (n,), and ``2 (log L(best) - log L(value))``, zero at the estimate.
+    estimate, error
+        The value of largest likelihood, and its standard error from the curvature there.
+    """
+
+    parameter: str
+    object: str
+    unit: str
+    values: Floats
+    deviance: Floats
+    estimate: float
+    error: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The ends of the 95 % interval, where the deviance is 3.84; infinite where the profile stays below."""
+        ends = []
+        middle = int(np.argmin(self.deviance))
+        for values, deviance, far in (
+            (self.values[middle::-1], self.deviance[middle::-1], -np.inf),
+            (self.values[middle:], self.deviance[middle:], np.inf),
+        ):
+            above = np.flatnonzero(deviance > _QUANTILE)
+            if not len(above):
+                ends.append(far)
+                continue
+            # Roots of deviances are nearly straight lines
+            last = int(above[0])
+            roots = np.sqrt(np.maximum(deviance[last - 1 : last + 1], 0.0))
+            ends.append(float(np.interp(np.sqrt(_QUANTILE), roots, values[last - 1 : last + 1])))
+        return ends[0], ends[1]
+
+
+def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | None = None) -> Profile:
+    """Return the profile likelihood of a parameter of one object, from its trials, under white noise.
+
+    ``2 (log L(best) - log L(k)) = min over the others of sum_i ((y_i - h(x(t_i; k, others)))/sigma)^2``, less its least
+    value, with the noise sigma of the law, or if that is not known of what is left.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such object or parameter, the objects do not share their equations, time is discrete, or the
+        equations cannot be solved for the trials.
+    """
+    owner = only_object(law, name)
+    if not shares_terms(law) or law.order == 0:
+        raise CommonlawError("profile-without-equations")
+    parameters = named_parameters(law)
+    check_choice("parameter", parameter, parameters.names)
+    own = matched(law, trials.select(object=owner), observed=True)
+    observation = law.observation
+    observed = {} if observation is None else observation.equations
+    initial = {} if observation is None else observation.initial
+    text = replace(ModelText.of(law.structure), observed=observed, initial=initial)
+    starts = law.schema.starts if observation is None else {}
+    begun = begin(text, own, dict(starts), None if observation is None else observation.initial_time)
+    values = dict(zip(parameters.names, parameters.values[law.objects.index(owner)].tolist(), strict=True))
+    first = np.array([values.get(n, x) for n, x in zip(begun.unknowns.names, begun.first, strict=True)])
+    found = _profile(begun, first, begun.unknowns.names.index(parameter), _noise(law, begun))
+    unit = parameters.units[parameters.names.index(parameter)] or ""
+    return Profile(parameter, owner, unit, *found)
+
+
+def _noise(law: Law, begun: Beginning) -> Floats | None:
+    """Return the standard deviation of each observable, shape (m,), if the law has them."""
+    if law.observation is not None:
+        return law.observation.noise_levels
+    noise = law.uncertainty.noise
+    return None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
+
+
+def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) -> tuple[Floats, Floats, float, float]:
+    problem, everything = begun.problem, np.ones(len(first), dtype=np.bool_)
+    known = np.ones(len(begun.model.observables)) if noise is None else noise
+    best, cost = _least(problem, first, everything, known)
+    if not np.isfinite(cost):
+        raise CommonlawError("profile-not-finite")
+    if noise is None:
+        count = sum(int(np.isfinite(each.trial.states).sum()) for each in problem.trials)
+        known = known * np.sqrt(cost / max(count - len(first), 1))
+        best, cost = _least(problem, best, everything, known)
+    slopes = problem.residuals(best, known)[1]
+    assert slopes is not None
+    variance = np.linalg.pinv(slopes.T @ slopes)[index, index]
+    error = float(np.sqrt(variance)) or 0.1 * abs(float(best[index])) or 1.0
+    others = everything.copy()
+    others[index] = False
+    points = [(float(best[index]), 0.0)]
+    for side in (-1, 1):
+        at, wanted = best, [best[index] + side * step * error for step in _STEPS]
+        for value in wanted:
+            # A step to where the equations have no solution is shortened
+            for share in (1.0, 0.5, 0.25):
+                start = at.copy()
+                start[index] += share * (value - at[index])
+                reached, here = _least(problem, start, others, known)
+                if np.isfinite(here):
+                    break
+            if not np.isfinite(here):
+                break
+            at = reached
+            points.append((float(at[index]), max(here - cost, 0.0)))
+            if here - cost > _ENOUGH:
+                break
+    values, deviance = np.array(sorted(points)).T
+    return values, deviance, float(best[index]), error
+
+
+def _least(problem: Problem, start: Floats, free: Bools, noise: Floats) -> tuple[Floats, float]:
+    """Return where the sum of squares is least over the free unknowns, and that sum; infinite where it has none."""
+
+    def whole(point: Floats) -> Floats:
+        full = start.copy()
+        full[free] = point
+        return full
+
+    def slopes(point: Floats) -> Floats:
+        found = problem.residuals(whole(point), noise)[1]
+        assert found is not None
+        return np.asarray(np.nan_to_num(found[:, free]))
+
+    def residuals(point: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            return np.asarray(np.nan_to_num(problem.residuals(whole(point), noise, False)[0], nan=1e30, posinf=1e30))
+
+    if not np.isfinite(problem.residuals(start, noise, False)[0]).all():
+        return start, np.inf
+    if not free.any():
+        return start, float(np.sum(residuals(start[free]) ** 2))
+    try:
+        found = least_squares(residuals, start[free], slopes, x_scale="jac", max_nfev=_EVALUATIONS)
+    except (ValueError, np.linalg.LinAlgError):
+        return start, np.inf
+    return whole(found.x), float(2 * found.cost)

@@ -1,0 +1,79 @@
+"""Phase planes and profile likelihoods, held against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import commonlaw as cl
+from commonlaw.estimation import likelihood_profile
+from commonlaw.law import Law
+from commonlaw.plots import fixed_points, plot_phase_plane, plot_profile
+from commonlaw.trials import Trials
+from tests.refusals import refused
+
+
+def test_fixed_points_of_predator_and_prey_are_a_saddle_and_a_center():
+    values = {"a": 1.0, "b": 0.1, "c": 1.5, "d": 0.075}
+    law = Law.from_text("x' = a x - b x y; y' = -c y + d x y", values)
+    saddle, center = fixed_points(law, (-5.0, 60.0, -5.0, 40.0))
+    np.testing.assert_allclose(saddle.state, (0.0, 0.0), atol=1e-9)
+    np.testing.assert_allclose(sorted(np.real(saddle.eigenvalues)), (-1.5, 1.0), rtol=1e-6)
+    np.testing.assert_allclose(center.state, (1.5 / 0.075, 1.0 / 0.1), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(np.imag(center.eigenvalues)), np.sqrt(1.0 * 1.5), rtol=1e-6)
+    assert (saddle.kind, center.kind) == ("saddle", "center")
+
+
+@pytest.mark.parametrize(
+    ("damping", "kind"),
+    [(0.5, "stable focus"), (3.0, "stable node"), (-0.5, "unstable focus"), (-3.0, "unstable node")],
+)
+def test_the_pendulum_at_rest_is_a_node_or_a_focus_by_its_damping(damping, kind):
+    law = Law.from_text("x'' = -sin(x) - c v", {"c": damping})
+    lowest, highest = fixed_points(law, (-1.0, 4.0, -2.0, 2.0))
+    np.testing.assert_allclose([lowest.state, highest.state], [(0.0, 0.0), (np.pi, 0.0)], atol=1e-9)
+    assert (lowest.kind, highest.kind) == (kind, "saddle")
+    expected = np.roots([1.0, damping, 1.0])
+    np.testing.assert_allclose(np.sort_complex(lowest.eigenvalues), np.sort_complex(expected), atol=1e-5)
+
+
+def test_phase_planes_have_nullclines_fixed_points_and_trajectories():
+    pairs = cl.datasets.lotka_volterra(trials=1)
+    figure = plot_phase_plane(cl.datasets.lotka_volterra.truth(), pairs, "Pair 1")
+    (panel,) = figure.axes
+    shown = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert shown == ["$x$ constant", "$y$ constant", "fit", "saddle", "center"]
+    assert figure.get_figwidth() <= 9.0
+    assert panel.get_title() == "Pair 1"
+    with refused("phase-plane-states"):
+        plot_phase_plane(cl.datasets.lorenz.truth(), cl.datasets.lorenz())
+    with refused("phase-plane-time"):
+        fixed_points(Law.from_text("x'' = -x + sin(t)"), (-1.0, 1.0, -1.0, 1.0))
+
+
+def test_a_profile_is_the_least_sum_of_squares_over_all_other_unknowns():
+    times, noise = np.linspace(0.0, 4.0, 15), 0.2
+    values = 5 * np.exp(-0.7 * times) + np.random.default_rng(1).normal(0, noise, 15)
+    trials = Trials.from_arrays(times, values, names=["x"])
+    law = cl.fit("x' = -k x", trials, noise={"x": noise})
+    profile = likelihood_profile(law, trials, "k")
+
+    def least(rate: float) -> float:
+        shape = np.exp(-rate * times)
+        start = shape @ values / (shape @ shape)
+        return float(np.sum((values - start * shape) ** 2) / noise**2)
+
+    best = min(map(least, np.linspace(0.5, 0.9, 4001)))
+    np.testing.assert_allclose(profile.deviance, [least(each) - best for each in profile.values], atol=1e-4)
+    ends = [brentq(lambda k: least(k) - best - 3.841, *ends) for ends in ((0.3, 0.7), (0.7, 1.5))]
+    np.testing.assert_allclose(profile.interval, ends, rtol=5e-3)
+    figure = plot_profile(law, trials, "k")
+    assert figure.axes[0].get_xlabel() == "$k$"
+
+
+def test_a_profile_shows_what_the_data_do_not_bound():
+    times = np.linspace(0.0, 2.0, 12)
+    trials = Trials.from_arrays(times, np.exp(-0.5 * times), names=["s"])
+    law = cl.fit("s' = -V s/(K + s)", trials, noise={"s": 0.05})
+    assert likelihood_profile(law, trials, "K").interval[1] == np.inf
+    with refused("unknown-name"):
+        likelihood_profile(law, trials, "W")
