@@ -19,6 +19,7 @@ from commonlaw.plots.style import (
     GREY,
     add_legend,
     axis_label,
+    columns_for,
     fitting,
     frozen_layout,
     key,
@@ -66,7 +67,7 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
 def forecast_grid(forecast: Forecast, most: int = 4) -> tuple[int, int]:
     """Return the columns of pairs of panels, at most `most` unless there are more states, and their lines."""
     states, objects = len(forecast.trials.schema.states), len(forecast.trials.objects)
-    across = min(objects, max(1, most // states))
+    across = columns_for(objects, max(1, most // states))
     return across * states, -(-objects // across)
 
 

@@ -19,6 +19,7 @@ from commonlaw.plots.style import (
     DASHES,
     add_legend,
     axis_label,
+    columns_for,
     fitting,
     frozen_layout,
     key,
@@ -50,7 +51,7 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
     """
     values, _ = form.samples(trial)
     rows, _ = form.rows(trial, terms)
-    names, columns = terms.variables.names, min(len(terms), 4)
+    names, columns = terms.variables.names, columns_for(len(terms))
     known = _with_rates(units or {}, terms.variables, form.order, trial.states.shape[1])
     lines = -(-len(terms) // columns)
     figure = Figure(figsize=fitting(1 + 2.3 * columns, 0.9 + 1.6 * lines), layout="constrained")

@@ -179,7 +179,7 @@ def _fixed_points(field: Field, window: tuple[float, float, float, float]) -> tu
     found = list[FixedPoint]()
 
     def scaled(point: Floats) -> Floats:
-        return field((low + span * point)[np.newaxis])[0]
+        return np.asarray(field((low + span * point)[np.newaxis])[0])
 
     for j, i in np.argwhere(changes).tolist():
         start = (np.array([i, j]) + 0.5) / _CELLS

@@ -161,6 +161,11 @@ def fitting(width: float, height: float) -> tuple[float, float]:
     return min(width, WIDEST), height
 
 
+def columns_for(panels: int, most: int = 4) -> int:
+    """Return how many columns a grid of panels has."""
+    return min(panels, most)
+
+
 def show_lowest_ticks(panels: Sequence[Axes], columns: int, label: str) -> None:
     """Label the x axis of the lowest panel of each column of a grid that is filled row by row."""
     for i, panel in enumerate(panels):
@@ -176,17 +181,21 @@ def key(label: str, **settings: Any) -> Line2D:
     return Line2D([], [], label=f" {label}" if label.startswith("_") else label, **settings)
 
 
+_OUTSIDE: Mapping[str, Literal["outside upper center", "outside lower center"]] = {
+    "above": "outside upper center",
+    "below": "outside lower center",
+}
+
+
 def add_legend(figure: Figure, keys: Sequence[Line2D], place: Literal["right", "above", "below"] = "right") -> None:
     """Put a legend next to, above or below all panels."""
     if not keys:
         return
-    if place != "right":
-        columns = min(len(keys), 5, max(1, int(figure.get_figwidth() / _KEY)))
-        figure.legend(
-            handles=list(keys), loc=f"outside {'upper' if place == 'above' else 'lower'} center", ncols=columns
-        )
-    else:
+    if place == "right":
         figure.legend(handles=list(keys), loc="outside right upper", ncols=ceil(len(keys) / 25))
+        return
+    columns = min(len(keys), 5, max(1, int(figure.get_figwidth() / _KEY)))
+    figure.legend(handles=list(keys), loc=_OUTSIDE[place], ncols=columns)
 
 
 # Dates and versions would make two runs differ
