@@ -196,3 +196,11 @@ def test_models_are_listed_and_described(run):
     code, _, err = run("models", "sri")
     assert code == 1
     assert "did you mean 'sir'?" in err
+
+
+@pytest.mark.usefixtures("cups")
+def test_a_law_is_saved_as_a_program_by_its_ending(run, tmp_path):
+    code, out, _ = run("fit", "cups.csv", "T' = -k (T - a)", *ROLES, "--save", "law.c", "--save", "law.mo")
+    assert code == 0
+    assert "Wrote law.c\nWrote law.mo" in out
+    assert "void derivatives(" in (tmp_path / "law.c").read_text()

@@ -86,12 +86,19 @@ class LaterSteps:
             made = figure(plots)
             return None if made is None else plots.render(made, path)
 
+        def program(law: "Law", path: str) -> bytes:
+            from commonlaw.law.export import exported
+
+            return exported(law, path)
+
         def tabled(path: str, table: "Callable[[], pd.DataFrame]") -> bytes:
             return table_bytes(table(), path)
 
         for path in paths:
             if law is not None and is_of_kind(path, "law"):
                 self.write_law(path, law)
+            elif law is not None and is_of_kind(path, "program"):
+                self.write(path, partial(program, law, path))
             elif figure is not None and is_of_kind(path, "figure"):
                 self.write(path, partial(drawn, path, figure))
             elif report is not None and is_of_kind(path, "report"):

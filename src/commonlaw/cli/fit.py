@@ -264,7 +264,7 @@ def _sentences(frame: "pd.DataFrame") -> list[str]:
 @with_table(*WITH_LAW)
 @LAW_ARGUMENT
 @with_settings("refine")
-@saving(law="the law")
+@saving(law="the law", program="the law as a program or workbook")
 @HISTORY
 @with_cluster
 def refine(

@@ -217,6 +217,7 @@ ENDINGS = {
     "report": (".html",),
     "table": (".csv", ".parquet"),
     "schema": (".toml",),
+    "program": (".c", ".py", ".m", ".mo", ".xml", ".sbml", ".xlsx"),
 }
 """Endings of the files that a result is written to, by its kind."""
 

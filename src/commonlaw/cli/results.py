@@ -143,6 +143,7 @@ _OPTIONS = (
         figure="a figure of the law and its fit, with the residuals",
         report="a page that says all about the law",
         table="a table of its coefficients",
+        program="the law as a program or workbook",
     ),
     AS_JSON,
     HISTORY,

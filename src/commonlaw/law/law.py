@@ -719,6 +719,25 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         write_whole(path, _call("law.io:law_bytes", self, path))
 
+    def export(self, path: str | os.PathLike[str], name: str | None = None, initial: "ArrayLike | None" = None) -> None:
+        """Write the law as a program of another language, by the ending of the file.
+
+        ``.c`` C, ``.py`` Python, ``.m`` MATLAB, ``.mo`` Modelica, ``.xml`` or ``.sbml`` SBML (level 3, rate rules), and
+        ``.xlsx`` a workbook whose formulas integrate the law. Files hold the parameters of all objects, SBML those of
+        one. Inputs are arguments or, in SBML and workbooks, zero until they are set. Observation equations stay here.
+
+        Raises `CommonlawError` if the ending is another, the file cannot be written, SBML is asked for several objects,
+        or the law is in discrete time, or has doses or dead times.
+
+        Parameters
+        ----------
+        name
+            The object; default: all.
+        initial
+            Initial states, then initial rates; default: the middle of the measured range, or 1.
+        """
+        write_whole(path, _call("law.export:exported", self, path, name, initial))
+
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Law":
         """Read a law that `save` wrote.

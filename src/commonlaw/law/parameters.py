@@ -215,12 +215,12 @@ def state_rates(law: Law) -> tuple[tuple[str, str], ...]:
 def vector_field(law: Law, name: str) -> VectorField:
     """Return the right-hand side of one object as forecasts follow it, ready to integrate."""
     free = law.support if shares_terms(law) else None
-    return VectorField(law.terms, _followed_coefficients(law, name), law.order, free=free)
+    return VectorField(law.terms, followed_coefficients(law, name), law.order, free=free)
 
 
 def right_hand_side(law: Law, name: str, values: ArrayLike) -> Floats:
     """Return the highest derivatives of one object, see `Law.rhs`."""
-    coefficients, variables = _followed_coefficients(law, name), law.terms.variables
+    coefficients, variables = followed_coefficients(law, name), law.terms.variables
     points, names = np.asarray(values, dtype=np.float64), variables.measured
     time = variables.index(variables.time)
     if points.ndim == 2 and points.shape[1] == len(names) - 1:
@@ -232,7 +232,7 @@ def right_hand_side(law: Law, name: str, values: ArrayLike) -> Floats:
     return np.asarray(law.terms.evaluate(law.terms.at(points, coefficients)) @ coefficients.T)
 
 
-def _followed_coefficients(law: Law, name: str) -> Floats:
+def followed_coefficients(law: Law, name: str) -> Floats:
     """Return the coefficients that forecasts of an object follow: pooled ones if the law has them."""
     pooled, index = law.uncertainty.pooled, object_index(law, name)
     coefficients: Floats = law.coefficients[index].copy()

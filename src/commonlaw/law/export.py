@@ -1,0 +1,540 @@
+"""Laws as programs of other languages: C, Python, MATLAB, Modelica, SBML, and workbooks that integrate them."""
+
+import keyword
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import escape
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
+from commonlaw.law.law import Law, only_object
+from commonlaw.law.parameters import followed_coefficients, named_parameters
+from commonlaw.library import highest_columns, with_rates
+from commonlaw.library.grammar import Algebra, evaluate
+from commonlaw.runtime.packages import optional_import
+from commonlaw.text import in_line
+
+if TYPE_CHECKING:
+    from openpyxl.worksheet.worksheet import Worksheet
+
+_RESERVED = {word.lower() for word in keyword.kwlist} | {
+    "auto",
+    "break",
+    "case",
+    "char",
+    "const",
+    "default",
+    "do",
+    "double",
+    "enum",
+    "extern",
+    "float",
+    "goto",
+    "int",
+    "long",
+    "register",
+    "return",
+    "short",
+    "signed",
+    "sizeof",
+    "static",
+    "struct",
+    "switch",
+    "typedef",
+    "union",
+    "unsigned",
+    "void",
+    "volatile",
+    "inline",
+    "restrict",
+    "algorithm",
+    "block",
+    "class",
+    "connector",
+    "constant",
+    "discrete",
+    "each",
+    "encapsulated",
+    "end",
+    "equation",
+    "expandable",
+    "external",
+    "final",
+    "flow",
+    "function",
+    "initial",
+    "inner",
+    "input",
+    "model",
+    "operator",
+    "outer",
+    "output",
+    "package",
+    "parameter",
+    "partial",
+    "protected",
+    "public",
+    "pure",
+    "record",
+    "redeclare",
+    "replaceable",
+    "stream",
+    "then",
+    "type",
+    "when",
+    "within",
+    "otherwise",
+    "persistent",
+    "global",
+    "spmd",
+    "t",
+    "k",
+    "h",
+    "der",
+    "time",
+    "math",
+    "abs",
+    "states",
+    "inputs",
+    "parameters",
+    "objects",
+    "equations",
+}
+"""Words that have a meaning in one of the languages or in the programs that are written."""
+
+_ROWS = 200
+"""Time steps of a workbook."""
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """A law as a system of first order in plain names: states with rates, inputs, parameters.
+
+    `values` has the parameters of each object, shape (objects, parameters), `initial` a state, shape (states + rates,).
+    """
+
+    law: Law
+    objects: tuple[str, ...]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    values: Floats
+    initial: Floats
+
+    def rates(
+        self, algebra: Algebra, states: Sequence[str], inputs: Sequence[str], time: str, parameters: Sequence[str]
+    ) -> list[str]:
+        """Return the derivatives of all states in a language, over texts for variables and parameters."""
+        law, known = self.law, named_parameters(self.law)
+        values = dict(zip(known.names, parameters, strict=True))
+        inner = [values[name] for name in law.terms.variables.parameters]
+        columns, count = [*states, *inputs, time, *inner], len(law.schema.states)
+        products = {(each.equation, each.term): each for each in known.products}
+        times, over = algebra.operations["multiply"], algebra.operations["divide"]
+        rates = [*states]
+        for i, j in enumerate(with_rates(law.order, count).tolist()):
+            rates[j] = states[count + i]
+        for j, column in enumerate(highest_columns(law.order, count).tolist()):
+            summands = []
+            for k in np.flatnonzero(law.support[j] & law.terms.is_factor).tolist():
+                product = products.get((j, k))
+                number = float(law.coefficients[0, j, k]) if product is None else product.factor
+                text = algebra.number(number)
+                for name, power in () if product is None else product.coefficients:
+                    for _ in range(abs(power)):
+                        text = (times if power > 0 else over)(text, values[name])
+                term = evaluate(law.terms.terms[k].code, columns, algebra)
+                summands.append(text if law.terms.names[k] == "1" else times(text, term))
+            rates[column] = reduce(algebra.operations["add"], summands) if summands else algebra.number(0.0)
+        return rates
+
+
+def _system(law: Law, name: str | None, initial: ArrayLike | None) -> _System:
+    """Return a law in plain names, of one object or of all."""
+    delayed = [each for each in law.schema.inputs if "(" in each]
+    for problem, found in (
+        ("discrete time", law.order == 0),
+        ("doses", bool(law.schema.doses)),
+        ("dead times", bool(delayed)),
+    ):
+        if found:
+            raise CommonlawError("export-unsupported", problem=problem)
+    objects = law.objects if name is None else (only_object(law, name),)
+    coefficients = np.stack([followed_coefficients(law, each) for each in objects])
+    known, variables = named_parameters(law), law.terms.variables
+    names = _plain_names([*variables.states, *variables.inputs, *known.names])
+    count, end = len(variables.states), len(variables.states) + len(variables.inputs)
+    values = np.stack([each.of(coefficients) for each in known.definitions] or [np.empty(len(objects))], axis=1)
+    visited = law.provenance.domain.visited
+    middle = [np.mean(visited[each]) if each in visited else 1.0 for each in variables.states]
+    start = np.asarray(middle if initial is None else initial, dtype=np.float64)
+    if start.shape != (count,) or not np.isfinite(start).all():
+        raise CommonlawError("export-initial", names=variables.states)
+    values = values[:, : len(known.names)]
+    return _System(law, objects, names[:count], names[count:end], names[end:], values, start)
+
+
+def _plain_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return different identifiers that are valid in all languages, capitals aside.
+
+    >>> _plain_names(["x", "dry weight", "dry_weight", "3"])
+    ('x', 'dry_weight', 'dry_weight_', 'n_3')
+    """
+    found = list[str]()
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name.replace("'", "_rate"))
+        plain = plain if re.match(r"[A-Za-z]", plain) else f"n_{plain.lstrip('_')}"
+        while plain.lower() in _RESERVED or plain.lower() in (each.lower() for each in found):
+            plain += "_"
+        found.append(plain)
+    return tuple(found)
+
+
+def _number(value: float) -> str:
+    return repr(float(value)) if value >= 0 else f"({float(value)!r})"
+
+
+def _infix(functions: Mapping[str, str], **others: Callable[..., str]) -> Algebra:
+    """Return a language with infix operators: names of its functions where they differ, and other forms."""
+    operations: dict[str, Callable[..., str]] = {
+        name: lambda x, name=name: f"{functions.get(name, name)}({x})"
+        for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "arctan", "sign")
+    }
+    operations |= {
+        "add": lambda x, y: f"({x} + {y})",
+        "subtract": lambda x, y: f"({x} - {y})",
+        "multiply": lambda x, y: f"{x}*{y}",
+        "divide": lambda x, y: f"({x}/({y}))",
+        "power": lambda x, y: f"(({x})^({y}))",
+        "negate": lambda x: f"(-({x}))",
+        "step": lambda x: f"({x} > 0)",
+    }
+    return Algebra(_number, {**operations, **others})
+
+
+_C = _infix(
+    {"abs": "fabs", "arctan": "atan"},
+    power=lambda x, y: f"pow({x}, {y})",
+    sign=lambda x: f"(({x} > 0) - ({x} < 0))",
+)
+_PYTHON = _infix(
+    {name: f"math.{name}" for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")}
+    | {"arctan": "math.atan"},
+    power=lambda x, y: f"(({x})**({y}))",
+    sign=lambda x: f"math.copysign(float({x} != 0), {x})",
+)
+_MATLAB = _infix({"arctan": "atan"})
+_MODELICA = _infix({"arctan": "atan"}, step=lambda x: f"(if {x} > 0 then 1.0 else 0.0)")
+_EXCEL = _infix(
+    {name: name.upper() for name in ("abs", "sqrt", "exp", "sin", "cos", "tan", "sinh", "cosh", "tanh", "sign")}
+    | {"log": "LN", "arctan": "ATAN"},
+    step=lambda x: f"IF({x}>0,1,0)",
+)
+
+
+def _applied(operator: str) -> Callable[..., str]:
+    return lambda *operands: f"<apply><{operator}/>{''.join(operands)}</apply>"
+
+
+def _mathml_number(value: float) -> str:
+    digits, _, power = repr(float(value)).partition("e")
+    return f'<cn type="e-notation">{digits}<sep/>{int(power)}</cn>' if power else f"<cn>{digits}</cn>"
+
+
+def _piecewise(*pieces: tuple[float, str], otherwise: float) -> Callable[[str], str]:
+    def write(x: str) -> str:
+        inner = "".join(
+            f"<piece>{_mathml_number(value)}<apply><{relation}/>{x}<cn>0.0</cn></apply></piece>"
+            for value, relation in pieces
+        )
+        return f"<piecewise>{inner}<otherwise>{_mathml_number(otherwise)}</otherwise></piecewise>"
+
+    return write
+
+
+_MATHML = Algebra(
+    _mathml_number,
+    {name: _applied(name) for name in ("power", "abs", "exp", "sin", "cos", "tan", "sinh", "cosh", "tanh", "arctan")}
+    | {
+        "add": _applied("plus"),
+        "subtract": _applied("minus"),
+        "multiply": _applied("times"),
+        "divide": _applied("divide"),
+        "negate": _applied("minus"),
+        "sqrt": _applied("root"),
+        "log": _applied("ln"),
+        "sign": _piecewise((1.0, "gt"), (-1.0, "lt"), otherwise=0.0),
+        "step": _piecewise((1.0, "gt"), otherwise=0.0),
+    },
+)
+
+
+def _comment(law: Law) -> list[str]:
+    """Return the law in lines without what could end a comment."""
+    return [in_line(each).replace("*/", "* /") for each in law.structure]
+
+
+def _quoted(name: str) -> str:
+    """Return a name between double quotes in ASCII, as C, Python and Modelica read it."""
+    return '"' + re.sub(r"[^ !#-\[\]-~]", "_", name) + '"'
+
+
+def _c(system: _System, _: str) -> bytes:
+    def names(kind: str, own: Sequence[str]) -> str:
+        return ", ".join(f"{kind}[{i}] is {name}" for i, name in enumerate(own)) or f"no {kind}"
+
+    x, u, p = (
+        [f"{kind}[{i}]" for i in range(len(own))]
+        for kind, own in (("x", system.states), ("u", system.inputs), ("p", system.parameters))
+    )
+    rows = [", ".join(_number(each) for each in row) or "0.0" for row in system.values]
+    lines = [
+        *(f"// {each}" for each in _comment(system.law)),
+        f"// {names('x', system.states)}; {names('u', system.inputs)}; {names('p', system.parameters)}",
+        "#include <math.h>",
+        "",
+        f"enum {{ STATES = {len(x)}, INPUTS = {len(u)}, PARAMETERS = {len(p)}, OBJECTS = {len(rows)} }};",
+        f"const char *const objects[OBJECTS] = {{{', '.join(map(_quoted, system.objects))}}};",
+        f"const double parameters[OBJECTS][{max(len(p), 1)}] = {{{', '.join(f'{{{row}}}' for row in rows)}}};",
+        "",
+        "// The derivatives of the states at a time, given inputs and the parameters of an object",
+        "void derivatives(double t, const double x[], const double u[], const double p[], double dx[])",
+        "{",
+        "    (void)t, (void)u, (void)p;",
+        *(f"    dx[{i}] = {each};" for i, each in enumerate(system.rates(_C, x, u, "t", p))),
+        "}",
+        "",
+        "// A step of the classical Runge-Kutta method, with constant inputs",
+        "void advance(double t, double h, double x[], const double u[], const double p[])",
+        "{",
+        "    static const double part[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0/6, 1.0/3, 1.0/3, 1.0/6};",
+        "    double k[STATES] = {0.0}, y[STATES], sum[STATES] = {0.0};",
+        "    for (int s = 0; s < 4; s++) {",
+        "        for (int i = 0; i < STATES; i++) y[i] = x[i] + part[s]*h*k[i];",
+        "        derivatives(t + part[s]*h, y, u, p, k);",
+        "        for (int i = 0; i < STATES; i++) sum[i] += weight[s]*k[i];",
+        "    }",
+        "    for (int i = 0; i < STATES; i++) x[i] += h*sum[i];",
+        "}",
+    ]
+    return _joined(lines)
+
+
+def _python(system: _System, _: str) -> bytes:
+    lines = [
+        '"""A law of motion.',
+        "",
+        *(re.sub(r'[\\"]', "_", each) for each in _comment(system.law)),
+        '"""',
+        "",
+        "import math",
+        "",
+        "from scipy.integrate import solve_ivp",
+        "",
+        f"STATES = {[*system.states]}",
+        f"INPUTS = {[*system.inputs]}",
+        "PARAMETERS = {",
+        *(
+            f"    {name!r}: {dict(zip(system.parameters, row, strict=True))},"
+            for name, row in zip(system.objects, system.values.tolist(), strict=True)
+        ),
+        "}",
+        "",
+        "",
+        "def derivatives(t, states, inputs, parameters):",
+        '    """Return the derivatives of the states at a time, given inputs and the parameters of an object."""',
+        *(
+            f"    {', '.join(own)}, = {name}"
+            for own, name in ((system.states, "states"), (system.inputs, "inputs"))
+            if own
+        ),
+        *(f"    {name} = parameters[{name!r}]" for name in system.parameters),
+        f"    return [{', '.join(system.rates(_PYTHON, system.states, system.inputs, 't', system.parameters))}]",
+        "",
+        "",
+        f"def simulate(times, initial={system.initial.tolist()}, name={system.objects[0]!r}, inputs=lambda t: []):",
+        '    """Return the states, shape (times, states), of an object; inputs are a function of time."""',
+        "    span, parameters = (times[0], times[-1]), PARAMETERS[name]",
+        "    found = solve_ivp(lambda t, states: derivatives(t, states, inputs(t), parameters), span,",
+        '                      initial, "LSODA", times, rtol=1e-8, atol=1e-10)',
+        "    return found.y.T",
+    ]
+    return _joined(lines)
+
+
+def _matlab(system: _System, stem: str) -> bytes:
+    function = _plain_names([stem])[0]
+    x, u, p = (
+        [f"{kind}({i + 1})" for i in range(len(own))]
+        for kind, own in (("x", system.states), ("u", system.inputs), ("p", system.parameters))
+    )
+    rows = "; ".join(" ".join(_number(each) for each in row) for row in system.values)
+    texts = ", ".join("'" + _quoted(name)[1:-1].replace("'", "''") + "'" for name in system.objects)
+    lines = [
+        f"function [t, x] = {function}(times, initial, index, inputs)",
+        f"% {function.upper()}  States of an object, by its index, at times from an initial state.",
+        "%   inputs is a function of time, @(t) [...].",
+        *(f"%   {each}" for each in _comment(system.law)),
+        f"%   States: {', '.join(system.states)}. Inputs: {', '.join(system.inputs) or 'none'}.",
+        f"%   Parameters: {', '.join(system.parameters) or 'none'}.",
+        f"    objects = {{{texts}}}; %#ok<NASGU>",
+        f"    parameters = [{rows}];",
+        f"    if nargin < 2, initial = [{' '.join(map(_number, system.initial))}]; end",
+        "    if nargin < 3, index = 1; end",
+        f"    if nargin < 4, inputs = @(t) zeros({max(len(u), 1)}, 1); end",
+        "    options = odeset('RelTol', 1e-8, 'AbsTol', 1e-10);",
+        "    p = parameters(index, :);",
+        "    [t, x] = ode45(@(t, x) derivatives(t, x, inputs(t), p), times, initial, options);",
+        "end",
+        "",
+        "function dx = derivatives(t, x, u, p) %#ok<INUSD>",
+        f"    dx = zeros({len(x)}, 1);",
+        *(f"    dx({i + 1}) = {each};" for i, each in enumerate(system.rates(_MATLAB, x, u, "t", p))),
+        "end",
+    ]
+    return _joined(lines)
+
+
+def _modelica(system: _System, stem: str) -> bytes:
+    package, *models = _plain_names([stem, "Equations", *system.objects])
+    rates = system.rates(_MODELICA, system.states, system.inputs, "time", system.parameters)
+    lines = [
+        f"package {package}",
+        *(f"  // {each}" for each in _comment(system.law)),
+        f"  partial model {models[0]}",
+        *(f"    parameter Real {name};" for name in system.parameters),
+        *(f"    input Real {name};" for name in system.inputs),
+        *(
+            f"    Real {name}(start = {_number(value)}, fixed = true);"
+            for name, value in zip(system.states, system.initial, strict=True)
+        ),
+        "  equation",
+        *(f"    der({name}) = {rate};" for name, rate in zip(system.states, rates, strict=True)),
+        f"  end {models[0]};",
+        "",
+    ]
+    for name, title, row in zip(models[1:], system.objects, system.values, strict=True):
+        given = ", ".join(f"{own} = {_number(each)}" for own, each in zip(system.parameters, row, strict=True))
+        lines += [f"  model {name} {_quoted(title)}", f"    extends {models[0]}{f'({given})' if given else ''};"]
+        lines += [f"  end {name};"]
+    return _joined([*lines, f"end {package};"])
+
+
+def _sbml(system: _System, stem: str) -> bytes:
+    if len(system.objects) > 1:
+        raise CommonlawError("several-objects", objects=", ".join(system.objects))
+    symbols = {name: f"<ci>{name}</ci>" for name in (*system.states, *system.inputs, *system.parameters)}
+    time = '<csymbol encoding="text" definitionURL="http://www.sbml.org/sbml/symbols/time">t</csymbol>'
+    states, inputs, parameters = (
+        [symbols[name] for name in own] for own in (system.states, system.inputs, system.parameters)
+    )
+    rates = system.rates(_MATHML, states, inputs, time, parameters)
+    fixed = dict(zip(system.parameters, system.values[0].tolist(), strict=True))
+    varying = dict(zip(system.states, system.initial.tolist(), strict=True)) | dict.fromkeys(system.inputs, 0.0)
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        '<sbml xmlns="http://www.sbml.org/sbml/level3/version2/core" level="3" version="2">',
+        f'  <model id="{_plain_names([stem])[0]}" name="{escape(in_line(system.objects[0]), {chr(34): "&quot;"})}">',
+        "    <listOfParameters>",
+        *(f'      <parameter id="{name}" value="{value!r}" constant="true"/>' for name, value in fixed.items()),
+        *(f'      <parameter id="{name}" value="{value!r}" constant="false"/>' for name, value in varying.items()),
+        "    </listOfParameters>",
+        "    <listOfRules>",
+    ]
+    for name, rate in zip(system.states, rates, strict=True):
+        math = f'<math xmlns="http://www.w3.org/1998/Math/MathML">{rate}</math>'
+        lines += [f'      <rateRule variable="{name}">', f"        {math}", "      </rateRule>"]
+    return _joined([*lines, "    </listOfRules>", "  </model>", "</sbml>"])
+
+
+def _workbook(system: _System, _: str) -> bytes:
+    """Return a workbook: parameters of all objects and a choice among them, and the Runge-Kutta method in formulas."""
+    openpyxl = optional_import("openpyxl", "writing workbooks", "excel")
+    from openpyxl.utils import get_column_letter as letter
+
+    book = openpyxl.Workbook()
+    sheet, table = book.active, book.create_sheet("Parameters")
+    sheet.title, first, last = "Simulation", 5, 4 + len(system.objects)
+    for at, text in (("A1", "object"), ("B1", system.objects[0]), ("A2", "step"), ("A4", "object")):
+        _put(table, at, text)
+    horizon = system.law.provenance.domain.horizon or 10.0
+    table["B2"] = horizon / _ROWS
+    for i, name in enumerate(system.objects):
+        _put(table, f"A{first + i}", name)
+    for k, name in enumerate(system.parameters):
+        column = letter(k + 2)
+        _put(table, f"{column}4", name)
+        for i, value in enumerate(system.values[:, k].tolist()):
+            table[f"{column}{first + i}"] = value
+        table[f"{column}3"] = f"=INDEX({column}{first}:{column}{last},MATCH($B$1,$A${first}:$A${last},0))"
+    _put(table, "A3", "chosen")
+    parameters = [f"Parameters!${letter(k + 2)}$3" for k in range(len(system.parameters))]
+    states, inputs = len(system.states), len(system.inputs)
+    heads = ["t", *system.states, *system.inputs]
+    heads += [f"k{stage} {name}" for stage in range(1, 5) for name in system.states]
+    for k, head in enumerate(heads):
+        _put(sheet, f"{letter(k + 1)}1", head)
+    for row in range(2, _ROWS + 3):
+        x = [f"{letter(2 + j)}{row}" for j in range(states)]
+        u, later = ([f"{letter(2 + states + i)}{at}" for i in range(inputs)] for at in (row, row + 1))
+        slopes = [
+            [f"{letter(2 + states + inputs + stage * states + j)}{row}" for j in range(states)] for stage in range(4)
+        ]
+        h = "Parameters!$B$2"
+        sheet[f"A{row}"] = 0.0 if row == 2 else f"=A{row - 1}+{h}"
+        for cell in u:
+            sheet[cell] = 0.0
+        for j, cell in enumerate(x):
+            stages = [f"{letter(2 + states + inputs + stage * states + j)}{row - 1}" for stage in range(4)]
+            sum_ = f"({stages[0]}+2*{stages[1]}+2*{stages[2]}+{stages[3]})/6"
+            sheet[cell] = float(system.initial[j]) if row == 2 else f"={letter(2 + j)}{row - 1}+{h}*{sum_}"
+        if row > _ROWS + 1:
+            break
+        middle = [f"({here}+{there})/2" for here, there in zip(u, later, strict=True)]
+        for stage, (part, given) in enumerate(((0.0, u), (0.5, middle), (0.5, middle), (1.0, later))):
+            point = x if stage == 0 else [f"({here}+{part}*{h}*{slopes[stage - 1][j]})" for j, here in enumerate(x)]
+            rates = system.rates(_EXCEL, point, given, f"(A{row}+{part}*{h})", parameters)
+            for j, rate in enumerate(rates):
+                sheet[slopes[stage][j]] = f"={rate}"
+    content = BytesIO()
+    book.save(content)
+    return content.getvalue()
+
+
+def _put(sheet: "Worksheet", at: str, text: str) -> None:
+    """Write a text that is no formula, whatever it begins with."""
+    sheet[at] = re.sub(r"[\x00-\x1f]", "_", text)
+    sheet[at].data_type = "s"
+
+
+def _joined(lines: Sequence[str]) -> bytes:
+    return "\n".join([*lines, ""]).encode()
+
+
+WRITERS: Mapping[str, Callable[[_System, str], bytes]] = {
+    ".c": _c,
+    ".py": _python,
+    ".m": _matlab,
+    ".mo": _modelica,
+    ".xml": _sbml,
+    ".sbml": _sbml,
+    ".xlsx": _workbook,
+}
+"""What writes a law, by the ending of the file."""
+
+
+def exported(law: Law, path: str | os.PathLike[str], name: str | None = None, initial: Any = None) -> bytes:
+    """Return the content of a file that a law is exported to, see `Law.export`."""
+    file = Path(path)
+    if file.suffix.lower() not in WRITERS:
+        raise CommonlawError("export-format", path=str(path), endings=[*WRITERS])
+    return WRITERS[file.suffix.lower()](_system(law, name, initial), file.stem)

@@ -1,0 +1,253 @@
+"""Laws in other languages: what was written is compiled, run or interpreted, and compared with `Law.simulate`."""
+
+import ctypes
+import math
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import openpyxl
+import pytest
+from openpyxl.utils import range_boundaries
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+from commonlaw.law.export import _plain_names
+from tests.refusals import refused
+
+TIMES = np.linspace(0.0, 2.0, 11)
+
+LAWS = {
+    "two objects": ("x'' = -g - c v", {"g": 9.8, "c": {"Ball 1": 0.2, '=Ball " 2*/': 0.5}}, [20.0, 1.0]),
+    "ratio": ("s' = -V s/(K + s); b' = m s b/(K + s) - 0.1 b", {"V": 1.0, "K": 0.7, "m": 0.4}, [3.0, 0.2]),
+    "functions": (
+        "x' = a exp(-x) + b cos(2 t) - c abs(x)^1.5 sign(x) + log(1 + x^2) - d sqrt(abs(x)) tanh(x); y' = -y^2 + f x",
+        {"a": 0.5, "b": 0.3, "c": 0.2, "d": 0.1, "f": -0.3},
+        [0.5, 1.0],
+    ),
+    "mixed orders": (
+        "q'' = -a sin(q) - b q' + k i; i' = -r i + 0.2 q",
+        {"a": 4.0, "b": 0.1, "k": 2.0, "r": 0.5},
+        [0.5, 1.0, 0.1],
+    ),
+    "names": ("`dry weight`' = r `dry weight` (1 - `dry weight`/end)", {"r": 0.8, "end": 2.0}, [0.1]),
+}
+"""Equations, parameters and initial states."""
+
+
+@pytest.fixture(params=LAWS)
+def case(request):
+    """Return a law, initial states, and the states of each object by `Law.simulate`."""
+    text, values, initial = LAWS[request.param]
+    law = cl.Law.from_text(text, values)
+    return law, initial, {name: each.states for name, each in law.simulate(TIMES, initial).items()}
+
+
+def integrated(rates, initial):
+    """Return the states of derivatives, a function of time and states."""
+    return solve_ivp(rates, (0.0, TIMES[-1]), initial, "LSODA", TIMES, rtol=1e-9, atol=1e-11).y.T
+
+
+def as_python(text, power="^"):
+    return text.replace(power, "**").rstrip(";")
+
+
+FUNCTIONS = {
+    name: getattr(math, name) for name in ("exp", "log", "sin", "cos", "tan", "tanh", "sqrt", "atan", "sinh", "cosh")
+} | {"abs": abs, "sign": lambda x: int(x > 0) - int(x < 0)}
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no C compiler")
+def test_c_is_compiled_and_run(case, tmp_path):
+    law, initial, expected = case
+    law.export(tmp_path / "law.c")
+    flags = ["-O1", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC", "-lm"]
+    subprocess.run(["gcc", tmp_path / "law.c", "-o", tmp_path / "law.so", *flags], check=True)
+    library = ctypes.CDLL(str(tmp_path / "law.so"))
+    count, rows = ctypes.c_double * len(initial), np.array(law.coefficients).shape[0]
+    table = (ctypes.c_double * (rows * 64)).in_dll(library, "parameters")
+    width = int(re.search(r"OBJECTS\]\[(\d+)\]", (tmp_path / "law.c").read_text())[1])
+    for i, name in enumerate(law.objects):
+        parameters, state = (ctypes.c_double * width)(*table[i * width : (i + 1) * width]), count(*initial)
+        found, steps = [list(state)], 200
+        for at in TIMES[:-1]:
+            h = (TIMES[1] - TIMES[0]) / steps
+            for n in range(steps):
+                library.advance(ctypes.c_double(at + n * h), ctypes.c_double(h), state, None, parameters)
+            found.append(list(state))
+        np.testing.assert_allclose(found, expected[name], rtol=1e-6, atol=1e-7)
+
+
+def test_python_is_run(case, tmp_path):
+    law, initial, expected = case
+    law.export(tmp_path / "law.py")
+    space = {}
+    exec((tmp_path / "law.py").read_text(), space)
+    for name in law.objects:
+        np.testing.assert_allclose(space["simulate"](TIMES, initial, name), expected[name], rtol=1e-5, atol=1e-6)
+
+
+def test_matlab_has_the_equations(case, tmp_path):
+    law, initial, expected = case
+    law.export(tmp_path / "law.m")
+    text = (tmp_path / "law.m").read_text()
+    assert text.startswith("function [t, x] = law(times")
+    rows = re.search(r"parameters = \[(.*)\];", text)[1].split("; ")
+    lines = [as_python(each) for each in re.findall(r"dx\(\d+\) = (.*);", text)]
+    lines = [re.sub(r"\b([xp])\((\d+)\)", lambda m: f"{m[1]}[{int(m[2]) - 1}]", each) for each in lines]
+    for name, row in zip(law.objects, rows, strict=True):
+        p = [float(each.strip("()")) for each in row.split()]
+
+        def rates(t, x, p=p):
+            return [eval(each, {**FUNCTIONS, "t": t, "x": x, "p": p}) for each in lines]
+
+        np.testing.assert_allclose(integrated(rates, initial), expected[name], rtol=1e-5, atol=1e-6)
+
+
+def test_modelica_has_the_equations(case, tmp_path):
+    law, initial, expected = case
+    law.export(tmp_path / "law.mo", initial=initial)
+    text = (tmp_path / "law.mo").read_text()
+    states = re.findall(r"Real (\w+)\(start = ([^,]*), fixed", text)
+    assert [float(value.strip("()")) for _, value in states] == initial
+    lines = [as_python(each) for each in re.findall(r"der\(\w+\) = (.*);", text)]
+    given = re.findall(r"extends Equations_\((.*)\);", text)
+    for name, row in zip(law.objects, given, strict=True):
+        known = {key: float(value.strip("()")) for key, value in (each.split(" = ") for each in row.split(", "))}
+
+        def rates(t, x, known=known):
+            names = dict(zip([each for each, _ in states], x, strict=True))
+            return [eval(each, {**FUNCTIONS, **known, **names, "time": t}) for each in lines]
+
+        np.testing.assert_allclose(integrated(rates, initial), expected[name], rtol=1e-5, atol=1e-6)
+
+
+SBML = "{http://www.sbml.org/sbml/level3/version2/core}"
+MATHML = "{http://www.w3.org/1998/Math/MathML}"
+OPERATIONS = {
+    "plus": lambda *x: math.fsum(x),
+    "minus": lambda *x: -x[0] if len(x) == 1 else x[0] - x[1],
+    "times": lambda *x: math.prod(x),
+    "divide": lambda x, y: x / y,
+    "power": lambda x, y: x**y,
+    "root": math.sqrt,
+    "ln": math.log,
+    "arctan": math.atan,
+    "gt": lambda x, y: x > y,
+    "lt": lambda x, y: x < y,
+    **FUNCTIONS,
+}
+
+
+def mathml(node, values):
+    """Return the value of MathML, as SBML has it."""
+    kind, inner = node.tag.removeprefix(MATHML), list(node)
+    if kind == "cn":
+        return float(f"{node.text}e{inner[0].tail}") if node.get("type") == "e-notation" else float(node.text)
+    if kind in ("ci", "csymbol"):
+        return values["time" if kind == "csymbol" else node.text]
+    if kind == "piecewise":
+        for piece in inner:
+            parts = list(piece)
+            if len(parts) == 1 or mathml(parts[1], values):
+                return mathml(parts[0], values)
+    operator, *operands = inner
+    return OPERATIONS[operator.tag.removeprefix(MATHML)](*(mathml(each, values) for each in operands))
+
+
+def test_sbml_is_interpreted(case, tmp_path):
+    law, initial, expected = case
+    for name in law.objects:
+        law.export(tmp_path / "law.xml", name, initial)
+        root = ET.parse(tmp_path / "law.xml").getroot()
+        assert root.tag == f"{SBML}sbml"
+        assert (root.get("level"), root.get("version")) == ("3", "2")
+        known = {each.get("id"): each for each in root.iter(f"{SBML}parameter")}
+        rules = {each.get("variable"): each[0][0] for each in root.iter(f"{SBML}rateRule")}
+        assert {key for key, each in known.items() if each.get("constant") == "false"} == {*rules}
+        values = {key: float(each.get("value")) for key, each in known.items()}
+
+        def rates(t, x, values=values, rules=rules):
+            here = {**values, **dict(zip(rules, x, strict=True)), "time": t}
+            return [mathml(each, here) for each in rules.values()]
+
+        start = [values[each] for each in rules]
+        assert start == initial
+        np.testing.assert_allclose(integrated(rates, start), expected[name], rtol=1e-5, atol=1e-6)
+
+
+def computed(book):
+    """Return what computes a cell of a workbook by its formula: sheet and place."""
+    known = {}
+
+    def value(sheet, at):
+        key = sheet, at.replace("$", "")
+        if key not in known:
+            content = book[sheet][key[1]].value
+            is_formula = isinstance(content, str) and book[sheet][key[1]].data_type == "f"
+            known[key] = evaluated(sheet, content[1:]) if is_formula else content
+        return known[key]
+
+    def evaluated(sheet, formula):
+        if found := re.fullmatch(r"INDEX\((\S+),MATCH\((\S+),(\S+),0\)\)", formula):
+            _, top, _, bottom = range_boundaries(found[3])
+            cells = [value(sheet, f"A{row}") for row in range(top, bottom + 1)]
+            row = range_boundaries(found[1])[1] + cells.index(value(sheet, found[2]))
+            return value(sheet, f"{re.match('[A-Z]+', found[1])[0]}{row}")
+        reference = r"(?:(Parameters)!)?(\$?[A-Z]+\$?\d+)\b"
+        code = re.sub(reference, lambda found: f"value({(found[1] or sheet)!r}, {found[2]!r})", formula)
+        functions = {name.upper(): each for name, each in FUNCTIONS.items()} | {"LN": math.log}
+        return eval(code.replace("^", "**"), {**functions, "value": value})
+
+    return value
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_workbooks_integrate(case, tmp_path):
+    law, initial, _ = case
+    law.export(tmp_path / "law.xlsx", initial=initial)
+    book = openpyxl.load_workbook(tmp_path / "law.xlsx")
+    step = book["Parameters"]["B2"].value
+    times = step * np.arange(31)
+    expected = law.simulate(times, initial)
+    for name in law.objects:
+        book["Parameters"]["B1"] = name
+        book["Parameters"]["B1"].data_type = "s"
+        value = computed(book)
+        rows = [[value("Simulation", f"{'ABCDEFG'[j]}{row}") for j in range(len(initial) + 1)] for row in range(2, 33)]
+        np.testing.assert_allclose([row[0] for row in rows], times)
+        np.testing.assert_allclose([row[1:] for row in rows], expected[name].states, rtol=1e-4, atol=1e-5)
+
+
+def test_inputs_are_arguments(tmp_path):
+    law = cl.Law.from_text("x' = (G u - x)/T", {"G": 2.0, "T": 0.5}, inputs=("u",))
+    law.export(tmp_path / "lag.py")
+    space = {}
+    exec((tmp_path / "lag.py").read_text(), space)
+    found = space["simulate"](TIMES, [0.0], inputs=lambda _: [1.0])
+    np.testing.assert_allclose(found[:, 0], 2.0 * (1 - np.exp(-TIMES / 0.5)), rtol=1e-5, atol=1e-7)
+    law.export(tmp_path / "lag.mo")
+    assert "input Real u;" in (tmp_path / "lag.mo").read_text()
+
+
+def test_what_has_no_common_form_is_refused(tmp_path):
+    law = cl.Law.from_text("x' = -k x", {"k": {"A": 1.0, "B": 2.0}})
+    with refused("export-format"):
+        law.export(tmp_path / "law.f90")
+    with refused("several-objects"):
+        law.export(tmp_path / "law.xml")
+    with refused("export-initial"):
+        law.export(tmp_path / "law.c", initial=[1.0, 2.0])
+    with refused("unknown-name"):
+        law.export(tmp_path / "law.c", "C")
+    with refused("export-unsupported"):
+        cl.Law.from_text("x[k+1] = r x", {"r": 0.5}).export(tmp_path / "law.c")
+
+
+def test_names_are_different_words_of_every_language():
+    names = ["x", "X", "while", "dx/dt", "3", "Länge", "x'", "", "__"]
+    found = _plain_names(names)
+    assert len({each.lower() for each in found}) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z]\w*", each, re.ASCII) for each in found)
