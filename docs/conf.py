@@ -200,7 +200,7 @@ class Quantities(SphinxDirective):
         for form in forms():
             more = "; further terms without a state may be added" if form.forced else ""
             if form.title not in shown:
-                lines += [f"## {form.title}", ""]
+                lines += [f"### {form.title}", ""]
             lines += [f"`{equations}`{more}", ""] if (equations := "`, `".join(form.equations)) else []
             if form.title not in shown:
                 lines += ["| quantity | symbol | formula |", "|---|---|---|"]
