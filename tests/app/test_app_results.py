@@ -241,7 +241,7 @@ def test_the_program_of_a_data_set_finds_its_law_again_without_a_file(tmp_path, 
 
 def check_program(question, table):
     """Check that the program of a question makes the law that a search finds, and judges it as the page does."""
-    made = next(answer(question, table, lambda _: None))
+    made = next(answer(question, table, None, lambda _: None))
     scope = {}
     exec(to_script(made.law, question.source(table)), scope)
     assert scope["law"].terms.names == made.law.terms.names

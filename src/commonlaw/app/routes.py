@@ -5,10 +5,12 @@ import re
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, nullcontext
 from functools import partial, wraps
+from io import BytesIO
 from pkgutil import get_data
 from typing import Any
 
 import msgspec
+import pandas as pd
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
@@ -21,14 +23,17 @@ from commonlaw.app.figures import curves, figure_file, one_draws
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
 from commonlaw.app.question import Columns, Question, message, named, settings_form, text_in_page
 from commonlaw.app.result import Found, compared
+from commonlaw.app.saved import Named, SavedSessions
 from commonlaw.app.sessions import Search, Sessions
 from commonlaw.app.working import prepare
 from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
-from commonlaw.law import to_json, to_script
+from commonlaw.law import Law, to_json, to_script
+from commonlaw.law.law import shares_terms
 from commonlaw.law.script import Source
-from commonlaw.law.tables import coefficient_rows
+from commonlaw.law.tables import coefficient_rows, to_frame
 from commonlaw.report import law_report, to_page
+from commonlaw.runtime.packages import optional_import
 from commonlaw.runtime.reading import read_json
 
 _SCRIPTS = (
@@ -46,6 +51,7 @@ _SCRIPTS = (
     "panels",
     "plots",
     "question",
+    "sessions",
     "take",
     "uplot",
 )
@@ -96,6 +102,12 @@ def application(sessions: Sessions) -> Starlette:
         ("/messages/{code}", "GET", _message),
         ("/tables", "POST", _add_table),
         ("/datasets", "POST", _add_data_set),
+        ("/sessions", "GET", _saved),
+        ("/sessions", "POST", _save),
+        ("/sessions/{key}", "POST", _open),
+        ("/sessions/{key}", "DELETE", _delete),
+        ("/sessions/{key}/undo", "POST", _undo),
+        ("/sessions/{key}/restored", "POST", _restore),
         ("/previews", "POST", _preview),
         ("/equations", "POST", _equations),
         ("/settings", "GET", _settings),
@@ -116,7 +128,7 @@ def application(sessions: Sessions) -> Starlette:
     ):
         routes.append(Route(path, _mended(answer, nullcontext() if answer in _LIGHT else few), methods=[method]))
     made = Starlette(routes=routes)
-    made.state.sessions = sessions
+    made.state.sessions, made.state.saved = sessions, SavedSessions()
     return made
 
 
@@ -246,6 +258,34 @@ async def _experiments(sessions: Sessions, request: Request) -> Response:
     return _json(await run_in_threadpool(suggested, found, asked))
 
 
+async def _saved(_: Sessions, request: Request) -> Response:
+    """List the sessions on disk."""
+    return _json(await run_in_threadpool(request.app.state.saved.listed))
+
+
+async def _save(sessions: Sessions, request: Request) -> Response:
+    asked = read_json(await request.body(), Named)
+    return _json(await run_in_threadpool(request.app.state.saved.save, asked, sessions))
+
+
+async def _open(sessions: Sessions, request: Request) -> Response:
+    return _json(await run_in_threadpool(request.app.state.saved.open, request.path_params["key"], sessions))
+
+
+async def _undo(sessions: Sessions, request: Request) -> Response:
+    return _json(await run_in_threadpool(request.app.state.saved.undo, request.path_params["key"], sessions))
+
+
+async def _delete(_: Sessions, request: Request) -> Response:
+    await run_in_threadpool(request.app.state.saved.delete, request.path_params["key"])
+    return _json({})
+
+
+async def _restore(_: Sessions, request: Request) -> Response:
+    await run_in_threadpool(request.app.state.saved.restore, request.path_params["key"])
+    return _json({})
+
+
 async def _laws(sessions: Sessions, _: Request) -> Response:
     """List the laws that were found."""
     return _json(sessions.laws())
@@ -317,6 +357,21 @@ def _figure(name: str, found: Found, source: Source | None) -> bytes:
     return figure_file(name, found, source or Source())
 
 
+def _wide(law: Law) -> pd.DataFrame:
+    return to_frame(law, errors=law.uncertainty.covariance is not None)
+
+
+def _workbook(found: Found, _: Source | None) -> bytes:
+    """Return the coefficients as a workbook: a row for each object, and a sheet with a row for each coefficient."""
+    optional_import("openpyxl", "a workbook", "excel")
+    content, law = BytesIO(), found.law
+    with pd.ExcelWriter(content, engine="openpyxl") as book:
+        if shares_terms(law):
+            _wide(law).to_excel(book, sheet_name="objects")
+        coefficient_rows(law).to_excel(book, sheet_name="coefficients", index=False)
+    return content.getvalue()
+
+
 def _curves(kind: str, found: Found, _: Source | None) -> str:
     return str(curves(found, getattr(found.findings, kind)).to_frame().to_csv(index=False))
 
@@ -328,6 +383,8 @@ _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {
     "law.json": lambda found, _: to_json(found.law),
     "law.py": _script,
     "law.tex": lambda found, _: found.law.to_latex(found.law.objects[0]),
+    "coefficients.tsv": lambda found, _: _wide(found.law).to_csv(sep="\t", lineterminator="\n"),
+    "coefficients.xlsx": _workbook,
     "coefficients.csv": lambda found, _: coefficient_rows(found.law).to_csv(index=False, lineterminator="\n"),
     "report.html": _report,
     "law.svg": partial(_figure, "law.svg"),

@@ -34,9 +34,11 @@ class Search:
     question: Question
     table: Table
     fits: list[Work[ShownLaw]] = field(default_factory=list)
+    law: str | None = None
+    """The law that it found before, if it was saved since."""
 
     def __post_init__(self) -> None:
-        self._work = Work(partial(answer, self.question, self.table))
+        self._work = Work(partial(answer, self.question, self.table, self.law))
 
     @property
     def is_running(self) -> bool:
@@ -102,15 +104,15 @@ class Search:
         return self.fits[-1].state() | {"at": len(self.found.candidates) - 1}
 
 
-def answer(question: Question, table: Table, show: Callable[[str], None]) -> Iterator[Found]:
-    """Yield what a question asked of a table finds, with more and more candidates; the work of a search."""
+def answer(question: Question, table: Table, known: str | None, show: Callable[[str], None]) -> Iterator[Found]:
+    """Yield what a question asked of a table finds, with more and more candidates; or of a known law."""
     from commonlaw.discovery import discover
 
     show("reading the table")
     trials = table.trials(question.columns)
     training = question.hold_out.training(trials)
-    if question.law is not None:
-        law = from_json(question.law)
+    if (given := known or question.law) is not None:
+        law = from_json(given)
     elif question.equations is not None:
         law = question.equations.fit(training, question.fit_settings | {"progress": part(show, 0.0, SEARCHED)})
     else:
@@ -182,8 +184,8 @@ class Sessions:
             self.latest = {"table": name}
         return name
 
-    def search(self, question: Question) -> str:
-        """Begin a search, and return its name.
+    def search(self, question: Question, law: str | None = None) -> str:
+        """Begin a search, or show the law that it found before, and return its name.
 
         Raises
         ------
@@ -194,7 +196,7 @@ class Sessions:
         with self._beginning:
             table = self.tables.get(question.table)
             self._check_room(())
-            name = self.searches.add(Search(question, table))
+            name = self.searches.add(Search(question, table, law=law))
             self.latest = {"table": question.table, "search": name}
         return name
 

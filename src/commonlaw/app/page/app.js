@@ -11,6 +11,7 @@ import { showBudget, suggest } from "./next.js";
 import { forecastOwn } from "./own.js";
 import { findPanels } from "./panels.js";
 import { makeSettings, showHeld, showLibraries, showQuestion, showSearch, start } from "./question.js";
+import { copyCoefficients, deleteSession, offerSessions, openSession, saveSession, undoSession } from "./sessions.js";
 import { take } from "./take.js";
 
 const drop = $("drop");
@@ -44,6 +45,7 @@ $("log").addEventListener("change", showCurves);
 for (const id of ["starts_given", "starts_at"]) $(id).addEventListener("change", takeGiven);
 for (const id of ["figure", "figure_object", "figure_parameter"]) $(id).addEventListener("change", choose);
 $("draw").addEventListener("click", drawFigure);
+for (const [id, work] of [["session_open", openSession], ["session_save", saveSession], ["session_delete", deleteSession], ["session_undo", undoSession], ["copy", copyCoefficients]]) $(id).addEventListener("click", work);
 $("rival").addEventListener("change", compare);
 $("write_from").addEventListener("change", startFrom);
 $("write_object").addEventListener("change", showValues);
@@ -61,6 +63,7 @@ $("saved").addEventListener("change", async () => $("saved").files[0] && start({
 const kept = new URLSearchParams(location.hash.slice(1)), last = kept.size ? Object.fromEntries(kept) : await ask("first");
 await trying("failure", async () => {
   await makeSettings();
+  await offerSessions();
   Object.assign(state, { table: last.table ?? null, search: last.search ?? null });
   const asked = state.search && await ask(`searches/${state.search}/question`);
   if (asked) Object.assign(state, { table: asked.table, columns: asked.columns });

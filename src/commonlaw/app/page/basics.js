@@ -1,7 +1,7 @@
 // What all parts of the page share: what they know, asking the server, making elements, waiting for work.
 
 export const $ = id => document.getElementById(id);
-export const state = { table: null, search: null, preview: null, found: null, columns: {}, at: 0, written: null, excluding: false };
+export const state = { table: null, search: null, preview: null, found: null, columns: {}, at: 0, written: null, excluding: false, session: null };
 
 /** What the server answers; where it does not, what has happened and what to do. */
 export async function reach(path, options = {}) {

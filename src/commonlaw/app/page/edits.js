@@ -2,6 +2,7 @@
 import { $, element, state, tidy, trying } from "./basics.js";
 import { showCurves } from "./curves.js";
 import { recognise } from "./measurements.js";
+import { saveAgain } from "./sessions.js";
 
 const said = value => String(tidy(value));
 
@@ -28,6 +29,7 @@ async function change(edits) {
   state.columns = { ...state.columns, edits };
   Object.assign(state, { found: null, search: null });
   await trying("failure", recognise);
+  await saveAgain();
 }
 
 const add = (...more) => change([...state.columns.edits ?? [], ...more]);

@@ -3,6 +3,7 @@ import { $, ask, element, fill, plural, remember, state, tell, trying } from "./
 import { showEdits } from "./edits.js";
 import { showMeasured } from "./curves.js";
 import { beginEquations } from "./equations.js";
+import { showSession } from "./sessions.js";
 import { showHeld, showLibraries } from "./question.js";
 
 async function openTable(made) {
@@ -13,6 +14,7 @@ async function openTable(made) {
     $("columns").open = false;
     remember();
     await recognise();
+    showSession();
   });
 }
 

@@ -2,6 +2,7 @@
 import { $, ask, element, follow, remember, state, trying } from "./basics.js";
 import { showMeasured } from "./curves.js";
 import { restoreEquations } from "./equations.js";
+import { saveAgain } from "./sessions.js";
 import { followFit, settle, show } from "./law.js";
 
 const LIBRARIES = [
@@ -98,6 +99,7 @@ export async function showSearch() {
       const made = await ask(`${path}/found`);
       if (!left()) show(made);
     });
+    if (told) await saveAgain();
     if (told?.fitting) trying("terms_failed", followFit);
   } finally {
     if (state.search === search || !state.search) $("start").disabled = state.busy = false;

@@ -2,7 +2,7 @@
 import { $, element, plural, reach, state } from "./basics.js";
 
 const FILES = {
-  "report.html": "report with all results, one page", "law.json": "law, to be opened again", "coefficients.csv": "coefficients with standard errors",
+  "report.html": "report with all results, one page", "law.json": "law, to be opened again", "coefficients.csv": "coefficients with standard errors", "coefficients.xlsx": "the same for Excel",
   "fit.csv": "measured and fitted states, with bands", "forecasts.csv": "forecasts from the first samples, with bands", "law.svg": "figure of the law and its fit", "law.png": "the same figure as an image", "law.tex": "equations in LaTeX",
   "law.py": "Python program that reproduces the search",
 };
