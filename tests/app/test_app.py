@@ -62,6 +62,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         taken = {each.text: each.get_attribute("href") for each in page.find_elements("css selector", "#files a")}
         taken = {name: app.say("GET", link.partition(app.host)[2], patience=120)[1] for name, link in taken.items()}
         assert taken.pop("law.png").startswith(b"\x89PNG")
+        assert taken.pop("coefficients.xlsx").startswith(b"PK")
         taken = {name: content.decode() for name, content in taken.items()}
         law = from_json(taken["law.json"])
         assert law.structure == ("x'' = a + b v",)
