@@ -269,7 +269,7 @@ async def _save(sessions: Sessions, request: Request) -> Response:
 
 
 async def _open(sessions: Sessions, request: Request) -> Response:
-    return _json(await run_in_threadpool(request.app.state.saved.open, request.path_params["key"], sessions))
+    return _json(await run_in_threadpool(request.app.state.saved.resume, request.path_params["key"], sessions))
 
 
 async def _undo(sessions: Sessions, request: Request) -> Response:

@@ -13,7 +13,7 @@ from commonlaw.app.question import Columns, Question, Table
 from commonlaw.app.sessions import Sessions
 from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
-from commonlaw.runtime.files import make_folder, write_whole
+from commonlaw.runtime.files import make_folder, remove_file, write_whole
 from commonlaw.runtime.reading import read_file, read_json
 
 FOLDER = "COMMONLAW_SESSIONS"
@@ -98,7 +98,7 @@ class SavedSessions:
         states = (*states[:-1], state) if is_same else (*states, state)[-_STATES:]
         return self._write(key, Session(name, _now(), sessions.tables.get(asked.table), states))
 
-    def open(self, key: str, sessions: Sessions) -> dict[str, Any]:
+    def resume(self, key: str, sessions: Sessions) -> dict[str, Any]:
         """Open the present state of a session, and return where the page goes on."""
         session = self._read(key)
         state = session.states[-1]
@@ -120,12 +120,12 @@ class SavedSessions:
         if len(session.states) < 2:
             raise CommonlawError("session-at-first-state")
         self._write(key, msgspec.structs.replace(session, states=session.states[:-1]))
-        return self.open(key, sessions)
+        return self.resume(key, sessions)
 
     def delete(self, key: str) -> None:
         """Delete a session; `restore` brings it back."""
         self._deleted[key] = read_file(self._path(key))
-        self._path(key).unlink(missing_ok=True)
+        remove_file(self._path(key))
 
     def restore(self, key: str) -> None:
         """Bring a session back that was deleted since the app began."""
@@ -148,8 +148,7 @@ class SavedSessions:
         return found
 
     def _write(self, key: str, session: Session) -> dict[str, Any]:
-        make_folder(self.folder)
-        self.folder.chmod(0o700)
+        make_folder(self.folder, private=True)
         write_whole(self._path(key), msgspec.json.encode(session))
         return _summary(key, session)
 

@@ -100,15 +100,23 @@ def check_targets(paths: Iterable[AnyPath], inputs: Iterable[AnyPath] = ()) -> "
     return tuple(targets)
 
 
-def make_folder(folder: AnyPath) -> None:
-    """Make a folder, and those that it is in, where they are not there yet.
+def make_folder(folder: AnyPath, private: bool = False) -> None:
+    """Make a folder, and those that it is in, where they are not there yet; a private one for nobody else.
 
     Raises `CommonlawError` if it cannot be made.
     """
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
+        if private:
+            Path(folder).chmod(0o700)
     except (OSError, ValueError) as error:
         raise CommonlawError("folder-not-made", folder=str(folder), reason=_reason(error)) from error
+
+
+def remove_file(file: Path) -> None:
+    """Remove a file, if it is there."""
+    with _refused(file):
+        file.unlink(missing_ok=True)
 
 
 def mark_as_used(file: Path) -> None:
