@@ -54,6 +54,7 @@ def test_a_session_is_saved_continued_by_another_app_and_taken_back(page, table,
 
     with served(environment={"COMMONLAW_SESSIONS": str(folder)}) as app:
         open_page(page, app)
+        page.get_log("browser")  # The page before may have asked the app that has ended
         wait(page, "!$('resume').hidden")
         assert "falling balls (drops.csv, " in text(page, "saved_sessions")
         assert serious(page) == []
