@@ -1,16 +1,21 @@
 """A report opens in a browser, from disk and without a network; and the check of that sees what is wrong."""
 
+import base64
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from selenium.webdriver import Chrome
 
+import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.plots import plot_trials
-from commonlaw.report import Picture, Report, Section, Table, Text, Verdict, write_report
+from commonlaw.report import Picture, Report, Section, Table, Text, Verdict, law_report, to_page, write_report
 from commonlaw.report.document import KINDS
+from commonlaw.verdict import find
 
 CheckPage = Callable[[Path], None]
 
@@ -67,3 +72,20 @@ def test_the_check_sees_what_is_wrong(check_page: CheckPage, tmp_path: Path, bod
     )
     with pytest.raises(AssertionError, match=fault):
         check_page(page)
+
+
+def test_a_report_of_three_objects_prints_on_six_pages_with_title_and_file(browser: Chrome, tmp_path: Path) -> None:
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), noise=0.05)
+    learned = drops.select(trial=1)
+    law = cl.discover(learned, order=2, library="poly:2")
+    made = law_report(find(law, drops, learned), title="Balls & <drag>", about="drops.csv, 2026-01-01, SHA-256 0a1b")
+    page = tmp_path / "report.html"
+    page.write_bytes(to_page(made))
+    browser.get(page.as_uri())
+    assert browser.find_element("tag name", "h1").text == "Balls & <drag>"
+    text = browser.find_element("tag name", "body").text
+    assert "drops.csv, 2026-01-01, SHA-256 0a1b" in text
+    assert "In short: the equations say how x changes at every moment" in text
+    assert browser.find_elements("css selector", "#methods math")
+    printed = base64.b64decode(browser.print_page())
+    assert 1 < len(re.findall(rb"/Type\s*/Page\b", printed)) <= 6

@@ -4,7 +4,9 @@ import asyncio
 import re
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, nullcontext
+from datetime import datetime
 from functools import partial, wraps
+from hashlib import sha256
 from io import BytesIO
 from pkgutil import get_data
 from typing import Any
@@ -302,7 +304,7 @@ async def _file(sessions: Sessions, request: Request) -> Response:
     name, candidate = request.path_params["file"], request.query_params.get("candidate", "")
     if name not in _MAKERS:
         raise CommonlawError("download-name", name=name, files=_MAKERS)
-    content = await run_in_threadpool(_made, search, name, candidate)
+    content = await run_in_threadpool(_made, search, name, candidate, request.query_params.get("title", "")[:120])
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type="application/octet-stream", headers=headers)
 
@@ -325,11 +327,17 @@ async def _figure_file(sessions: Sessions, request: Request) -> Response:
     return Response(content, media_type=kind, headers={"content-disposition": f'attachment; filename="{name}"'})
 
 
-def _made(search: Search, name: str, candidate: str) -> str | bytes:
+def _made(search: Search, name: str, candidate: str, title: str) -> str | bytes:
     """Return a file of a candidate; if none is named, of the law."""
     index = 0 if not candidate else _number_in(candidate)
     # Only for the law, the first candidate, there is a program that finds it in the table
-    return _MAKERS[name](search.found.of_candidate(index), None if index else search.question.source(search.table))
+    found, source = search.found.of_candidate(index), None if index else search.question.source(search.table)
+    if name == "report.html":
+        table = search.table
+        checksum = sha256(table.content).hexdigest() if table.content else ""
+        parts = (table.name, datetime.now().astimezone().strftime("%Y-%m-%d"), checksum and f"SHA-256 {checksum}")
+        return _report(found, source, title, ", ".join(filter(None, parts)))
+    return _MAKERS[name](found, source)
 
 
 def _number_in(text: str) -> int:
@@ -345,11 +353,13 @@ def _script(found: Found, source: Source | None) -> str:
     return to_script(found.law, source)
 
 
-def _report(found: Found, source: Source | None) -> str:
+def _report(found: Found, source: Source | None, title: str = "", about: str = "") -> str:
     fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
     rivals = sorted(fitted, key=lambda each: each.size)
     with one_draws:
-        made = law_report(found.findings, table=source or "", words=text_in_page, rivals=rivals)
+        made = law_report(
+            found.findings, table=source or "", words=text_in_page, rivals=rivals, title=title, about=about
+        )
         return to_page(made).decode()
 
 

@@ -58,6 +58,8 @@ def law_report(
     progress: Callable[[str], None] = lambda _: None,
     rivals: Sequence[CandidateLaw] = (),
     everything: ManyFindings | None = None,
+    title: str = "",
+    about: str = "",
 ) -> Report:
     """Return the report of a law.
 
@@ -75,12 +77,15 @@ def law_report(
         Candidates that were fitted before, the law among them; default: fitted for the report.
     everything
         Results of all objects of a stream, if the findings are about a few of them.
+    title, about
+        The title, "A law of" the states by default; and a line below it, such as file, date and checksum.
     """
     check_packages()
     case, law = LawCase(findings, words, tuple(rivals)), findings.law
     first, *others = map(literal, findings.sentences)
-    summary = f"**{first}**{law_markdown(law)}"
-    title = f"A law of {', '.join(law.schema.states)}"
+    above = f"{literal(about)}\n\n" if about else ""
+    summary = f"{above}**{first}**{law_markdown(law)}{law_sections.in_short(case)}"
+    title = title or f"A law of {', '.join(law.schema.states)}"
     parts = (
         curves.fit,
         law_sections.coefficients,
@@ -91,6 +96,7 @@ def law_report(
         law_sections.experiments,
         law_sections.data_checks,
         law_sections.choices,
+        law_sections.methods,
     )
     sections = [all_objects(everything)] if everything else []
     for part in parts:

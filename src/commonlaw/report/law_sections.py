@@ -112,6 +112,40 @@ def choices(case: LawCase) -> Section:
     return Section("choices", "History", (block,))
 
 
+def in_short(case: LawCase) -> str:
+    """Return a paragraph for readers without statistics, as Markdown."""
+    law, fit = case.law, case.findings.fit
+    states, objects = literal(" and ".join(law.schema.states)), len(law.objects)
+    what = "from one moment to the next" if law.order == 0 else "at every moment"
+    shared = "" if objects == 1 else f" All {objects} objects follow the same equations, each with numbers of its own."
+    text = f"In short: the equations say how {states} changes {what}, given its present value.{shared}"
+    if fit is not None and np.isfinite(score := fit.score()) and score > 0:
+        text += f" They reproduce {min(100 * score, 99.99):.4g} % of the variation in the measurements."
+    if law.uncertainty.covariance is not None and law.support.any():
+        text += " A number such as 2.0 ± 0.1 means that values from 1.8 to 2.2 agree with the data."
+    return f"\n\n{text}\n\n"
+
+
+def methods(case: LawCase) -> Section:
+    """Return the part on how the law was estimated, with its formulas."""
+    if case.law.order == 0:
+        text = "Coefficients are least squares estimates from each sample to the next: "
+        text += r"$\min_c \sum_k (x_{k+1} - f(x_k; c))^2$."
+        return Section("methods", "Methods", (Text(text),))
+    text = (
+        r"Each trial is a solution of $\dot{x} = f(x, u, t; c)$, measured with noise: $y_i = x(t_i) + \varepsilon_i$, "
+        r"$\varepsilon_i \sim N(0, \sigma^2)$. Coefficients $c$ and initial conditions $x_0$ maximize the likelihood, "
+        r"$\log L = -\frac{1}{2} \sum_i ((y_i - x(t_i))/\sigma)^2 - n \log \sigma$; standard errors are those of its "
+        r"curvature, $(-\partial^2 \log L / \partial c^2)^{-1}$."
+    )
+    if case.law.provenance.alternatives:
+        text += (
+            r" Terms are chosen by evidence, $2 \log B = 2 \log (p(y | M_1) / p(y | M_2))$; above 10 is very strong "
+            "(Kass and Raftery 1995)."
+        )
+    return Section("methods", "Methods", (Text(text),))
+
+
 def again(case: LawCase, command: str, table: str | Source) -> Section:
     """Return the part that says how to make the law again."""
     asked = f"Command:{code(command, 'sh')}" if command else ""

@@ -2,7 +2,7 @@
 import { $, element, plural, reach, state } from "./basics.js";
 
 const FILES = {
-  "report.html": "report with all results, one page", "law.json": "law, to be opened again", "coefficients.csv": "coefficients with standard errors", "coefficients.xlsx": "the same for Excel",
+  "report.html": "report with all results, one page, which a browser prints as PDF", "law.json": "law, to be opened again", "coefficients.csv": "coefficients with standard errors", "coefficients.xlsx": "the same for Excel",
   "fit.csv": "measured and fitted states, with bands", "forecasts.csv": "forecasts from the first samples, with bands", "law.svg": "figure of the law and its fit", "law.png": "the same figure as an image", "law.tex": "equations in LaTeX",
   "law.py": "Python program that reproduces the search",
 };
@@ -13,7 +13,7 @@ export function showFiles() {
   $("taken").textContent = `Files of the ${chosen ? "chosen law" : "candidate shown"} (${plural(size, "term")}):`;
   $("files").replaceChildren(...names.map(name => {
     const line = element("li");
-    const link = element("a", name, { href: `searches/${state.search}/${name}?candidate=${state.at}`, download: name });
+    const link = element("a", name, { href: `searches/${state.search}/${name}?${new URLSearchParams({ candidate: state.at, ...name === "report.html" && state.session ? { title: state.session.name } : {} })}`, download: name });
     link.addEventListener("click", take);
     line.append(link, `: ${FILES[name]}`);
     return line;
