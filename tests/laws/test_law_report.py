@@ -18,7 +18,7 @@ from commonlaw.verdict import find
 
 SECTIONS = [
     "fit", "coefficients", "forecasts", "candidates", "residuals", "ranges", "experiments", "data-checks", "choices",
-    "again",
+    "methods", "again",
 ]  # fmt: skip
 
 
