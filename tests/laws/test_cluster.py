@@ -17,7 +17,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.runtime.cluster import Cluster, connected, on_cluster
-from commonlaw.selection.stability import stability
+from commonlaw.selection.cross_validation import stability
 from tests.refusals import refused
 
 pytest.importorskip("distributed")

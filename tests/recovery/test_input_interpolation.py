@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference.search.input_interpolation import _left_out, supported_interpolation
+from commonlaw.inference.search.setup import _left_out, supported_interpolation
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
 from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 import commonlaw as cl
 from commonlaw.formulation import law_variables
 from commonlaw.inference.fit.annealing import fit_supports
-from commonlaw.inference.fit.heteroscedasticity import growth, with_growing_noise
+from commonlaw.inference.fit.lack_of_fit import growth, with_growing_noise
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.library import PolynomialLibrary
 

@@ -11,8 +11,9 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery import orders
 from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.orders import may_be_of_first_order
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import may_be_of_first_order, prepare, score_of_order
+from commonlaw.inference import prepare, score_of_order
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Variables, parse_library

@@ -9,7 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.hierarchy import PropertyTable, explain
-from commonlaw.hierarchy.dimensions import dimensions_of
+from commonlaw.hierarchy.relation import dimensions_of
 from commonlaw.law import average_law, from_json, pool_objects, relations_frame, to_json
 from commonlaw.law.parameters import coefficient_units, standard_errors
 from commonlaw.library import Variables

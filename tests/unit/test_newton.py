@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commonlaw.inference.fit.newton import minimum
+from commonlaw.inference.search.error_levels import minimum
 
 
 def valley(point):

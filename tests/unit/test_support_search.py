@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from commonlaw.formulation import LeastSquaresProblem, law_variables
 from commonlaw.inference.score import evidence
 from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence, rss_with_each
-from commonlaw.inference.score.structure_prior import Prices, shifted
+from commonlaw.inference.score.priors import Prices, shifted
 from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.kernel import VARIABLE
 from commonlaw.library import PolynomialLibrary, Terms, parse_term

@@ -12,11 +12,10 @@ from commonlaw.differentiation.noise import (
     noise_order,
     without_outliers,
 )
+from commonlaw.differentiation.penalized import SmoothingSpline, TotalVariationDerivative
 from commonlaw.differentiation.robust import RobustSpline
 from commonlaw.differentiation.smoothers import MedianFilter, SavitzkyGolay, SmoothedDifference, WienerFilter
 from commonlaw.differentiation.spectral import SpectralDerivative
-from commonlaw.differentiation.spline import SmoothingSpline
-from commonlaw.differentiation.total_variation import TotalVariationDerivative
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import format_spec, parse_spec
 

@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
 from commonlaw.differentiation.noise import MEDIAN_SIZE, differences
-from commonlaw.differentiation.spline import SmoothingSpline, cross_validated, smoothing_spline
+from commonlaw.differentiation.penalized import SmoothingSpline, cross_validated, smoothing_spline
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import check_number
 

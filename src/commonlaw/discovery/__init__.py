@@ -1,13 +1,11 @@
 """From trials to a law: the methods, the estimator, and the function that most people call."""
 
-from commonlaw.discovery.derivative_regression import DerivativeRegression
-from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.estimator import LawDiscovery, default_method, discover
 from commonlaw.discovery.fitting import fit
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression, WeakRegression
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
-from commonlaw.discovery.weak_regression import WeakRegression
 
 __all__ = [
     "AbstractMethod",

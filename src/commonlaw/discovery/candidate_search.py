@@ -5,11 +5,10 @@ from functools import partial
 
 from commonlaw.array_types import Bools
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.discovery.candidate import MAX_TERMS_OF_SIMPLE_LAW, Candidate
-from commonlaw.discovery.derivative_regression import DerivativeRegression, suitable_differentiation
+from commonlaw.discovery.candidate import MAX_TERMS_OF_SIMPLE_LAW, Candidate, Screened
 from commonlaw.discovery.method import parsed
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.discovery.screened import Screened
+from commonlaw.discovery.regression import DerivativeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import (
     PATH,

@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from commonlaw.discovery.blas import one_blas_thread
 from commonlaw.discovery.data_check import outcomes_of_stand_ins
-from commonlaw.discovery.derivative_regression import DerivativeRegression
-from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.further_trials import outcomes_of_rivals
 from commonlaw.discovery.generations import outcomes_of_generations
 from commonlaw.discovery.kept_laws import found_once
@@ -18,6 +15,7 @@ from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, ModelStructure
 from commonlaw.discovery.orders import AskedOrder, possible_orders
+from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_unmeasured
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
@@ -31,6 +29,7 @@ from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, CappedLibrary, one_order, order_of_each, parse_library
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.cluster import on_cluster, refuse_client
+from commonlaw.runtime.parallel import one_blas_thread
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.text import shown
 from commonlaw.trials import Trial, Trials, TrialStream

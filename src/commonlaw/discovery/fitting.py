@@ -9,11 +9,10 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import marked
-from commonlaw.discovery.derivative_regression import suitable_differentiation
-from commonlaw.discovery.discrete_time_regression import DiscreteTimeRegression
 from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.model_structure import Known, ModelStructure
+from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import fit_model, needs_model
 from commonlaw.estimation.fitting import InitialGiven

@@ -6,13 +6,17 @@ from functools import partial
 from numbers import Integral
 from typing import Literal, NamedTuple, TypeVar
 
+import numpy as np
+
+from commonlaw.array_types import Floats
 from commonlaw.discovery.candidate import Candidate
 from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference.settings import STRONG
+from commonlaw.inference import Pool, settings
+from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
-from commonlaw.library import Order, one_order
+from commonlaw.library import Order, one_order, with_rates
 from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.transformations import rates_in_words, without_rates
@@ -191,8 +195,55 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     choice = order_in_words(law.order, states)
     reasons = [*against, *(f"no law of another order was found: {each}" for each in refused)]
     step = Step("order", choice, "; ".join(reasons) or "a law of this order fits within the noise")
-    close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < STRONG]
+    close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < settings.STRONG]
     said = tuple(note("order-not-identifiable", choice=choice, other=each) for each in close)
     provenance = law.provenance
     provenance = replace(provenance, history=(step, *provenance.history), outcomes=(*provenance.outcomes, *said))
     return replace(law, provenance=provenance)
+
+
+def may_be_of_lower_order(pool: Pool) -> bool:
+    """Return whether a law of second order is what one of first order implies: x' = f(x) has x'' = f'(x) x'.
+
+    Then each term has a rate as a factor, and nothing moves that is at rest. Or x'' = K (f(x) - x') with any K: then
+    coefficients are within their errors.
+    """
+    if not pool.is_determined:
+        return True
+    terms, supports = pool.best.problem.terms, pool.best.supports
+    states = len(supports)
+    second = with_rates(pool.best.problem.order, states)
+    rates = {*range(states, states + len(second))}
+    chosen = np.flatnonzero((supports[second] & terms.is_factor).any(axis=0))
+    return len(chosen) > 0 and all(terms.terms[k].columns() & rates for k in chosen)
+
+
+def may_be_of_first_order(problem: SearchProblem) -> bool:
+    """Return whether rates may be a function of the states and inputs: no object has two rates at the same state.
+
+    An oscillator, which passes a state in both directions, or balls that are thrown from one place at two speeds, are
+    of higher order. Smoothed states of all trials are compared, and of one trial at other times.
+    """
+    states = len(problem.noise)
+    for name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
+        rows = list[Floats]()
+        for k, (trial, smooth) in enumerate(zip(problem.trials.of_object(name), curves, strict=True)):
+            path, own = smooth[:, :states], np.linspace(2 * k, 2 * k + 1, len(smooth))
+            if len(path) > 1:
+                rows.append(np.column_stack([own, path, trial.inputs, np.gradient(path, trial.times, axis=0)]))
+        if rows and _has_two_rates(np.concatenate(rows), states):
+            return False
+    return True
+
+
+def _has_two_rates(rows: Floats, states: int) -> bool:
+    """Whether rows of times (as shares of trials), states, inputs and rates have a state and input with two rates."""
+    from scipy.spatial import cKDTree
+
+    same_state, other_time, other_rate, by_noise = settings.TWO_RATES
+    few = rows[np.isfinite(rows).all(axis=1)][:: -(-len(rows) // settings.MAX_PAIRS)]
+    scaled = few[:, 1:] / np.maximum(np.ptp(few[:, 1:], axis=0), np.finfo(float).tiny)
+    first, second = cKDTree(scaled[:, :-states]).query_pairs(same_state, output_type="ndarray").T
+    others = np.abs(few[first, 0] - few[second, 0]) > other_time
+    apart = np.abs(scaled[first[others], -states:] - scaled[second[others], -states:]).max(axis=1)
+    return len(apart) > 0 and bool((apart > other_rate).mean() > by_noise)

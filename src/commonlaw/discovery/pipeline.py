@@ -12,14 +12,19 @@ from dataclasses import replace
 from commonlaw.discovery.candidate import Candidate
 from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.discovery.orders import of_best_order, stepped, those_found, with_order_said
+from commonlaw.discovery.orders import (
+    may_be_of_first_order,
+    may_be_of_lower_order,
+    of_best_order,
+    stepped,
+    those_found,
+    with_order_said,
+)
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import (
     assemble,
     error_kinds,
     explains_whole_trials,
-    may_be_of_first_order,
-    may_be_of_lower_order,
     most_explaining,
 )
 from commonlaw.law import Law

@@ -2,14 +2,15 @@
 
 from abc import abstractmethod
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from commonlaw.array_types import Bools
-from commonlaw.differentiation import AbstractDifferentiator
+from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
@@ -17,13 +18,18 @@ from commonlaw.formulation import (
     MAX_GROUPS,
     AbstractFormulation,
     CompressedTrials,
+    DiscreteForm,
     ObjectRows,
+    StrongForm,
+    WeakForm,
     merged_rows,
+    reweight,
     rows_by_object,
     some_trials,
 )
+from commonlaw.inference import known_noise
 from commonlaw.law import Law, Provenance
-from commonlaw.library import Order
+from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.runtime.cluster import counting, current_cluster
@@ -235,3 +241,168 @@ def _forecast_scores(
         raise CommonlawError("scoring-of-stream", limit=MAX_GROUPS)
     folds = make_folds(data.groups)
     return [ForecastError(folds, target, law, free, trials) for target in range(len(law.schema.states))]
+
+
+@documented
+@dataclass(frozen=True, kw_only=True)
+class DiscreteTimeRegression(AbstractRegression):
+    """Terms at one sample are fitted to the states at the next: ``x[k+1] = f(x[k])``. It takes streams.
+
+    Parameters
+    ----------
+    {parameters}
+
+    Raises
+    ------
+    CommonlawError
+        If a text names nothing, or a value does not fit.
+    """
+
+    orders: ClassVar[tuple[int, ...]] = (0,)
+    takes_streams: ClassVar[bool] = True
+
+    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> DiscreteForm:
+        return DiscreteForm()
+
+    def initial_rates(self, trials: Trials | TrialStream, order: Order) -> None:
+        return None
+
+
+@documented
+@dataclass(frozen=True, kw_only=True)
+class DerivativeRegression(AbstractRegression):
+    """Derivatives are estimated from the samples, and terms fitted to them (Brunton, Proctor, Kutz 2016).
+
+    With a group solver this is the method of de Silva, Higdon, Brunton and Kutz (2020). It takes streams.
+
+    Parameters
+    ----------
+    {parameters}
+
+    Raises
+    ------
+    CommonlawError
+        If a text names nothing, or a value does not fit.
+
+    Examples
+    --------
+    >>> from commonlaw import DerivativeRegression, datasets, discover
+    >>> from commonlaw.law import average_law
+    >>> drops = datasets.linear_drag(noise=0.0)
+    >>> method = DerivativeRegression(differentiation="finite:6", solver="group-stlsq:1")
+    >>> average_law(discover(drops, order=2, library="poly:1", method=method)).equations()
+    ("x'' = -9.8 - 0.38 v",)
+    """
+
+    orders: ClassVar[tuple[int, ...]] = (1, 2)
+    takes_streams: ClassVar[bool] = True
+    takes_mixed_orders: ClassVar[bool] = True
+
+    differentiation: AbstractDifferentiator | str | None = field(
+        default=None,
+        metadata=shown(
+            label="Differentiation",
+            metavar="SPEC",
+            text="How derivatives are estimated, or its text: savgol:WINDOW:POLYNOMIAL, centered, forward, "
+            "finite:ACCURACY, spline, median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust. By default finite:2 "
+            "for order 1, savgol:35:3 for order 2, shorter where trials are short, and robust where neither suits.",
+        ),
+    )
+    library_states: Literal["smoothed", "measured"] = field(
+        default="smoothed",
+        metadata=shown(
+            label="Evaluated states",
+            text="Whether terms are evaluated on the smoothed or on the measured states, see `StrongForm`.",
+        ),
+    )
+    trim: int = field(
+        default=0,
+        metadata=shown(
+            label="Trimmed rows",
+            text="Number of rows left out at each end of a trial, where smoothing is least accurate.",
+        ),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "differentiation", parsed(self.differentiation, parse_differentiation))
+        self._form(self.initial_rates(None, 1), 1)  # Refuses states and trims that do not fit
+
+    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> StrongForm:
+        return self._form(self.initial_rates(trials, structure.order), structure.order)
+
+    def initial_rates(self, trials: Trials | TrialStream | None, order: Order) -> AbstractDifferentiator:
+        return parsed(self.differentiation, parse_differentiation) or suitable_differentiation(trials, order)
+
+    def _form(self, differentiation: AbstractDifferentiator, order: Order) -> StrongForm:
+        return StrongForm(differentiation, order, self.library_states, self.trim)
+
+
+def suitable_differentiation(trials: Trials | TrialStream | None, order: Order) -> AbstractDifferentiator:
+    """Return how derivatives of these trials are estimated when nothing is named, by their lengths and gaps."""
+    given = trials if isinstance(trials, Trials) else ()
+    method = default_differentiation(highest_order(order), min(map(len, given), default=np.inf))
+    suits = all(method.takes(each.times, each.states) for each in given)
+    return method if suits else parse_differentiation("robust")
+
+
+@documented
+@dataclass(frozen=True, kw_only=True)
+class WeakRegression(AbstractRegression):
+    """Terms are integrated against test functions, so that no derivative is estimated (Messenger and Bortz 2021).
+
+    Rows are whitened by their covariance (Bortz, Messenger and Dukic 2023), see `WeakForm`.
+
+    Parameters
+    ----------
+    {parameters}
+
+    Raises
+    ------
+    CommonlawError
+        If a text names nothing, or a value does not fit.
+    """
+
+    orders: ClassVar[tuple[int, ...]] = (1, 2)
+    takes_streams: ClassVar[bool] = False
+
+    radii: tuple[float, ...] | None = field(
+        default=None,
+        metadata=shown(
+            label="Radii [samples]",
+            text="Radii of the test functions in samples; by default one for each trial, by its spectrum.",
+        ),
+    )
+    noise: Mapping[str, float] | None = field(
+        default=None,
+        metadata=shown(
+            label="Measurement noise",
+            metavar="STATE=VALUE",
+            text="Known standard deviation of each state's measurement noise; estimated for each trial by default.",
+        ),
+    )
+    differentiation: AbstractDifferentiator | str | None = field(
+        default=None,
+        metadata=shown(
+            label="Smoothing",
+            metavar="SPEC",
+            text="How states are smoothed before terms are evaluated on them, and where the rates of laws of second "
+            "order come from, or its text, such as spline.",
+        ),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "differentiation", parsed(self.differentiation, parse_differentiation))
+        WeakForm(radii=self.radii)  # Refuses radii that do not fit
+
+    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> WeakForm:
+        assert isinstance(trials, Trials)
+        levels = known_noise(self.noise, trials)
+        noise = None if levels is None else tuple(levels.tolist())
+        differentiation = parsed(self.differentiation, parse_differentiation)
+        form = WeakForm(highest_order(structure.order), self.radii, noise, differentiation)
+        return reweight(trials, structure.terms(trials.schema), form)[0]
+
+    def initial_rates(self, trials: Trials | TrialStream, order: Order) -> AbstractDifferentiator:
+        return parsed(self.differentiation, parse_differentiation) or suitable_differentiation(trials, order)

@@ -2,13 +2,11 @@
 
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.data.subsampling import can_be_carried
-from commonlaw.inference.diagnose.coefficient_limits import Bounds
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.latent_states import drives, with_drive_said, with_latent_state
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_parameters_found
-from commonlaw.inference.propose.orders import may_be_of_first_order, may_be_of_lower_order, score_of_order
 from commonlaw.inference.propose.parametric import (
     may_be_series,
     may_be_simpler,
@@ -21,7 +19,6 @@ from commonlaw.inference.result.assembly import assemble
 from commonlaw.inference.result.history import levels_in_words
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import choose_errors
-from commonlaw.inference.search.input_interpolation import with_interpolation
 from commonlaw.inference.search.law_search import (
     PATH,
     begin_search,
@@ -29,10 +26,10 @@ from commonlaw.inference.search.law_search import (
     resolved,
     search_supports,
 )
-from commonlaw.inference.search.pool import Pool
-from commonlaw.inference.search.setup import as_followed, error_kinds
+from commonlaw.inference.search.pool import Pool, score_of_order
+from commonlaw.inference.search.setup import as_followed, error_kinds, with_interpolation
 from commonlaw.inference.settings import MAX_SAMPLES
-from commonlaw.inference.verbs.absent_terms import bounds
+from commonlaw.inference.verbs.absent_terms import Bounds, bounds
 from commonlaw.inference.verbs.adaptation import adapt
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.inference.verbs.comparison import compare, compare_by_parts, written_alike
@@ -69,8 +66,6 @@ __all__ = [
     "fitted_by_parts",
     "known_noise",
     "levels_in_words",
-    "may_be_of_first_order",
-    "may_be_of_lower_order",
     "may_be_series",
     "may_be_simpler",
     "missed_terms",

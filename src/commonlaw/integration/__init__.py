@@ -1,7 +1,6 @@
 """Integrating vector fields: initial value problems, back ends, events, trajectories, and divergence as an outcome."""
 
-from commonlaw.integration.event import Event, Occurrences
-from commonlaw.integration.problem import InitialValueProblem, OutputOptions, Trajectory
+from commonlaw.integration.problem import Event, InitialValueProblem, Occurrences, OutputOptions, Trajectory
 from commonlaw.integration.simulation import integrate, simulate, simulate_each
 from commonlaw.integration.vector_field import BETWEEN, Inputs, LinearizedField, VectorField
 

@@ -12,10 +12,10 @@ import heyoka
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.integration.event import EventFunctions, occurrences
 from commonlaw.integration.problem import (
     FAR,
     AbstractIntegrator,
+    EventFunctions,
     InitialValueProblem,
     OutputOptions,
     Trajectory,
@@ -23,6 +23,7 @@ from commonlaw.integration.problem import (
     largest_state,
     most_steps,
     not_integrated,
+    occurrences,
 )
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Term

@@ -9,16 +9,17 @@ from scipy.integrate import LSODA, DenseOutput, OdeSolution
 from scipy.optimize import brentq
 
 from commonlaw.array_types import Floats
-from commonlaw.integration.event import EventFunctions, occurrences
 from commonlaw.integration.problem import (
     FAR,
     AbstractIntegrator,
+    EventFunctions,
     Function,
     InitialValueProblem,
     OutputOptions,
     Trajectory,
     diverged,
     most_steps,
+    occurrences,
     state_scale,
 )
 from commonlaw.integration.variational import sensitivities

@@ -8,10 +8,10 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.integration.event import Event
 from commonlaw.integration.problem import (
     FAR,
     AbstractIntegrator,
+    Event,
     InitialValueProblem,
     OutputOptions,
     Trajectory,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.hierarchy.dimensions import units_of_coefficients
+from commonlaw.hierarchy.relation import units_of_coefficients
 from commonlaw.integration import VectorField
 from commonlaw.law import text
 from commonlaw.law.law import Law, object_index, shares_terms

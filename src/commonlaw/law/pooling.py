@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
-from commonlaw.hierarchy.dimensions import dimensions_of
+from commonlaw.hierarchy.relation import dimensions_of
 from commonlaw.law.law import Law, shares_terms, with_other_laws
 from commonlaw.law.parameters import coefficient_units, left_hand_sides
 from commonlaw.law.printing import dependence

@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.hierarchy.dimensions import is_number, meaning, quotient_unit
+from commonlaw.hierarchy.relation import is_number, meaning, quotient_unit
 from commonlaw.law import text
 from commonlaw.law.law import Law, object_index, only_object, shares_terms
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, standard_errors, state_rates

@@ -6,7 +6,9 @@ from commonlaw.selection.cross_validation import (
     ForecastError,
     ProblemGroups,
     ResidualError,
+    Stability,
     make_folds,
+    stability,
 )
 from commonlaw.selection.rules import (
     CRITERIA,
@@ -22,7 +24,6 @@ from commonlaw.selection.rules import (
     log_choices,
 )
 from commonlaw.selection.selecting import SEGMENTS, Accuracy, chosen_law, fitted_law, ill_conditions, select
-from commonlaw.selection.stability import Stability, stability
 
 __all__ = [
     "CRITERIA",

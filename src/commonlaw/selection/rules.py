@@ -9,8 +9,13 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.formulation import merge
-from commonlaw.selection.cross_validation import CrossValidationScore, ProblemGroups, ResidualError, make_folds
-from commonlaw.selection.stability import Stability
+from commonlaw.selection.cross_validation import (
+    CrossValidationScore,
+    ProblemGroups,
+    ResidualError,
+    Stability,
+    make_folds,
+)
 from commonlaw.solvers import Candidate
 from commonlaw.solvers.base import Problems, least_squares
 

@@ -19,9 +19,8 @@ from commonlaw.law import Alternative, Law
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.library import Terms
 from commonlaw.outcomes import Outcome, note
-from commonlaw.selection.cross_validation import CrossValidationScore
+from commonlaw.selection.cross_validation import CrossValidationScore, stability
 from commonlaw.selection.rules import Selection, choose
-from commonlaw.selection.stability import stability
 from commonlaw.solvers import STLSQ, AbstractSolver, Candidate
 from commonlaw.trials import Trial
 

@@ -5,12 +5,11 @@ from collections.abc import Callable, Mapping
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.runtime.arguments import parse_spec
 from commonlaw.solvers.base import AbstractSolver, Candidate
-from commonlaw.solvers.best_subset import BestSubset
 from commonlaw.solvers.constrained import ConstrainedSolver, constrained_least_squares
 from commonlaw.solvers.lasso import Lasso
 from commonlaw.solvers.sr3 import SR3
-from commonlaw.solvers.stepwise import StepwiseSelection
 from commonlaw.solvers.stlsq import L1, L2, STLSQ, AbstractImportance, Count, Mean, Median, Quantile
+from commonlaw.solvers.subset_selection import BestSubset, StepwiseSelection
 
 __all__ = [
     "IMPORTANCES",

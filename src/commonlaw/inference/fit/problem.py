@@ -26,8 +26,7 @@ from commonlaw.inference.fit.latent_initialization import (
     with_noise_of_unmeasured,
 )
 from commonlaw.inference.score.evidence import Measured
-from commonlaw.inference.score.noise_prior import Measurements
-from commonlaw.inference.score.structure_prior import Prices, complexity_prices, shifted
+from commonlaw.inference.score.priors import Measurements, Prices, complexity_prices, shifted
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (

@@ -40,13 +40,13 @@ Part = Literal[
 ``scatter``
     What is lost by coefficients that scatter over objects, see `commonlaw.hierarchy.marginal_deviance`.
 ``structure``
-    Of the supports of all equations, see `prices.Prices`.
+    Of the supports of all equations, see `priors.Prices`.
 ``model error``, ``error levels``
     Of a random walk in each step, and of the levels of other errors (BIC), with the prior of the noise.
 ``outliers``
     Of measurements beyond the Huber threshold.
 ``initial conditions``
-    Of starts that are normal over trials, see `alike_starts`, or of rates at starts, see `orders`.
+    Of starts that are normal over trials, see `AlikeStarts`, or of rates at starts, see `score_of_order`.
 ``Laplace correction``
     What the likelihood linearized about a fit predicts to gain elsewhere (predicted decrease).
 ``multiplicity``

@@ -19,8 +19,8 @@ from commonlaw.inference.score.evidence import (
     residual_squares,
     rss_with_each,
 )
+from commonlaw.inference.score.priors import Prices
 from commonlaw.inference.score.score import Part, Score
-from commonlaw.inference.score.structure_prior import Prices
 from commonlaw.inference.settings import MAX_SWEEPS, MAX_TERMS
 from commonlaw.solvers import AbstractSolver
 

@@ -24,14 +24,14 @@ from commonlaw.inference.fit.annealing import (
 )
 from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
 from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, best_of
-from commonlaw.inference.fit.heteroscedasticity import with_growing_noise
+from commonlaw.inference.fit.lack_of_fit import with_growing_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
-from commonlaw.inference.search.input_interpolation import best_interpolation, with_interpolation
 from commonlaw.inference.search.pool import Pool
-from commonlaw.inference.search.setup import FitSetup, error_kinds
+from commonlaw.inference.search.setup import FitSetup, error_kinds, with_interpolation
+from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
 from commonlaw.library import Terms
-from commonlaw.likelihood import threads_pay
+from commonlaw.likelihood import meshes, threads_pay
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.parallel import in_parallel
 from commonlaw.runtime.progress import ProgressCallback, Stage, part
@@ -170,6 +170,38 @@ def begin_search(
         if steps[0].choice != trials.schema.input_between:
             pool = begin(with_interpolation(trials, steps[0].choice), progress)
     return pool, steps
+
+
+def best_interpolation(fit: Fit, is_chosen: bool) -> Step:
+    """Return the interpolation of inputs of largest evidence, for the supports that were found.
+
+    That of the fit stays unless the evidence for another is strong; where laws of plain terms chose it, without a lack
+    of fit of the law with the other.
+    """
+    before, gains = fit.problem.trials.schema.input_between, dict[str, float]()
+    for other in (_fitted_with(fit, each) for each in BETWEEN if each != before):
+        gain = fit.score - other.score
+        if gain > settings.STRONG and not (is_chosen and other.lack_of_fit):
+            gains[other.problem.trials.schema.input_between] = gain
+    if gains:
+        best = max(gains, key=lambda each: gains[each])
+        why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
+        return Step("inputs", best, why)
+    why = "the evidence for no other interpolation is strong, or the law has a lack of fit with it"
+    return Step("inputs", before, f"between samples: {why}")
+
+
+def _fitted_with(fit: Fit, between: str) -> Fit:
+    """Return the supports of a fit fitted with another interpolation of inputs."""
+    problem = fit.problem
+    groups = [problem.trials.of_object(name) for name in problem.trials.objects]
+    models = tuple(
+        replace(model, meshes=meshes(group, problem.points, input_between=between))
+        for model, group in zip(problem.models, groups, strict=True)
+    )
+    changed = replace(problem, trials=with_interpolation(problem.trials, between), models=models)
+    changed = changed.with_errors(problem.noise, problem.errors, problem.noise_reason)
+    return fit_supports(changed, fit.supports, ANY_ERROR)
 
 
 def resolved(pool: Pool, progress: ProgressCallback) -> Pool:

@@ -11,9 +11,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
-from commonlaw.inference.score.score import Kind
+from commonlaw.inference.score.score import Kind, Score
 from commonlaw.law import Law
 from commonlaw.law.parameters import standard_errors
+from commonlaw.library import with_rates
+from commonlaw.likelihood import variance_of_rates
 
 _BY_SOLUTIONS = "largest evidence without process noise: solutions of the law with it explain whole trials less well"
 
@@ -126,3 +128,26 @@ def _exchanged(supports: Bools, equation: int, support: Bools) -> Bools:
     changed = supports.copy()
     changed[equation] = support
     return changed
+
+
+def score_of_order(fit: Fit) -> Score:
+    """Return minus twice the log-evidence of a law, which compares with that of a law of another order.
+
+    The evidence of a search is the density of all that was measured after the start of each segment, with any start
+    being as likely: so of a law of first order. Rates at starts of states of second order are to be found besides.
+    While one order is sought their distribution is one that says next to nothing, and narrows as meshes get coarser.
+    Here it is the normal distribution about zero as wide as rates are in all trials (root mean square of smoothed
+    rates). What the linearised likelihood promises away from the estimates counts as not there: of an order that does
+    not suit, fits may get stuck in stiff laws.
+    """
+    problem, states = fit.problem, len(fit.problem.noise)
+    score = fit.score.plus("Laplace correction", fit.predicted_decrease)
+    if not len(with_rates(problem.order, states)):
+        return score
+    rates = np.concatenate([each[:, states:] for own in problem.smoothed for each in own])
+    variances, price = np.nanmean(rates**2, axis=0), 0.0
+    for model, estimate in zip(problem.models, fit.estimates, strict=True):
+        for mesh, found, _ in model.parts(estimate):
+            starts = found[mesh.first, states : model.width]
+            price += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
+    return score.plus("initial conditions", price)

@@ -13,9 +13,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
-from commonlaw.inference.search.input_interpolation import supported_interpolation, with_interpolation
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
@@ -23,7 +23,7 @@ from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms
 from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, NO_ERRORS, Heteroscedastic, Prior
 from commonlaw.runtime.fit_options import ErrorKind
-from commonlaw.trials import Schema, Trials
+from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.transformations import with_logarithms
 from commonlaw.trials.trial import check_gaps
@@ -36,6 +36,34 @@ def as_followed(trials: Trials, logarithmic: Sequence[str], input_between: str) 
     """
     between = supported_interpolation(trials) if input_between == "auto" else input_between
     return with_interpolation(with_logarithms(trials, logarithmic), between)
+
+
+def with_interpolation(trials: Trials, input_between: str) -> Trials:
+    """Return trials with an interpolation of inputs between samples."""
+    return replace(trials, schema=replace(trials.schema, input_between=input_between))
+
+
+def supported_interpolation(trials: Trials) -> str:
+    """Return the interpolation that the samples of the inputs support: linear, or cubic if all that vary are smooth.
+
+    Each sample is left out and interpolated by its two neighbours, u_i ~ sum_j u_j prod_k (t_i - t_k)/(t_j - t_k), or
+    by four. A fit alone does not show that chords are shallower than the input: the gain makes up for it.
+    """
+    squares = np.sum([_left_out(trial) for trial in trials], axis=0)
+    bent = squares[0] > np.finfo(float).eps * np.sum([np.sum(each.inputs**2, axis=0) for each in trials], axis=0)
+    return "cubic" if bent.any() and (squares[0] > settings.MIN_SMOOTHNESS * squares[1])[bent].all() else "linear"
+
+
+def _left_out(trial: Trial) -> Floats:
+    """Return the sums of squared leave-one-out errors of straight lines and cubics, shape (2, inputs)."""
+    middle = np.arange(2, len(trial) - 2)
+    found = []
+    for steps in ((-1, 1), (-2, -1, 1, 2)):
+        ahead = [trial.times[middle + step] - trial.times[middle] for step in steps]
+        weights = [np.prod([b / (b - a) for b in ahead if b is not a], axis=0) for a in ahead]
+        by_others = sum(w[:, np.newaxis] * trial.inputs[middle + step] for w, step in zip(weights, steps, strict=True))
+        found.append(np.sum((trial.inputs[middle] - by_others) ** 2, axis=0))
+    return np.array(found)
 
 
 @dataclass(frozen=True, eq=False)

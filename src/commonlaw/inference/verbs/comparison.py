@@ -10,11 +10,10 @@ import numpy as np
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import ANY_ERROR, Fit
-from commonlaw.inference.propose.orders import score_of_order
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
-from commonlaw.inference.search.pool import Pool
+from commonlaw.inference.search.pool import Pool, score_of_order
 from commonlaw.inference.search.setup import FitSetup, check_one_scale, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law

@@ -1,4 +1,10 @@
-"""Smoothing splines."""
+"""Smoothing by penalties on changes of slope: splines, and total variation of the rate.
+
+``D z`` lists the changes of slope, at the inner samples, of the polygon through z. A state x is smoothed by solving
+``z + D' y = x``, ``D z - C y = 0`` for z and the multipliers y; methods differ in C alone. In the order z0, y0, z1,
+y1, ... the matrix has three bands on either side; the first and the last y are idle. Work and memory are linear in the
+number of samples, and digits last for 50 000 samples, where the equation for z alone has lost them all.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -6,11 +12,67 @@ from hashlib import blake2b
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, Indices
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates, need_samples
-from commonlaw.differentiation.curvature import INNER, Factors, slope_bands
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import check_number
+
+_BANDS = 3
+"""On either side."""
+
+INNER = slice(3, -1, 2)
+"""Where the multipliers of the inner samples stand."""
+
+
+def slope_bands(steps: Floats) -> Floats:
+    """Return the system's bands without C, shape (7, 2 n), as SciPy's banded solvers take them."""
+    bands = np.zeros((7, 2 * len(steps) + 2))
+    bands[3] = 1
+    bands[3, INNER] = 0
+    multipliers = np.arange(bands.shape[1])[INNER]
+    left, right = 1 / steps[:-1], 1 / steps[1:]
+    for shift, slope in ((-3, left), (-1, -(left + right)), (1, right)):
+        bands[3 - shift, multipliers + shift] = bands[3 + shift, multipliers] = slope
+    return bands
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """The factors of a system, with which it is solved and its determinant taken."""
+
+    triangular: Floats
+    pivots: Indices
+
+    @classmethod
+    def of(cls, bands: Floats) -> "Factors":
+        """Factor the system of these bands, shape (7, 2 n)."""
+        from scipy.linalg.lapack import dgbtrf
+
+        room = np.zeros((_BANDS + len(bands), bands.shape[1]), order="F")
+        room[_BANDS:] = bands
+        triangular, pivots, _ = dgbtrf(room, _BANDS, _BANDS, overwrite_ab=True)
+        return cls(triangular, pivots)
+
+    def solve(self, state: Floats) -> tuple[Floats, Floats]:
+        """Return z and y, each of shape (n,), for a state of shape (n,)."""
+        from scipy.linalg.lapack import dgbtrs
+
+        if not self.triangular[2 * _BANDS].all():
+            raise np.linalg.LinAlgError("singular matrix")
+        known = np.zeros(2 * len(state))
+        known[::2] = state
+        solution, _ = dgbtrs(self.triangular, _BANDS, _BANDS, known, self.pivots, overwrite_b=True)
+        return solution[::2], solution[1::2]
+
+    @property
+    def log_determinant(self) -> float:
+        """The logarithm of the absolute determinant of the system."""
+        return float(np.log(np.abs(self.triangular[2 * _BANDS])).sum())
+
+
+def solve(bands: Floats, state: Floats) -> tuple[Floats, Floats]:
+    """Return z and y, each of shape (n,), for a state of shape (n,)."""
+    return Factors.of(bands).solve(state)
 
 
 @dataclass(frozen=True)
@@ -146,3 +208,68 @@ def _score(logarithm: float, systems: _Systems, state: Floats, trace: float | No
     smoothed, _ = systems.factors(np.exp(logarithm)).solve(state)
     trace = systems.trace(logarithm) if trace is None else trace
     return float(len(state) * np.sum((state - smoothed) ** 2) / trace**2)
+
+
+_SWEEPS = 300
+_TOLERANCE = 1e-3
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class TotalVariationDerivative(AbstractDifferentiator):
+    """The rate u that minimises ``1/2 mean (x0 + integral u - x)^2 + strength * TV(u)`` (Chartrand 2011).
+
+    States are taken in units of their standard deviation and times in units of the trial's duration, so `strength`
+    is a pure number that means the same for every state, unit and sampling rate. The rate is constant between samples
+    and the start x0 is free. The unknown is the integral z of the rate: with D its changes of slope, the lagged
+    diffusivity sweep ``z + strength n D' diag(1 / |D z|) D z = x``, with the last sweep's slopes in the diagonal, costs
+    work linear in the number of samples. Each sweep lowers the objective; at most 300 are made. The states are z and
+    the rates its centred differences. Higher derivatives repeat the method on the rate.
+
+    Takes any grid. Assumes a rate that is constant but for jumps, and white noise. Smooth rates come out as stairs and
+    extremes are clipped; then prefer `SmoothingSpline`.
+
+    Raises `CommonlawError` if `strength` is not above zero, or a trial has fewer than 3 samples.
+
+    Parameters
+    ----------
+    strength
+        Weight of the total variation; between 1e-6 (light) and 1e-2 (heavy) for most trials.
+    """
+
+    strength: float
+
+    def __post_init__(self) -> None:
+        check_number("strength", self.strength, 0, above=True)
+
+    def reach(self, order: int) -> int | None:
+        return None
+
+    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
+        need_samples(len(times), 3, "total-variation derivatives")
+        smoothed, derivatives = self._smooth(times, states), list[Floats]()
+        for k in range(order):
+            current = self._smooth(times, derivatives[-1]) if k else smoothed
+            derivatives.append(np.gradient(current, times, axis=0))
+        return Rates(smoothed, tuple(derivatives))
+
+    def _smooth(self, times: Floats, states: Floats) -> Floats:
+        steps = np.diff(times) / (times[-1] - times[0])
+        mean, deviation = states.mean(axis=0), states.std(axis=0)
+        scale = np.where(deviation > 0, deviation, 1)
+        scaled = ((states - mean) / scale).T
+        weight = self.strength * len(times)
+        return np.asarray(mean + scale * np.stack([_converged(steps, column, weight) for column in scaled], axis=1))
+
+
+def _converged(steps: Floats, state: Floats, weight: float) -> Floats:
+    """Sweep until no slope changes by more than a thousandth of the state's deviation over the trial's duration."""
+    bands = slope_bands(steps)
+    smoothed, slopes = state, np.diff(state) / steps
+    for _ in range(_SWEEPS):
+        bands[3, INNER] = -np.hypot(np.diff(slopes), _ROUNDING) / weight
+        smoothed, _ = solve(bands, state)
+        before, slopes = slopes, np.diff(smoothed) / steps
+        if np.abs(slopes - before).max() < _TOLERANCE:
+            break
+    return smoothed
