@@ -6,13 +6,14 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.forecast import Forecast
 from commonlaw.plots.style import (
     COLORS,
@@ -31,6 +32,9 @@ from commonlaw.trials import Trials
 
 _MAX_POINTS = 150
 """Measured points that are drawn of one trial; more would hide the forecast."""
+
+_MAX_PANELS, ROW_HEIGHT = 12, 2.5
+"""Of a figure, unless objects are named: pairs of panels; and the height of a row of them, in inches."""
 
 _LIGHT = 0.18
 """Opacity of a band."""
@@ -54,14 +58,41 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
     forecast
         What `Law.predict` returned; with ``start="all"`` it is the fit.
     objects
-        Some of its objects; all by default.
+        Some of its objects; by default all of them, but of many those evenly spaced by the rank of their RMS error.
     """
-    shown = forecast if objects is None else _of_objects(forecast, objects)
+    names = representative(forecast) if objects is None else objects
+    shown = of_objects(forecast, names)
     columns, lines = forecast_grid(shown)
-    figure = Figure(figsize=fitting(1.4 + 2.4 * max(columns, 2), 1 + 3 * lines), layout="constrained")
+    size = fitting(1.4 + 2.4 * max(columns, 2), 1 + ROW_HEIGHT * lines)
+    figure = Figure(figsize=size, layout="constrained")
     draw_forecast(figure, figure.add_gridspec(1, 1)[0], shown, columns)
-    add_legend(figure, forecast_keys(shown), "above")
+    add_legend(figure, forecast_keys(shown), "above", "" if objects else omission(forecast, names))
     return frozen_layout(figure)
+
+
+def relative_errors(forecast: Forecast) -> "pd.Series[float]":
+    """Return the RMS error of each object, in units of the states' standard deviation, the smallest first."""
+    errors, states = forecast.errors(), np.concatenate([trial.states for trial in forecast.trials])
+    deviations = pd.Series(np.nanstd(states, axis=0), forecast.trials.schema.states).replace(0.0, np.nan)
+    squared = (errors["rms error"] / errors["state"].map(deviations)) ** 2
+    grouped = squared.groupby(errors[forecast.trials.schema.object], sort=False)
+    relative: pd.Series[float] = grouped.mean().pow(0.5)
+    return relative.sort_values(kind="stable")
+
+
+def representative(forecast: Forecast) -> list[str]:
+    """Return the objects of a figure: all, or of many those evenly spaced by the rank of their RMS error."""
+    objects, most = forecast.trials.objects, max(1, _MAX_PANELS // len(forecast.trials.schema.states))
+    if len(objects) <= most:
+        return list(objects)
+    ranked = [str(name) for name in relative_errors(forecast).index]
+    return [ranked[i] for i in evenly_spaced(len(ranked), most)]
+
+
+def omission(forecast: Forecast, shown: Sequence[str]) -> str:
+    """Return how many objects a figure leaves out, in words; nothing if it shows all."""
+    some, count = len(shown), len(forecast.trials.objects)
+    return f"{some} of {count} objects, evenly spaced by the rank of their RMS error" if some < count else ""
 
 
 def forecast_grid(forecast: Forecast, most: int = 4) -> tuple[int, int]:
@@ -239,7 +270,10 @@ def forecast_keys(forecast: Forecast) -> list[Line2D]:
     return keys
 
 
-def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
+def of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
+    """Return the forecasts of some objects."""
+    if list(objects) == list(forecast.trials.objects):
+        return forecast
     trials = forecast.trials.select(object=objects if isinstance(objects, str) else list(objects))
     kept = [i for i, trial in enumerate(forecast.trials) if trial.object in trials.objects]
     std = None if forecast.std is None else tuple(forecast.std[i] for i in kept)
@@ -248,13 +282,13 @@ def _of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     def at_more_times(times: Sequence[Floats]) -> Forecast:
         own = dict(zip(kept, times, strict=True))
         assert again is not None
-        return _of_objects(again([own.get(i, np.empty(0)) for i in range(len(forecast.trials))]), objects)
+        return of_objects(again([own.get(i, np.empty(0)) for i in range(len(forecast.trials))]), objects)
 
     trajectories = tuple(forecast.trajectories[i] for i in kept)
     more = None if again is None else at_more_times
-    followed = None if followed is None else _of_objects(followed, objects)
+    followed = None if followed is None else of_objects(followed, objects)
     parts = tuple(
-        each._replace(forecast=_of_objects(each.forecast, objects), weights=tuple(each.weights[i] for i in kept))
+        each._replace(forecast=of_objects(each.forecast, objects), weights=tuple(each.weights[i] for i in kept))
         for each in forecast.parts
     )
     return replace(

@@ -8,7 +8,15 @@ from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands
 from commonlaw.plots.coefficients import DotPlot, HeatMaps
 from commonlaw.plots.equations import equation_lines
-from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys
+from commonlaw.plots.forecast import (
+    ROW_HEIGHT,
+    draw_forecast,
+    forecast_grid,
+    forecast_keys,
+    of_objects,
+    omission,
+    representative,
+)
 from commonlaw.plots.style import add_legend, fitting, frozen_layout, styled
 from commonlaw.trials import Trials
 
@@ -22,6 +30,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
 
     Curves start at initial conditions estimated from all samples of each trial, with residuals below. Where the law has
     a covariance, coefficients have 95 % intervals and curves 95 % bands. Of laws in discrete time forecasts are drawn.
+    Of many objects those are shown that are evenly spaced by the rank of their RMS error; `plot_forecast` shows others.
 
     Raises `CommonlawError` if the law cannot be fitted to the trials, see `Law.predict`.
 
@@ -38,18 +47,22 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
         forecast = trials
     else:
         forecast = law.predict(trials) if law.order == 0 else fitted(law, trials, has_bands(law))
+    names = representative(forecast)
+    shown, left_out = of_objects(forecast, names), omission(forecast, names)
+    if left_out and (known := [name for name in law.objects if name in names]):
+        law = law.select(known)
     coefficients = _coefficients(law, truth)
-    columns, lines = forecast_grid(forecast)
+    columns, lines = forecast_grid(shown)
     equations = equation_lines(law)
-    heights = (2.8 * lines, 0.4 + coefficients.height)
+    heights = (ROW_HEIGHT * lines, 0.4 + coefficients.height)
     width = max(coefficients.width, 1.2 + 2.4 * max(columns, 2))
     size = fitting(width, 1.4 + 0.3 * equations.count("\n") + sum(heights))
     figure = Figure(figsize=size, layout="constrained")
     figure.suptitle(equations)
     indices = figure.add_gridspec(2, 1, height_ratios=heights)
     coefficients.draw(figure, indices[1])
-    draw_forecast(figure, indices[0], forecast, columns)
-    add_legend(figure, [*coefficients.keys(), *forecast_keys(forecast)], "below")
+    draw_forecast(figure, indices[0], shown, columns)
+    add_legend(figure, [*coefficients.keys(), *forecast_keys(shown)], "below", left_out)
     return frozen_layout(figure)
 
 

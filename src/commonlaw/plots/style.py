@@ -187,15 +187,17 @@ _OUTSIDE: Mapping[str, Literal["outside upper center", "outside lower center"]] 
 }
 
 
-def add_legend(figure: Figure, keys: Sequence[Line2D], place: Literal["right", "above", "below"] = "right") -> None:
+def add_legend(
+    figure: Figure, keys: Sequence[Line2D], place: Literal["right", "above", "below"] = "right", title: str = ""
+) -> None:
     """Put a legend next to, above or below all panels."""
     if not keys:
         return
     if place == "right":
-        figure.legend(handles=list(keys), loc="outside right upper", ncols=ceil(len(keys) / 25))
+        figure.legend(handles=list(keys), loc="outside right upper", ncols=ceil(len(keys) / 25), title=title or None)
         return
     columns = min(len(keys), 5, max(1, int(figure.get_figwidth() / _KEY)))
-    figure.legend(handles=list(keys), loc=_OUTSIDE[place], ncols=columns)
+    figure.legend(handles=list(keys), loc=_OUTSIDE[place], ncols=columns, title=title or None)
 
 
 # Dates and versions would make two runs differ

@@ -8,20 +8,18 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.forecast import Forecast
-from commonlaw.plots import ForecastPanels, plot_errors
+from commonlaw.plots import ForecastPanels, plot_errors, plot_forecast
+from commonlaw.plots.forecast import omission, relative_errors, representative
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.law_sections import LawCase, folded, listed
 from commonlaw.report.markup import literal
 from commonlaw.text import counted, r_squared
 
-_EACH, _ALL = 3, 12
-"""Of best, typical and worst objects so many are shown each; all of them if there are no more than that."""
-
 _NEGLIGIBLE = 1e-3
 """Mean residuals, relative to the RMS residual, below which they are zero."""
 
 _DRAWN, _IN_OVERVIEW = 50, 36
-"""Of the others up to so many have a figure each; of more, so many together have one."""
+"""Objects left out of a figure up to which the others are drawn as large; of more, objects in one overview."""
 
 
 def fit(case: LawCase) -> Section:
@@ -80,7 +78,7 @@ class Curves:
 
     def blocks(self) -> Iterator[Block]:
         """Yield figures of objects, tables of what the curves are off, and a figure of all that."""
-        yield from self._gallery()
+        yield from self._objects()
         word = "Residuals of the fit" if self.forecast.is_fit else "Errors of the forecasts"
         yield Table(f"{self.kind}-by-state", f"{word} by state.", self._by_state().dropna(axis=1, how="all"))
         errors = self.errors if self.forecast.outcomes else self.errors.drop(columns="diverged after")
@@ -96,13 +94,9 @@ class Curves:
         return self.forecast.errors()
 
     @cached_property
-    def relative(self) -> pd.Series:
-        """Root mean square errors of each object, in units of the states' spread, the best first."""
-        states = np.concatenate([trial.states for trial in self.forecast.trials])
-        spread = pd.Series(np.nanstd(states, axis=0), self.forecast.trials.schema.states).replace(0.0, np.nan)
-        squared = (self.errors["rms error"] / self.errors["state"].map(spread)) ** 2
-        relative: pd.Series = squared.groupby(self.errors[self._object], sort=False).mean().pow(0.5)
-        return relative.sort_values(kind="stable")
+    def relative(self) -> "pd.Series[float]":
+        """RMS errors of each object, the smallest first, see `relative_errors`."""
+        return relative_errors(self.forecast)
 
     @property
     def _object(self) -> str:
@@ -124,8 +118,7 @@ class Curves:
             for state, value in zip(schema.states, rms, strict=True)
             if np.isfinite(value)
         ]
-        what = "RMS residual" if self.forecast.is_fit else "RMS error"
-        return f"{what} {' and '.join(said)}" if said else "not measured"
+        return " and ".join(said) or "not measured"
 
     def _by_state(self) -> pd.DataFrame:
         frame, rows, schema = self.forecast.to_frame(), [], self.forecast.trials.schema
@@ -150,38 +143,31 @@ class Curves:
             rows.append(row)
         return pd.DataFrame(rows)
 
-    def _gallery(self) -> Iterator[Block]:
-        """Yield small pictures of the best, typical and worst objects, and the rest of them folded."""
-        panels, names = ForecastPanels(self.forecast), [str(name) for name in self.relative.index]
-        objects = self.forecast.trials.objects
-        indices = {name: i for i, name in enumerate(objects)}
+    def _objects(self) -> Iterator[Block]:
+        """Yield one figure of all objects, or of many those evenly spaced by rank, and the others folded."""
+        ranked, shown = [str(name) for name in self.relative.index], representative(self.forecast)
+        omitted = omission(self.forecast, shown)
+        caption = f"{omitted}. {self._ends(ranked)}" if omitted else self._ends(ranked)
+        yield Picture(f"{self.kind}-objects", f"{caption}.", partial(plot_forecast, self.forecast))
+        others = [name for name in ranked if name not in shown]
+        if others:
+            yield Fold(f"The other {counted(len(others), 'object')}", tuple(self._others(others, len(shown))))
 
-        def picture(name: str, rank: str = "") -> Picture:
-            off = literal(self.in_words(name)).replace(r"\.", ".")
-            caption = f"**{literal(name)}**{rank}: {off}"
-            return Picture(f"{self.kind}-{indices[name] + 1}", caption, partial(panels.draw, name))
+    def _ends(self, ranked: Sequence[str]) -> str:
+        """Return the errors of the first and the last of some objects as Markdown."""
+        ends = (
+            f"**{literal(name)}** {literal(self.in_words(name))}" for name in dict.fromkeys((ranked[0], ranked[-1]))
+        )
+        what = "RMS residual" if self.forecast.is_fit else "RMS error"
+        return f"{what}: {' to '.join(ends)}".replace(r"\.", ".")
 
-        if len(names) <= _ALL:
-            yield Gallery(tuple(picture(name) for name in objects))
-            return
-        middle = (len(names) - _EACH) // 2
-        chosen = {"best": names[:_EACH], "typical": names[middle : middle + _EACH], "worst": names[-_EACH:]}
-        shown = [(name, rank) for rank, own in chosen.items() for name in own]
-        yield Gallery(tuple(picture(name, f" ({rank})") for name, rank in shown))
-        rest = [name for name in objects if name not in {name for name, _ in shown}]
-        others = Gallery(tuple(map(picture, rest))) if len(rest) <= _DRAWN else self._overviews(panels, rest)
-        yield Fold(f"The other {counted(len(rest), 'object')}", (others,))
-
-    def _overviews(self, panels: ForecastPanels, names: Sequence[str]) -> Gallery:
-        """Return the curves of very many objects, few lines of each, the best first."""
-        names = [name for name in self.relative.index.astype(str) if name in set(names)]
-        parts = [names[i : i + _IN_OVERVIEW] for i in range(0, len(names), _IN_OVERVIEW)]
-        pictures = [
-            Picture(
-                f"{self.kind}s-{i + 1}",
-                f"From {literal(', to '.join(f'{name}, {self.in_words(name)}' for name in (part[0], part[-1])))}.",
-                partial(panels.overview, part),
-            )
-            for i, part in enumerate(parts)
-        ]
-        return Gallery(tuple(pictures))
+    def _others(self, ranked: Sequence[str], size: int) -> Iterator[Block]:
+        """Yield figures of some objects, so many in each; of very many few lines of each."""
+        few = len(ranked) <= _DRAWN
+        draw = partial(plot_forecast, self.forecast) if few else ForecastPanels(self.forecast).overview
+        size = size if few else _IN_OVERVIEW
+        parts = [ranked[i : i + size] for i in range(0, len(ranked), size)]
+        pictures = tuple(
+            Picture(f"{self.kind}-{i + 1}", f"{self._ends(part)}.", partial(draw, part)) for i, part in enumerate(parts)
+        )
+        yield from pictures if few else (Gallery(pictures),)
