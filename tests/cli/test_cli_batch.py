@@ -74,8 +74,8 @@ def test_what_does_not_go_together_is_refused(run, words, said):
 
 
 def test_a_table_of_another_format_is_refused_before_anything_is_done(run):
-    code, _, err = run("discover", "a.csv", "--each", "--save", "r.xlsx")
-    assert (code, "commonlaw: r.xlsx: the ending says what is written" in err) == (1, True)
+    code, _, err = run("discover", "a.csv", "--each", "--save", "r.ods")
+    assert (code, "commonlaw: r.ods: the ending says what is written" in err) == (1, True)
 
 
 def _piece(number):

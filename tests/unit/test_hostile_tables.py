@@ -202,7 +202,7 @@ def test_a_decimal_that_is_no_number_is_missing(name):
 
 ARRAYS = {
     "complex times": (FRAME.t.to_numpy() + 1j, FRAME.x, {}, "not-an-array"),
-    "a number as times": (3, 3, {}, Diagnostic("array-dimensions", {"dimensions": 1})),
+    "a number as times": (3, 3, {}, Diagnostic("array-dimensions", {"dimensions": 2})),
     "rows of several lengths": (FRAME.t, [[1], [1, 2]], {}, "not-an-array"),
     "an integer beyond doubles": ([10**400, 1], [1, 2], {}, "not-an-array"),
     "a number as name": (FRAME.t, FRAME.x, {"names": [1]}, Diagnostic("names-count", {"states": 1})),
