@@ -131,8 +131,6 @@ def test_a_property_in_an_equation_has_the_value_of_its_object():
     assert (errors[:, 1] == 0).all()
     assert (errors[:, 0] > 0).all()
     assert ("property", "drag") in [(each.stage, each.choice) for each in law.history]
-    with refused("property-and-parameter", property="drag", parameter="c"):
-        cl.fit("x'' = -c (v - drag)", drops)
 
 
 def test_counts_that_make_no_sense_are_refused(law, cups):

@@ -125,7 +125,7 @@ def test_what_a_state_may_be_exchanged_for(equations, found):
     given = read_equations(equations, Schema(("x", "u")))
     hidden = np.array([False, True])
     ways = (may_be_rescaled, may_be_shifted, may_be_mixed)
-    assert tuple(bool(way(given.terms, given.known, hidden)[1]) for way in ways) == found
+    assert tuple(bool(way(given.terms, given.known, hidden, np.full(3, np.nan))[1]) for way in ways) == found
 
 
 @pytest.mark.parametrize(

@@ -127,7 +127,7 @@ def test_the_command_line_takes_the_time_of_the_starts(tmp_path):
 )
 def test_whether_a_state_may_be_counted_in_another_unit(equations, free):
     given = read_equations(equations, Schema(("conc", "tissue")))
-    found = may_be_rescaled(given.terms, given.known, np.array([False, True]))
+    found = may_be_rescaled(given.terms, given.known, np.array([False, True]), np.full(3, np.nan))
     assert found.tolist() == [False, free]
 
 

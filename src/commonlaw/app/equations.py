@@ -120,7 +120,8 @@ def _read(
     second = [each.state for each in asked if each.order == 2]
     trials, _ = without_measured_rates(trials, second, [each.state for each in asked])
     if not needs_model(model_text, trials, given, (), None) and not given:
-        read_equations("; ".join(model_text.equations), trials.schema)  # Says what `fit` refuses
+        properties = property_names(trials.properties)
+        read_equations("; ".join(model_text.equations), trials.schema, properties=properties)  # Says what `fit` refuses
     begun = begin(model_text, trials, given, starts_at)
     begun = replace(begun, problem=replace(begun.problem, tolerance=_TOLERANCE), first=_with_rates(begun))
     return begun, trials, _formulas(begun)

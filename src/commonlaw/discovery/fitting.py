@@ -95,9 +95,9 @@ def fit(
     equations
         One for each state, in one text between semicolons or in several, see `Law.from_text`; or the name of one of
         `commonlaw.named_models`: ``"logistic"``, with the columns of its variables where these are not clear,
-        ``"logistic:x=weight"``. Coefficients are found,
-        numbers are known and stay, and so do pi, and properties of the objects by their names:
-        ``"x'' = -9.81 - c v"``; v is the rate of x, as is ``x'``; t is time, whatever its column is called.
+        ``"logistic:x=weight"``. Coefficients are found, numbers are known and stay, and so do pi, and properties of the
+        objects by their names, wherever they stand: ``"x'' = -9.81 - c v"``, ``"n' = r n (1 - n/K)"`` of objects with a
+        capacity K; v is the rate of x, as is ``x'``; t is time, whatever its column is called.
 
         Parentheses with coefficients are multiplied out: ``"T' = -k (T - a)"`` is fitted as ``-k T + k a``, and k and a
         follow from these, their standard errors to first order. There have to be as many terms as coefficients, which
@@ -205,7 +205,7 @@ def fit(
     trials = _with_unmeasured(with_doses(trials, doses), asked, cast(dict[str, Start], starts), starts_at)
     if doses and input_between is None:
         settings["input_between"] = "linear"
-    given = read_equations(equations, trials.schema)
+    given = read_equations(equations, trials.schema, properties=property_names(trials.properties))
     text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
     history = (
         Step("equations", text, "as given"),
@@ -531,11 +531,7 @@ def _known(given: GivenEquations, trials: Trials) -> Floats:
     found, properties = np.tile(given.known, (len(trials.objects), 1, 1)), property_names(trials.properties)
     for product in given.products:
         names = [name for name, _ in product.coefficients]
-        taken = [name for name in names if name in properties]
-        others = [name for name in names if name not in properties]
-        if taken and others:
-            raise CommonlawError("property-and-parameter", property=taken[0], parameter=others[0])
-        if taken:
+        if names and all(name in properties for name in names):
             found[:, product.equation, product.term] = [product_of(product, trials, name) for name in trials.objects]
     return found
 

@@ -11,7 +11,6 @@ from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.estimation.search import Bounds, Optimum, maximize
-from commonlaw.estimation.sizes import likely_sizes
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.observation import InitialValue, Observation
 from commonlaw.law.parse import Product, read_equations
@@ -19,6 +18,7 @@ from commonlaw.law.provenance import Domain
 from commonlaw.law.text import with_error
 from commonlaw.library import Term, Terms
 from commonlaw.library.bounds import limits_of
+from commonlaw.library.sizes import likely_sizes
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted
@@ -326,6 +326,7 @@ def _sizes(
     said: list[tuple[str, float | int]] = [(each, i) for i, each in enumerate(model.expressions[: model.width])]
     for name, each in zip(model.observables, model.expressions[model.width :], strict=True):
         said.append((each, measured[name]))
+    said += [(each, known[i]) for i, each in enumerate(model.initial) if each is not None and i in known]
     found = likely_sizes(said, known, len(columns), span)
     starts = {f"{name}(0)": found[i] for i, name in enumerate(model.variables.states)}
     by_name = {**{name: found[i] for name, i in columns.items()}}
@@ -378,7 +379,7 @@ def _law(
     groups: Mapping[str, Mapping[str, str]],
 ) -> Law:
     """Return the law of the largest likelihood."""
-    given = read_equations(model.text.equations, model.schema)
+    given = read_equations(model.text.equations, model.schema, properties=property_names(trials.properties))
     inside = {each.name for each in given.coefficients}
     extra = [name for name in model.parameters if name not in inside]
     variables = replace(given.terms.variables, parameters=(*given.terms.variables.parameters, *extra))

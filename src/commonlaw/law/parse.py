@@ -110,8 +110,14 @@ class GivenEquations(NamedTuple):
     bounds: tuple[Bound, ...] = ()
 
 
-def read_equations(given: str | Sequence[str], schema: Schema, variables: Variables | None = None) -> GivenEquations:
-    """Return what equations say about the states of a schema, in variables that follow from it if none are given."""
+def read_equations(
+    given: str | Sequence[str], schema: Schema, variables: Variables | None = None, properties: Sequence[str] = ()
+) -> GivenEquations:
+    """Return what equations say about the states of a schema, in variables that follow from it if none are given.
+
+    A property of the objects that stands before a term with other names, as K in ``r x (1 - x/K)``, is a parameter
+    inside this term.
+    """
     equations = split_equations(given)
     by_state = {each.state: each for each in equations}
     _check_states(tuple(by_state), schema)
@@ -133,6 +139,10 @@ def read_equations(given: str | Sequence[str], schema: Schema, variables: Variab
             for each in row
             if each.coefficients
         ]
+        together = [name for each in products if len(each.coefficients) > 1 for name, _ in each.coefficients]
+        if inside := [name for name in dict.fromkeys(together) if name in properties]:
+            variables = replace(variables, parameters=(*variables.parameters, *inside))
+            continue
         found = _solved(products)
         if found is not None and not any(len({each.term for each in row}) < len(row) for row in rows):
             break

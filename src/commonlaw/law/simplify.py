@@ -291,8 +291,8 @@ class _Constraint:
     def gain(self, estimates: "_Estimates", tolerance: float) -> float:
         """Return how many bits shorter the law gets: digits of a number that are known, less what replaces them."""
         row, _ = self.row(estimates.values.shape[1])
-        error, off = estimates.error(row), self.off(estimates)
-        if not error > 0 or off > tolerance:
+        error = estimates.error(row)
+        if not error > 0 or (off := self.off(estimates)) > tolerance:
             return -np.inf
         if self.number == 0:
             return float((tolerance**2 - off**2) / _BIT)

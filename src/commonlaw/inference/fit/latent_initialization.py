@@ -57,8 +57,10 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
         return trials
     free = schema.with_free_start
     at_zero = started & np.all([trial.states[0] == 0 for trial in trials], axis=0)
-    rescaled = may_be_rescaled(terms, known, at_zero | free)
-    shifted, mixed = may_be_shifted(terms, known, free), may_be_mixed(terms, known, free)
+    guesses = _Guesses(trials, terms, known)
+    sizes = guesses.whole(np.where(guesses.largest > 0, guesses.largest, np.nan))
+    rescaled = may_be_rescaled(terms, known, at_zero | free, sizes)
+    shifted, mixed = (ways(terms, known, free, sizes) for ways in (may_be_shifted, may_be_mixed))
     for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
         if any_scale and schema.starts.get(name, 0.0) is not None:
             raise CommonlawError("latent-scale-of-zero", name=name)
@@ -67,7 +69,7 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
             raise CommonlawError("latent-scale", name=name, quantity=what, value=where)
         if any_share:
             raise CommonlawError("latent-initial-value", name=name)
-    std = np.where(free, settings.VAGUE, settings.ROUNDING) * _Guesses(trials, terms, known).scales
+    std = np.where(free, settings.VAGUE, settings.ROUNDING) * guesses.scales
     changed = []
     for trial in trials:
         states, noise = trial.states.copy(), trial.noise.copy()
@@ -186,22 +188,29 @@ class _Guesses:
     known: Floats
 
     @cached_property
+    def largest(self) -> Floats:
+        """The largest value of each state that was measured or is given, shape (states,), zero without any."""
+        columns = np.concatenate([natural(trial.states, self.trials.schema) for trial in self.trials])
+        return np.asarray(np.nanmax(np.abs(np.vstack([columns, np.zeros(columns.shape[1])])), axis=0))
+
+    @cached_property
     def scales(self) -> Floats:
         """The scale of each state, shape (states,), by measurements and starts, or else by the equations.
 
         By these, and by parameters that are factors of terms, states change by about their scales within a trial.
         """
-        columns = np.concatenate([natural(trial.states, self.trials.schema) for trial in self.trials])
-        largest = np.asarray(np.nanmax(np.abs(np.vstack([columns, np.zeros(columns.shape[1])])), axis=0))
+        largest = self.largest
         unknown = self.trials.schema.unmeasured & (largest == 0)
         scales = np.where(unknown, np.median(largest[~unknown]), largest)
-        where, count = np.nonzero(~np.isnan(self.known) & (self.known != 0)), int(unknown.sum())
+        where = np.nonzero(~np.isnan(self.known) & (self.known != 0) & self.terms.is_factor)
+        count, inside = int(unknown.sum()), self.known[:, list(self.terms.parameters)].sum(axis=0)
         if not unknown.any() or not len(where[0]):
             return scales
 
         def excess(logarithms: Floats) -> Floats:
             """Return by what factors, as logarithms, rates are off."""
             scales[unknown], parameters = np.exp(logarithms[:count]), np.exp(logarithms[count:])
+            parameters = np.where(np.isnan(inside), parameters, inside)
             rates = self._sizes(scales, parameters)[where[1]] * np.abs(self.known[where])
             factors = np.log(self._times[where[0]] * rates / scales[where[0]])
             return np.where(np.isfinite(factors), factors, 0.0)
@@ -238,7 +247,7 @@ class _Guesses:
         (equations, columns), matrix = self._rates(is_rate, powers)
         first, inside = len(terms.variables.measured), tried & ~is_rate
         others = [first + terms.parameters.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
-        sizes = self._whole(self.scales)[np.newaxis]
+        sizes = self.whole(self.scales)[np.newaxis]
         bank = combined(values_of_each(terms, sizes, others)) if others else np.empty((1, 0))
         signs = np.sign(guess[is_rate])
         factors = np.nan_to_num(np.abs(self.known[equations, columns]), nan=1.0)
@@ -299,7 +308,7 @@ class _Guesses:
         orders = order_of_each(self.terms.variables.order_of(equations), equations)
         return self._duration ** np.array(orders, dtype=float)
 
-    def _whole(self, scales: Floats) -> Floats:
+    def whole(self, scales: Floats) -> Floats:
         """Return sizes of all variables without parameters, shape (variables,)."""
         rates = scales[with_rates(self.terms.variables.order_of(len(scales)), len(scales))] / self._duration
         inputs = np.sqrt(np.mean(np.concatenate([trial.inputs for trial in self.trials]) ** 2, axis=0))
@@ -307,7 +316,7 @@ class _Guesses:
 
     def _sizes(self, scales: Floats, parameters: Floats) -> Floats:
         """Return the size of each term where states are of the size of their scales, or less, shape (terms,)."""
-        whole = self._whole(scales)
+        whole = self.whole(scales)
         # Shares of their own, so that what is written as a difference is no smaller than its parts
         values = whole * np.random.default_rng(0).uniform(size=(settings.GENERIC_POINTS, len(whole)))
         values = np.column_stack([values, np.broadcast_to(parameters, (len(values), len(parameters)))])

@@ -12,10 +12,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.settings import GENERIC_POINTS, ROUNDING
 from commonlaw.integration import VectorField
-from commonlaw.library import Terms
+from commonlaw.library import Terms, highest_columns, with_rates
+from commonlaw.library.sizes import likely_sizes
 
 
-def may_be_rescaled(terms: Terms, known: Floats, states: Bools) -> Bools:
+def may_be_rescaled(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
     """Return which of some states, shape (states,), could be counted in another unit with other coefficients.
 
     Other states among these may change their units, too.
@@ -28,35 +29,37 @@ def may_be_rescaled(terms: Terms, known: Floats, states: Bools) -> Bools:
         Coefficients that are known, shape (equations, terms), NaN where they are to be found.
     states
         Of these, each of which starts at zero, or anywhere.
+    sizes
+        How large measured variables are, shape (variables,), NaN where that follows from the equations: coefficients
+        are compared where all terms matter, whatever the units.
     """
     indices = np.flatnonzero(states).tolist()
-    return _made_up_for(terms, known, [(i, i) for i in indices])
+    return _made_up_for(terms, known, [(i, i) for i in indices], sizes)
 
 
-def may_be_shifted(terms: Terms, known: Floats, states: Bools) -> Bools:
+def may_be_shifted(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
     """Return which of some states, which start anywhere, could be counted from another zero, see `may_be_rescaled`."""
-    return _made_up_for(terms, known, [(i, None) for i in np.flatnonzero(states).tolist()])
+    return _made_up_for(terms, known, [(i, None) for i in np.flatnonzero(states).tolist()], sizes)
 
 
-def may_be_mixed(terms: Terms, known: Floats, states: Bools) -> Bools:
+def may_be_mixed(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
     """Return which of some states, which start anywhere, could be taken together with shares of others."""
     count = len(terms.variables.states)
     mixed = [(i, by) for i in np.flatnonzero(states).tolist() for by in (None, *range(count))]
-    return _made_up_for(terms, known, mixed)
+    return _made_up_for(terms, known, mixed, sizes)
 
 
-def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int | None]]) -> Bools:
+def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int | None]], sizes: Floats) -> Bools:
     """Return for which states coefficients make up for adding a share of a state, or a constant (None)."""
     free, width = np.isnan(known), len(terms.variables.states)
     found = np.zeros(len(known), dtype=np.bool_)
     if not changes:
         return found
     random = np.random.default_rng(0)
-    coefficients = np.where(free, random.uniform(0.5, 1.5, known.shape), known)
+    typical, values = _likely(terms, known, sizes)
+    coefficients = np.where(free, random.uniform(0.5, 1.5, known.shape) * typical, known)
     field = VectorField(terms, coefficients, terms.variables.order_of(len(known)), free=free)
-    points = random.uniform(
-        0.5, 1.5, (GENERIC_POINTS * (len(changes) + int(free.sum())), len(terms.variables.measured))
-    )
+    points = values * random.uniform(0.5, 1.5, (GENERIC_POINTS * (len(changes) + int(free.sum())), len(values)))
     linear = field.linearize(points)
     columns = [linear.by_parameters.reshape(len(points) * width, -1 if free.any() else 0)]
     for i, by in changes:
@@ -73,3 +76,25 @@ def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int |
         left = own - others @ np.linalg.lstsq(others, own)[0]
         found[i] |= bool(np.linalg.norm(left) < ROUNDING)
     return found
+
+
+def _likely(terms: Terms, known: Floats, sizes: Floats) -> tuple[Floats, Floats]:
+    """Return likely sizes of coefficients, shape (equations, terms), and of measured variables, shape (variables,)."""
+    first, count, states = len(sizes), len(terms.variables.names), len(known)
+    order, names = terms.variables.order_of(states), [f"v{i}" for i in range(count)]
+    places = np.argwhere(np.isnan(known) & terms.is_factor).tolist()
+    before = {(j, k): f"v{count + i}" for i, (j, k) in enumerate(places)}
+    written = ["0.0"] * states
+    for j, k in np.argwhere(known != 0).tolist():
+        if terms.is_factor[k]:
+            written[j] += f" + ({before.get((j, k), repr(float(known[j, k])))})*({terms.terms[k].expression(names)})"
+    equations = list(zip(written, highest_columns(order, states).tolist(), strict=True))
+    equations += [(f"v{states + i}", j) for i, j in enumerate(with_rates(order, states).tolist())]
+    inside = known[:, list(terms.parameters)].sum(axis=0)
+    given = dict(enumerate(np.abs([*sizes, *inside]).tolist()))
+    usable = {i: size for i, size in given.items() if 0 < size < np.inf}
+    found = likely_sizes(equations, usable, count + len(places), usable.get(first - 1, 1.0))
+    typical = np.ones(known.shape)
+    typical[tuple(np.transpose(places))] = found[count:]
+    typical[:, list(terms.parameters)] = found[first:count]
+    return typical, found[:first]

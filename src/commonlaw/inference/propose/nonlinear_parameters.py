@@ -153,7 +153,7 @@ def with_parameters_found(
         grid = _Grid.of(setup.law, rates, bounds, guesses or {})
         deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in grid.values], rates))
         if not len(grid.values) or not np.isfinite(deviances).any(axis=1).all():
-            raise CommonlawError("terms-nowhere-finite", parameters=law.terms.variables.parameters)
+            raise CommonlawError("terms-nowhere-finite", parameters=grid.names)
         least = grid.values[deviances.argmin(axis=1)]
         coefficients = [each.coefficients(own) for each, own in zip(rates, least, strict=True)]
         problem = replace(setup, law=replace(setup.law, coefficients=np.array(coefficients))).problem()
@@ -164,8 +164,7 @@ def with_parameters_found(
             for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
                 fits[o] += [] if has_pole(problem, o, each) else [each]
         if not all(fits):
-            names = ", ".join(law.terms.variables.parameters)
-            raise CommonlawError("parameters-not-found", structure=law.structure, names=names)
+            raise CommonlawError("parameters-not-found", structure=law.structure, names=", ".join(grid.names))
         free = [usual_of_best(each) for each in fits]
         return replace(
             law, coefficients=np.array([each.coefficients for each in drawn_together(problem, free, starts)[1]])
@@ -225,9 +224,13 @@ def _of_integrals(problem: SearchProblem) -> list[_Profile]:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Values of each parameter of a law within their bounds, and combinations of them, shape (values, parameters)."""
+    """Values of each parameter that is to be found, by name, within its bounds, and combinations of them.
+
+    Combinations have the shape (values, parameters).
+    """
 
     law: Law
+    names: Sequence[str]
     bounds: Sequence[Bound]
     banks: Sequence[Floats]
     values: Floats
@@ -239,15 +242,16 @@ class _Grid:
         """Return guesses or the values that terms suggest, with more, evenly spaced, where bounds are close."""
         first, inside = profiles[0].values.shape[1], np.argwhere(profiles[0].inside)[:, 1]
         columns = [first + law.terms.parameters.index(k) for k in inside]
+        names = [law.terms.variables.names[column] for column in columns]
         tried = values_of_each(law.terms, np.concatenate([each.values for each in profiles]), columns)
         banks = list[Floats]()
-        for name, bank in zip(law.terms.variables.parameters, tried, strict=True):
+        for name, bank in zip(names, tried, strict=True):
             low, high = limits_of(name, bounds)
             within = bank[(bank > low) & (bank < high)]
             if len(within) < settings.PER_CYCLE and np.isfinite(high - low):
                 within = np.concatenate([within, np.linspace(low, high, settings.PER_CYCLE + 2)[1:-1]])
             banks.append(np.array([guesses[name]]) if name in guesses else within)
-        return cls(law, bounds, banks, combined(banks))
+        return cls(law, names, bounds, banks, combined(banks))
 
     def starts(self, profiles: Sequence[_Profile], deviances: Floats) -> list[Floats]:
         """Return coefficients to begin with, each of shape (objects, equations, terms), by deviances of all values.
@@ -265,7 +269,7 @@ class _Grid:
             lambda each, own, more: self._best([each], own, [*swept, *more])[:1], profiles, deviances, swept_alone
         )
         if not all(alone):
-            raise CommonlawError("terms-nowhere-finite", parameters=self.law.terms.variables.parameters)
+            raise CommonlawError("terms-nowhere-finite", parameters=self.names)
         starts = [*([each] * len(profiles) for each in together), [each for (each,) in alone]]
         return [
             np.array([each.coefficients(own) for each, own in zip(profiles, start, strict=True)]) for start in starts
@@ -314,7 +318,7 @@ class _Grid:
         listed = [self.values[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
         first = islice(filter(holds, listed), settings.MAX_REFINED)
         begun = [*filter(holds, swept), *first, *_different(listed, holds)]
-        limits = np.array([limits_of(name, self.bounds) for name in self.law.terms.variables.parameters])
+        limits = np.array([limits_of(name, self.bounds) for name in self.names])
         found = [*begun, *filter(holds, (_refined(profiles, each, limits.reshape(-1, 2).T) for each in begun))]
         values = [sum(each.deviance(own) for each in profiles) for own in found]
         ordered = [found[k] for k in np.argsort(values, kind="stable")]

@@ -1,0 +1,102 @@
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import curve_fit
+
+import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
+
+NOISE = 0.01
+"""Of measurements, in the size of the population."""
+
+
+def logistic(times, r, start):
+    """Return a population in its capacity; `start` is the logarithm of what it begins with."""
+    return 1 / (1 + np.expm1(-start) * np.exp(-r * times))
+
+
+def sir(times, b, g, susceptible, infected):
+    """Return the infected of a population in its size."""
+
+    def rates(_, states):
+        new = b * states[0] * states[1]
+        return [-new, new - g * states[1]]
+
+    start = [susceptible, infected]
+    return solve_ivp(rates, (0, times[-1]), start, t_eval=times, rtol=1e-9, atol=1e-12).y[1]
+
+
+def least_squares(function, times, measured, guess):
+    """Return estimates and their standard errors."""
+    noise = np.full(len(times), NOISE)
+    found, covariance = curve_fit(function, times, measured, guess, noise, absolute_sigma=True, method="lm")
+    return found, np.sqrt(np.diagonal(covariance))
+
+
+def estimates(law, name):
+    parameters = named_parameters(law)
+    index = parameters.names.index(name)
+    return parameters.values[:, index], parameters.errors[:, index]
+
+
+@pytest.fixture(scope="module")
+def measured():
+    random, times = np.random.default_rng(0), np.linspace(0, 20, 30)
+    return times, {r: logistic(times, r, np.log(0.05)) + NOISE * random.standard_normal(30) for r in (0.5, 0.7)}
+
+
+def populations(measured, size):
+    times, grown = measured
+    frames = [pd.DataFrame({"r": r, "t": times, "x": size * x, "K": size}) for r, x in grown.items()]
+    return cl.Trials.from_frame(pd.concat(frames), object="r", time="t", states=["x"])
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("start", ["", "; x(0) = x0"])
+def test_a_capacity_that_is_a_property_stays_whatever_its_size(measured, size, start):
+    times, grown = measured
+    law = cl.fit(f"x' = r x (1 - x/K){start}", populations(measured, size), errors="white", noise={"x": NOISE * size})
+    expected = [least_squares(logistic, times, x, (r, np.log(0.05))) for r, x in grown.items()]
+    rates, errors = estimates(law, "r")
+    assert rates == pytest.approx([values[0] for values, _ in expected], rel=1e-3)
+    assert errors == pytest.approx([own[0] for _, own in expected], rel=0.05)
+    capacities, none = estimates(law, "K")
+    assert (capacities == size).all()
+    assert (none == 0).all()
+
+
+@pytest.mark.parametrize("size", [1.0, 1.3e9])
+def test_an_epidemic_in_a_population_of_any_size_begins_with_an_unknown_number_of_susceptible(size):
+    times, truth = np.linspace(0, 60, 61), (0.5, 0.15, 0.9, 0.001)
+    infected = sir(times, *truth) + NOISE * np.random.default_rng(1).standard_normal(len(times))
+    frame = pd.DataFrame({"town": "A", "t": times, "I": size * infected, "N": size})
+    trials = cl.Trials.from_frame(frame, object="town", time="t", states=["I"])
+    settings = {"starts": {"S": None}, "errors": "white", "noise": {"I": NOISE * size}}
+    law = cl.fit("S' = -b S I/N; I' = b S I/N - g I", trials, **settings)
+    expected, errors = least_squares(sir, times, infected, truth)
+    for i, name in enumerate("bg"):
+        (value,), (error,) = estimates(law, name)
+        assert value == pytest.approx(expected[i], abs=0.02 * errors[i])
+        assert error == pytest.approx(errors[i], rel=0.05)
+
+
+def test_a_known_number_is_not_replaced_when_a_law_is_simplified(measured):
+    law = cl.fit("x' = r x (1 - (x/K)^p)", populations(measured, 1e6), errors="white")
+    found = law.simplify()
+    assert [each.letter for each in found.replaced] == ["p"]
+    assert {*found.letters} == {"r", "K"}
+
+
+def test_bounds_are_of_the_parameter_of_that_name_in_whichever_equation_it_stands():
+    times = np.linspace(0, 8, 80)
+
+    def rates(_, states):
+        used = states[0] / (0.5 + states[0])
+        return [-used, used - 60 * states[1] / (40 + states[1])]
+
+    states = solve_ivp(rates, (0, 8), [4.0, 0.0], t_eval=times, rtol=1e-10, atol=1e-12).y.T
+    trials = cl.Trials.from_arrays(times, states, names=["x", "y"])
+    law = cl.fit("x' = -V x/(K + x); y' = V x/(K + x) - W y/(L + y); 20 < L < 80", trials, errors="white")
+    assert estimates(law, "V")[0] == pytest.approx(1.0, rel=0.01)
+    assert estimates(law, "L")[0] == pytest.approx(40, rel=0.1)
