@@ -13,6 +13,8 @@ from scipy.special import lambertw
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.inference import settings
+from commonlaw.inference.fit.parameter_grid import combined
 from commonlaw.law import from_json, relations_frame, to_json, to_script, to_sympy
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
@@ -415,3 +417,10 @@ def test_a_fit_begins_at_guesses():
         cl.fit("x' = a sin(w t + p)", trials, guesses={"v": 0.9})
     with refused("guess-out-of-bounds", name="w", value=3):
         cl.fit("x' = a sin(w t + p); w < 2", trials, guesses={"w": 3})
+
+
+def test_combinations_of_many_parameters_are_drawn():
+    values = combined([np.arange(26.0)] * 20)
+    assert values.shape == (settings.MAX_COMBINATIONS, 20)
+    assert values.mean() == pytest.approx(12.5, abs=0.1)
+    assert combined([np.array([1.0, 2.0]), np.array([3.0, 4.0])]).tolist() == [[1, 3], [1, 4], [2, 3], [2, 4]]

@@ -16,7 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import scales_of_starts
 from commonlaw.inference.data.smoothing import Curve, first_coefficients, terms_and_rates
-from commonlaw.inference.fit.parameter_grid import combined, values_of_each
+from commonlaw.inference.fit.parameter_grid import combined, factor_powers, values_of_each
 from commonlaw.inference.fit.structural_identifiability import may_be_mixed, may_be_rescaled, may_be_shifted
 from commonlaw.library import Terms, order_of_each, with_rates
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
@@ -242,7 +242,7 @@ class _Guesses:
         """
         trials, terms, schema = self.trials, self.terms, self.trials.schema
         tried = np.isnan(self.known) & (schema.unmeasured[:, np.newaxis] | ~terms.is_factor)
-        powers, is_rate = self._powers, tried & terms.is_factor
+        powers, is_rate = factor_powers(terms), tried & terms.is_factor
         is_rate[:, list(terms.parameters)] |= tried[:, list(terms.parameters)] & np.isfinite(powers).all(axis=0)
         (equations, columns), matrix = self._rates(is_rate, powers)
         first, inside = len(terms.variables.measured), tried & ~is_rate
@@ -283,19 +283,6 @@ class _Guesses:
                 matrix.append(row)
         indices = np.array(rows, dtype=int).reshape(-1, 2)
         return (indices[:, 0], indices[:, 1]), np.array(matrix).reshape(len(rows), len(columns))
-
-    @cached_property
-    def _powers(self) -> Floats:
-        """The power of each parameter in each term, shape (terms, parameters), NaN where it is no factor of it."""
-        first = len(self.terms.variables.measured)
-        shape = settings.GENERIC_POINTS, len(self.terms.variables.names)
-        points = np.random.default_rng(0).uniform(0.5, 1.5, shape)
-        values = self.terms.evaluate(points)[:, :, np.newaxis]
-        slopes = self.terms.jacobian(points)[:, :, first:] * points[:, np.newaxis, first:]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratios = np.where(slopes == 0, 0.0, slopes / values)
-        power = np.rint(ratios[0])
-        return np.asarray(np.where((np.abs(ratios - power) < settings.ROUNDING).all(axis=0), power, np.nan))
 
     @cached_property
     def _duration(self) -> float:

@@ -5,6 +5,7 @@ frequencies that samples tell apart and p around the circle, and exponents from 
 """
 
 import ast
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,11 +26,22 @@ def powers_of_ten(per_decade: int, decades: float = settings.MAX_DECADES) -> Flo
 
 def combined(banks: Sequence[Floats]) -> Floats:
     """Return combinations of the values of each parameter, shape (combinations, parameters); of too many, some."""
-    counts = [len(each) for each in banks]
-    chosen = np.arange(int(np.prod(counts, dtype=float)))
-    if len(chosen) > settings.MAX_COMBINATIONS:
-        chosen = np.random.default_rng(0).choice(len(chosen), settings.MAX_COMBINATIONS, replace=False)
-    return np.column_stack([bank[each] for bank, each in zip(banks, np.unravel_index(chosen, counts), strict=True)])
+    if math.prod(map(len, banks)) > settings.MAX_COMBINATIONS:
+        random = np.random.default_rng(0)
+        return np.column_stack([random.choice(bank, settings.MAX_COMBINATIONS) for bank in banks])
+    return np.stack(np.meshgrid(*banks, indexing="ij"), axis=-1).reshape(-1, len(banks))
+
+
+def factor_powers(terms: Terms) -> Floats:
+    """Return the power of each parameter in each term, shape (terms, parameters), NaN where it is no factor of it."""
+    first = len(terms.variables.measured)
+    points = np.random.default_rng(0).uniform(0.5, 1.5, (settings.GENERIC_POINTS, len(terms.variables.names)))
+    values = terms.evaluate(points)[:, :, np.newaxis]
+    slopes = terms.jacobian(points)[:, :, first:] * points[:, np.newaxis, first:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.where(slopes == 0, 0.0, slopes / values)
+    power = np.rint(ratios[0])
+    return np.asarray(np.where((np.abs(ratios - power) < settings.ROUNDING).all(axis=0), power, np.nan))
 
 
 def values_of_each(terms: Terms, values: Floats, columns: Sequence[int]) -> list[Floats]:

@@ -21,7 +21,7 @@ from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
 from commonlaw.inference.fit.integral_form import Integrals, solved
 from commonlaw.inference.fit.lack_of_fit import has_pole, values_along
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, usual_of_best
-from commonlaw.inference.fit.parameter_grid import combined, divisors, values_of_each
+from commonlaw.inference.fit.parameter_grid import combined, divisors, factor_powers, values_of_each
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.integration import VectorField
@@ -86,6 +86,31 @@ class _Profile:
         columns = self.terms.at(self.values, found).T
         with np.errstate(all="ignore"):
             return any(np.ptp(np.sign(evaluate(code, columns))) for code in self.divisors)
+
+    def by_factors(self) -> Floats:
+        """Return parameters by a coefficient c of least squares for each term: log c is the sum of powers times log p.
+
+        They are NaN unless all of them are factors of terms.
+        """
+        found, factors = np.nan_to_num(self.known), self.terms.is_factor
+        found[self.inside] = 1.0
+        library = self.terms.evaluate(self.terms.at(self.values, found))
+        columns = [self.terms.parameters.index(k) for k in np.argwhere(self.inside)[:, 1]]
+        powers, rows, logarithms = factor_powers(self.terms)[:, columns], list[Floats](), list[float]()
+        if not (np.isfinite(powers[factors]).all() and np.isfinite(library).all()):
+            return np.full(len(columns), np.nan)
+        for j, (target, said) in enumerate(zip(self.targets, self.said, strict=True)):
+            free, given = np.isnan(self.known[j]) & factors, (found[j] != 0) & factors
+            bound = np.flatnonzero(given & powers.any(axis=1))
+            given[bound] = False
+            parts = [library[:, given] @ found[j, given], library[:, bound] * found[j, bound], library[:, free]]
+            sides = said(np.column_stack(parts))
+            numbers = solved(sides[:, 1:], target - sides[:, 0])[0][: len(bound)]
+            weights = np.abs(numbers) * np.linalg.norm(sides[:, 1 : len(bound) + 1], axis=0)
+            rows += list(powers[bound] * weights[:, np.newaxis])
+            logarithms += (weights * np.log(np.abs(numbers) + np.finfo(float).tiny)).tolist()
+        scale = np.max(np.abs(rows), initial=0.0) or 1.0
+        return np.asarray(np.exp(np.linalg.lstsq(np.array(rows) / scale, np.array(logarithms) / scale)[0]))
 
     def derivatives(self, parameters: Floats, order: Order) -> Floats:
         """Return the derivatives of rates by everything that is to be found, of unit norm, shape (m, parameters)."""
@@ -251,7 +276,12 @@ class _Grid:
             if len(within) < settings.PER_CYCLE and np.isfinite(high - low):
                 within = np.concatenate([within, np.linspace(low, high, settings.PER_CYCLE + 2)[1:-1]])
             banks.append(np.array([guesses[name]]) if name in guesses else within)
-        return cls(law, names, bounds, banks, combined(banks))
+        values = combined(banks)
+        if not guesses:
+            each = np.array([profile.by_factors() for profile in profiles])
+            more = np.vstack([np.exp(np.log(each).mean(axis=0)), each])
+            values = np.vstack([more[np.isfinite(more).all(axis=1)], values])
+        return cls(law, names, bounds, banks, values)
 
     def starts(self, profiles: Sequence[_Profile], deviances: Floats) -> list[Floats]:
         """Return coefficients to begin with, each of shape (objects, equations, terms), by deviances of all values.
