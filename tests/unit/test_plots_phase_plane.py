@@ -7,33 +7,45 @@ from scipy.optimize import brentq
 import commonlaw as cl
 from commonlaw.estimation import likelihood_profile
 from commonlaw.law import Law
-from commonlaw.plots import fixed_points, plot_phase_plane, plot_profile
+from commonlaw.law.equilibria import fixed_points, kind
+from commonlaw.plots import plot_phase_plane, plot_profile
 from commonlaw.trials import Trials
 from tests.refusals import refused
 
 
-def test_fixed_points_of_predator_and_prey_are_a_saddle_and_a_center():
+def points_of(law, low, high):
+    """Return the fixed points in a box, with eigenvalues and kinds."""
+    found = fixed_points(law, law.coefficients[0], np.array(low), np.array(high), {})
+    return [(state, np.sort_complex(values), kind(values)) for state, values in found]
+
+
+def test_fixed_points_of_predator_and_prey_are_a_saddle_and_a_centre():
     values = {"a": 1.0, "b": 0.1, "c": 1.5, "d": 0.075}
     law = Law.from_text("x' = a x - b x y; y' = -c y + d x y", values)
-    saddle, center = fixed_points(law, (-5.0, 60.0, -5.0, 40.0))
-    np.testing.assert_allclose(saddle.state, (0.0, 0.0), atol=1e-9)
-    np.testing.assert_allclose(sorted(np.real(saddle.eigenvalues)), (-1.5, 1.0), rtol=1e-6)
-    np.testing.assert_allclose(center.state, (1.5 / 0.075, 1.0 / 0.1), rtol=1e-9)
-    np.testing.assert_allclose(np.abs(np.imag(center.eigenvalues)), np.sqrt(1.0 * 1.5), rtol=1e-6)
-    assert (saddle.kind, center.kind) == ("saddle", "center")
+    saddle, centre = points_of(law, (-5.0, -5.0), (60.0, 40.0))
+    np.testing.assert_allclose(saddle[0], (0.0, 0.0), atol=1e-9)
+    np.testing.assert_allclose(saddle[1], (-1.5, 1.0), rtol=1e-6)
+    np.testing.assert_allclose(centre[0], (1.5 / 0.075, 1.0 / 0.1), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(centre[1].imag), np.sqrt(1.0 * 1.5), rtol=1e-6)
+    assert (saddle[2], centre[2]) == ("saddle", "centre of its linearization")
 
 
 @pytest.mark.parametrize(
-    ("damping", "kind"),
+    ("damping", "name"),
     [(0.5, "stable focus"), (3.0, "stable node"), (-0.5, "unstable focus"), (-3.0, "unstable node")],
 )
-def test_the_pendulum_at_rest_is_a_node_or_a_focus_by_its_damping(damping, kind):
+def test_the_pendulum_at_rest_is_a_node_or_a_focus_by_its_damping(damping, name):
     law = Law.from_text("x'' = -sin(x) - c v", {"c": damping})
-    lowest, highest = fixed_points(law, (-1.0, 4.0, -2.0, 2.0))
-    np.testing.assert_allclose([lowest.state, highest.state], [(0.0, 0.0), (np.pi, 0.0)], atol=1e-9)
-    assert (lowest.kind, highest.kind) == (kind, "saddle")
-    expected = np.roots([1.0, damping, 1.0])
-    np.testing.assert_allclose(np.sort_complex(lowest.eigenvalues), np.sort_complex(expected), atol=1e-5)
+    lowest, highest = points_of(law, [-1.0], [4.0])
+    np.testing.assert_allclose([lowest[0], highest[0]], [[0.0], [np.pi]], atol=1e-9)
+    assert (lowest[2], highest[2]) == (name, "saddle")
+    np.testing.assert_allclose(lowest[1], np.sort_complex(np.roots([1.0, damping, 1.0])), atol=1e-9)
+
+
+def test_a_fixed_point_follows_its_input():
+    law = Law.from_text("x' = u - x^2", inputs=["u"])
+    found = fixed_points(law, law.coefficients[0], np.array([0.1]), np.array([9.0]), {"u": 4.0})
+    assert [(state.tolist(), values.tolist()) for state, values in found] == [([2.0], [-4.0])]
 
 
 def test_phase_planes_have_nullclines_fixed_points_and_trajectories():
@@ -41,13 +53,14 @@ def test_phase_planes_have_nullclines_fixed_points_and_trajectories():
     figure = plot_phase_plane(cl.datasets.lotka_volterra.truth(), pairs, "Pair 1")
     (panel,) = figure.axes
     shown = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert shown == ["$x$ constant", "$y$ constant", "fit", "saddle", "center"]
+    assert shown == ["$x$ constant", "$y$ constant", "fit", "saddle", "centre of its linearization"]
     assert figure.get_figwidth() <= 9.0
     assert panel.get_title() == "Pair 1"
     with refused("phase-plane-states"):
         plot_phase_plane(cl.datasets.lorenz.truth(), cl.datasets.lorenz())
     with refused("phase-plane-time"):
-        fixed_points(Law.from_text("x'' = -x + sin(t)"), (-1.0, 1.0, -1.0, 1.0))
+        law = Law.from_text("x'' = -x + sin(t)")
+        plot_phase_plane(law, cl.Trials.from_arrays([0.0, 1.0, 2.0], [1.0, 0.5, 0.0], names=["x"]))
 
 
 def test_a_profile_is_the_least_sum_of_squares_over_all_other_unknowns():

@@ -1,6 +1,6 @@
 """Equilibria of a law with their stability, and the modes of linear laws."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +18,8 @@ Complexes = NDArray[np.complex128]
 _STARTS = 200
 _ITERATIONS = 60
 _TOLERANCE = 1e-9
-_SINGULAR = 1e10
-"""Condition of a Jacobian from which on equilibria are not isolated."""
+_SINGULAR = 1e-10
+"""Least singular value of a Jacobian, relative to its size nearby, up to which equilibria are not isolated."""
 _NEUTRAL = 1e-7
 """Real part of an eigenvalue, relative to its size, that is zero but for rounding."""
 
@@ -42,10 +42,13 @@ class Equilibrium(NamedTuple):
 
 
 class _System:
-    """The equations of a law without inputs and time, for coefficients of shape (equations, terms)."""
+    """The equations of a law at constant inputs, for coefficients of shape (equations, terms)."""
 
-    def __init__(self, law: Law) -> None:
+    def __init__(self, law: Law, inputs: Mapping[str, float] | None = None) -> None:
         self.law, self.states = law, len(law.schema.states)
+        self.rest = np.zeros(len(law.terms.variables.measured))
+        for name, value in (inputs or {}).items():
+            self.rest[law.terms.variables.index(name)] = value
         self.second = with_rates(law.order, self.states)
 
     def coefficients(self, parameters: Floats) -> Floats:
@@ -54,24 +57,27 @@ class _System:
         found[self.law.support] = parameters
         return found
 
-    def at(self, coefficients: Floats, states: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return highest derivatives at states at rest, shape (n, states), their Jacobians and the sizes of summands.
+    def at(self, coefficients: Floats, states: Floats) -> tuple[Floats, Floats]:
+        """Return highest derivatives at states at rest, shape (n, states), and their Jacobians.
 
         Jacobians have the shape (n, states, states + rates).
         """
         terms = self.law.terms
-        points = np.zeros((len(states), len(terms.variables.measured)))
+        points = np.tile(self.rest, (len(states), 1))
         points[:, : self.states] = states
         values = terms.at(points, coefficients)
         with np.errstate(all="ignore"):
-            factors, matrix = coefficients * terms.is_factor, terms.evaluate(values)
+            factors = coefficients * terms.is_factor
             slopes = np.einsum("jk,nkv->njv", factors, terms.jacobian(values)[:, :, : len(terms.variables.states)])
-            return matrix @ factors.T, slopes, np.abs(matrix) @ np.abs(factors).T
+            return terms.evaluate(values) @ factors.T, slopes
 
-    def newton(self, coefficients: Floats, states: Floats) -> Floats:
-        """Return where Newton's method goes from states, shape (n, states); NaN where it does not converge."""
+    def newton(self, coefficients: Floats, states: Floats, span: Floats) -> Floats:
+        """Return where Newton's method goes from states, shape (n, states); NaN where it does not converge.
+
+        Convergence is relative to how much derivatives change over the `span` of each state.
+        """
         for _ in range(_ITERATIONS):
-            residuals, slopes, _ = self.at(coefficients, states)
+            residuals, slopes = self.at(coefficients, states)
             inner = slopes[:, :, : self.states]
             usable = np.flatnonzero(np.isfinite(inner).all(axis=(1, 2)) & np.isfinite(residuals).all(axis=1))
             usable = usable[np.abs(np.linalg.det(inner[usable])) > 0]
@@ -80,8 +86,8 @@ class _System:
             states = states - steps
             if np.all(np.abs(steps[usable]) <= 1e-14 * (1 + np.abs(states[usable]))):
                 break
-        residuals, _, sizes = self.at(coefficients, states)
-        converged = np.all(np.abs(residuals) <= _TOLERANCE * sizes + 1e-300, axis=1)
+        residuals, slopes = self.at(coefficients, states)
+        converged = np.all(np.abs(residuals) <= _TOLERANCE * np.abs(slopes[:, :, : self.states]) @ span, axis=1)
         return np.where(converged[:, np.newaxis], states, np.nan)
 
     def slopes(self, parameters: Floats, point: Floats) -> Floats:
@@ -125,21 +131,7 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
     if not _is_autonomous(law):
         return
     system = _System(law)
-    coefficients = system.coefficients(parameters)
-    low, high = _box(law)
-    random = np.random.default_rng(0)
-    starts = np.concatenate([np.zeros((1, len(low))), low + random.random((_STARTS, len(low))) * (high - low)])
-    reached = system.newton(coefficients, starts)
-    reached = reached[np.isfinite(reached).all(axis=1) & np.all((reached >= low) & (reached <= high), axis=1)]
-    found = list[Floats]()
-    for each in reached:
-        slopes = system.at(coefficients, each[np.newaxis])[1][0, :, : system.states]
-        known = any(np.allclose(each, other, rtol=1e-6, atol=1e-9 * np.max(high - low)) for other in found)
-        if not known and np.linalg.cond(slopes) < _SINGULAR:
-            found.append(each)
-    points = np.array(found).reshape(-1, system.states)
-    for point in points[np.lexsort(points.T[::-1])]:
-        eigenvalues = system.eigenvalues(coefficients, point)
+    for point, eigenvalues in _fixed_points(system, system.coefficients(parameters), *_box(law)):
         errors, is_sure = np.full(len(point), np.nan), True
         if covariance is not None:
             slopes = system.slopes(parameters, point)
@@ -153,7 +145,37 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
             error = float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
             leading = float(eigenvalues.real.max())
             is_sure = abs(leading) > reach * error or abs(leading) <= _NEUTRAL * np.abs(eigenvalues).max()
-        yield Equilibrium(point, errors, _kind(eigenvalues) if is_sure else "stability uncertain")
+        yield Equilibrium(point, errors, kind(eigenvalues) if is_sure else "stability uncertain")
+
+
+def fixed_points(
+    law: Law, coefficients: Floats, low: Floats, high: Floats, inputs: Mapping[str, float]
+) -> Iterator[tuple[Floats, Complexes]]:
+    """Yield the isolated states of rest in a box at constant inputs, with the eigenvalues of the Jacobian there.
+
+    Coefficients have the shape (equations, terms), `low` and `high` (states,).
+    """
+    return _fixed_points(_System(law, inputs), coefficients, low, high)
+
+
+def _fixed_points(
+    system: _System, coefficients: Floats, low: Floats, high: Floats
+) -> Iterator[tuple[Floats, Complexes]]:
+    random, span = np.random.default_rng(0), high - low
+    starts = np.concatenate([np.zeros((1, len(low))), low + random.random((_STARTS, len(low))) * span])
+    changes = np.abs(system.at(coefficients, starts)[1][:, :, : system.states]) @ span
+    usual = np.max(changes, axis=0, where=np.isfinite(changes), initial=0.0)
+    reached = system.newton(coefficients, starts, span)
+    reached = reached[np.isfinite(reached).all(axis=1) & np.all((reached >= low) & (reached <= high), axis=1)]
+    found = list[Floats]()
+    for each in reached:
+        slopes = system.at(coefficients, each[np.newaxis])[1][0, :, : system.states]
+        known = any(np.allclose(each, other, rtol=1e-6, atol=1e-9 * np.max(span)) for other in found)
+        if not known and np.linalg.norm(slopes * span / usual[:, np.newaxis], -2) > _SINGULAR:
+            found.append(each)
+    points = np.array(found).reshape(-1, system.states)
+    for point in points[np.lexsort(points.T[::-1])]:
+        yield point, system.eigenvalues(coefficients, point)
 
 
 def _leading(system: "_System", parameters: Floats, point: Floats) -> float:
@@ -176,7 +198,8 @@ def _box(law: Law) -> tuple[Floats, Floats]:
     return np.where(low >= 0, np.minimum(0.0, low), low - width), high + width
 
 
-def _kind(eigenvalues: Complexes) -> str:
+def kind(eigenvalues: Complexes) -> str:
+    """Return ``stable node``, ``saddle``, ``centre of its linearization`` or another kind by its eigenvalues."""
     real, is_complex = eigenvalues.real, np.any(eigenvalues.imag != 0)
     neutral = np.abs(real) <= _NEUTRAL * np.abs(eigenvalues).max(initial=0.0)
     if neutral.any():

@@ -18,7 +18,7 @@ from commonlaw.plots.forecast import plot_forecast
 from commonlaw.plots.law import plot_law
 from commonlaw.plots.library import plot_library, plot_path
 from commonlaw.plots.panels import ForecastPanels, plot_trials
-from commonlaw.plots.phase_plane import FixedPoint, fixed_points, plot_phase_plane
+from commonlaw.plots.phase_plane import plot_phase_plane
 from commonlaw.plots.profile import plot_profile
 from commonlaw.plots.relations import plot_relations
 from commonlaw.plots.residuals import ResidualPanels, plot_discrepancy, plot_errors, plot_residuals
@@ -27,12 +27,10 @@ from commonlaw.runtime.notebooks import show_type
 
 __all__ = [
     "Figure",
-    "FixedPoint",
     "ForecastPanels",
     "IntervalPanels",
     "ResidualPanels",
     "figure_format",
-    "fixed_points",
     "plot_coefficients",
     "plot_design",
     "plot_discrepancy",
