@@ -26,7 +26,7 @@ def table(tmp_path):
     [
         ("commonlaw.law.law.Law.explain", ["--explain"], "the coefficients were not explained"),
         ("commonlaw.verdict.find", [], "the law was not checked"),
-        ("commonlaw.verdict.findings.judge", [], "the forecast assessment failed"),
+        ("commonlaw.verdict.assessment.judge", [], "the forecast assessment failed"),
         ("commonlaw.law.law.Law.predict", [], "the law was not checked by forecasts"),
         ("commonlaw.plots.plot_law", ["--save", "law.svg"], "law.svg was not made"),
     ],
@@ -46,7 +46,7 @@ def test_the_law_is_on_disk_before_the_next_step_begins(run, tmp_path, monkeypat
         assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
         raise SystemExit(130)
 
-    monkeypatch.setattr("commonlaw.verdict.findings.judge", interrupted)
+    monkeypatch.setattr("commonlaw.verdict.assessment.judge", interrupted)
     code, _, _ = run("discover", "drops.csv", *QUICK, "--save", "found.json")
     assert code == 130
     assert cl.Law.load(tmp_path / "found.json").support.sum() == 2

@@ -9,7 +9,7 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.experiments import suggestions
 from commonlaw.experiments.search import MAX_REPEATS, Search
-from commonlaw.forecast.model_error import model_error_std
+from commonlaw.forecast.initial_state import model_error_std
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import Inputs
 from commonlaw.likelihood import ErrorModel

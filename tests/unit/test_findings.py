@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.verdict import find, findings
+from commonlaw.verdict import assessment, find
 from tests.refusals import refused
 
 
@@ -46,7 +46,7 @@ def test_a_verdict_that_cannot_be_had_leaves_forecasts_and_its_reason(law, drops
     def fails(*_):
         raise error
 
-    monkeypatch.setattr(findings, "judge", fails)
+    monkeypatch.setattr(assessment, "judge", fails)
     found = find(law, drops)
     assert (found.verdict, found.lacking, found.sentences, found.is_exact) == (None, (words,), (words,), True)
     assert found.forecast is not None

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 import commonlaw as cl
 from commonlaw.law.parse import read_equations
-from commonlaw.law.propagation import propagated
+from commonlaw.law.quantiles import propagated
 from commonlaw.law.quantities import forms
 from commonlaw.library.equation import split_equations
 from commonlaw.trials import Schema

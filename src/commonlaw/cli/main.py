@@ -29,7 +29,7 @@ _MODULES = {
     "discrepancy": "criticism",
     "bounds": "criticism",
     "design": "design",
-    "report": "report",
+    "report": "show",
     "app": "main",
     "show": "show",
     "data": "data",

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
 from commonlaw.law.law import Law
-from commonlaw.law.propagation import Function
+from commonlaw.law.quantiles import Function
 from commonlaw.library import with_rates
 from commonlaw.library.grammar import columns_in
 from commonlaw.library.term import Factor

@@ -18,7 +18,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.equilibria import Quantity, equilibria, modes
 from commonlaw.law.law import Law
 from commonlaw.law.parse import GivenEquations, read_equations
-from commonlaw.law.propagation import Function, propagated
+from commonlaw.law.quantiles import Function, propagated
 from commonlaw.library import Variables, order_of_each, term_unit, with_rates
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations

@@ -1,4 +1,4 @@
-"""Coefficients of a law, of all objects: as dots, with intervals, and by properties."""
+"""Coefficients of a law, of all objects: as dots, with intervals, by properties, and their profile likelihoods."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import unknown
+from commonlaw.estimation import likelihood_profile
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import (
@@ -35,6 +36,7 @@ from commonlaw.plots.equations import equation_labels, letter_of, term_labels
 from commonlaw.plots.style import (
     ABSENT,
     COLORS,
+    GREY,
     add_legend,
     frozen_layout,
     key,
@@ -45,6 +47,7 @@ from commonlaw.plots.style import (
     styled,
     unit_text,
 )
+from commonlaw.trials import Trials
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
 _FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}
@@ -477,3 +480,48 @@ def add_color_bar(figure: Figure, mesh: QuadMesh, panels: Sequence[Axes], width:
 
 def _magnitudes(values: Floats) -> Floats:
     return np.ma.masked_equal(np.abs(values), 0)
+
+
+_QUANTILE = 3.841
+
+
+@styled()
+def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = None) -> Figure:
+    """Plot the profile likelihood of a parameter of one object, with its 95 % interval.
+
+    ``2 (log L(best) - log L(value))``, all other parameters and initial conditions fitted again to the object's trials,
+    under white noise. A parabola is that of the standard error: where the profile is flatter on a side, the interval is
+    longer there, and where it stays below 3.84, the data do not bound the parameter.
+
+    Raises `CommonlawError` if there is no such object or parameter, the objects do not share their equations, or time
+    is discrete.
+
+    Parameters
+    ----------
+    law, trials
+        A law, and the trials that it was fitted to.
+    parameter
+        Its name in `Law.structure`.
+    name
+        The object; not needed if there is one.
+    """
+    profile = likelihood_profile(law, trials, parameter, name)
+    figure = Figure(figsize=(5.4, 4.0), layout="constrained")
+    panel = figure.add_subplot()
+    low, high = profile.values[0], profile.values[-1]
+    fine = np.linspace(low, high, 200)
+    panel.axhline(_QUANTILE, color=GREY, linewidth=0.8)
+    ends = np.clip(profile.interval, low, high)
+    panel.axvspan(*ends, color=COLORS[0], alpha=0.12, linewidth=0)
+    panel.plot(fine, ((fine - profile.estimate) / profile.error) ** 2, color=GREY, linestyle="--")
+    panel.plot(profile.values, profile.deviance, color=COLORS[0], marker="o")
+    panel.axvline(profile.estimate, color=COLORS[0], linestyle=":")
+    panel.set_ylim(-0.3, max(2 * _QUANTILE, float(np.max(profile.deviance)) * 0.6) if len(fine) else None)
+    label = math(latex_name(parameter), parameter)
+    panel.set_xlabel(f"{label} ({unit_text(profile.unit)})" if profile.unit else label)
+    panel.set_ylabel("2 log (largest likelihood / likelihood)")
+    panel.set_title(plain(profile.object, 60))
+    interval = key("95 % interval", color=COLORS[0], linewidth=8, alpha=0.12)
+    parabola = key("by the standard error", color=GREY, linestyle="--")
+    add_legend(figure, [key("profile", color=COLORS[0], marker="o"), interval, parabola], "below")
+    return frozen_layout(figure)

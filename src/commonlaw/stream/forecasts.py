@@ -23,7 +23,7 @@ from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounce
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.stream import as_one, objects_of_parts
-from commonlaw.verdict.findings import Findings, find
+from commonlaw.verdict.assessment import Findings, find
 
 if TYPE_CHECKING:
     from distributed import Client
