@@ -267,3 +267,22 @@ def test_numbers_stand_beside_the_formula_with_the_ends_of_their_intervals(law, 
     for row, *ends in zip(table["rows"], low, high, strict=True):
         shown = [[float(each) for each in cell.split("\n")[1].split(" to ")] for cell in row[1:]]
         np.testing.assert_allclose(np.transpose(shown), ends, rtol=0.02)
+
+
+def test_quantities_stand_below_the_coefficients_with_their_intervals():
+    times = np.linspace(0, 12, 40)
+    sizes = [1 / (1 + 19 * np.exp(-rate * times)) for rate in (0.6, 0.9)]
+    noisy = np.array(sizes) + 0.01 * np.random.default_rng(0).standard_normal((2, 40))
+    trials = cl.Trials.from_arrays([times] * 2, list(noisy), object=["A", "B"], names=["n"])
+    law = cl.fit("n' = r n (1 - n/K)", trials)
+    table = next(results(law, trials, trials, lambda _: None)).candidates[0].shown["quantities"]
+    assert [row[0] for row in table["rows"]] == ["A", "B"]
+    column = table["head"].index("carrying capacity K")
+    expected = law.quantities().set_index(["quantity", "object"]).loc["carrying capacity"]
+    for name, *cells in table["rows"]:
+        value, interval = cells[column - 1].split("\n")
+        assert float(value.split(" ± ")[0]) == pytest.approx(expected.loc[name, "estimate"], rel=0.01)
+        ends = [float(each) for each in interval.split(" to ")]
+        np.testing.assert_allclose(ends, expected.loc[name, ["low", "high"]].astype(float), rtol=0.01)
+    plain = cl.fit("n'' = a + b v + c n v", trials)
+    assert not next(results(plain, trials, trials, lambda _: None)).candidates[0].shown["quantities"]["rows"]

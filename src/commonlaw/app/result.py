@@ -20,6 +20,7 @@ from commonlaw.law.alignment import has_bands
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors
 from commonlaw.law.simplify import within_errors
+from commonlaw.law.tables import shown_quantities
 from commonlaw.law.text import rounded, said_within_errors, with_error
 from commonlaw.library import order_of_each
 from commonlaw.report.markup import coefficient_names, equation_parts, formula
@@ -208,6 +209,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "figures": _figure_kinds(law, found.findings.forecast is not None),
         "terms": _terms(law, law.support),
         "table": _table(law),
+        "quantities": _quantities(law),
         "views": [_view(law, each, found.findings.start) for each in _views(found.findings)],
     }
     return ShownLaw(candidate, shown)
@@ -258,13 +260,29 @@ def _table(law: Law) -> dict[str, Any]:
     low, high = (values, values) if law.uncertainty.covariance is None else parameters.intervals()
     units = [f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law)]
 
-    def cell(value: float, error: float, *ends: float) -> str:
-        interval = f"\n{' to '.join(rounded(end, error) for end in ends)}" if error > 0 else ""
-        return with_error(value, error) + interval
-
     every = zip(law.objects, values, np.nan_to_num(errors), low, high, strict=True)
-    rows = [[name, *(cell(*numbers) for numbers in zip(*own, strict=True))] for name, *own in every]
+    rows = [[name, *(_cell(*numbers) for numbers in zip(*own, strict=True))] for name, *own in every]
     return {"head": [law.schema.object, *units], "rows": rows}
+
+
+def _cell(value: float, error: float, *ends: float) -> str:
+    interval = f"\n{' to '.join(rounded(end, error) for end in ends)}" if error > 0 else ""
+    return with_error(value, error) + interval
+
+
+def _quantities(law: Law) -> dict[str, Any]:
+    """Return what is quoted of a law of a known form, as its coefficients: a row for each object."""
+    found = shown_quantities(law)
+    columns: dict[str, dict[str, str]] = {}
+    for row in found.fillna({"unit": ""} if "unit" in found else {}).to_dict("records"):
+        unit = row.get("unit")
+        title = f"{row['quantity']} {row['symbol']}{f' ({unit})' if unit else ''}"
+        error = float(np.nan_to_num(row.get("standard error", 0.0)))
+        columns.setdefault(title, {})[row["object"]] = _cell(
+            row["estimate"], error, *(row[end] for end in ("low", "high") if end in row)
+        )
+    rows = [[name, *(cells.get(name, "") for cells in columns.values())] for name in law.objects]
+    return {"head": [law.schema.object, *columns], "rows": rows if columns else []}
 
 
 def _editable(law: Law) -> dict[str, Any] | None:

@@ -74,6 +74,8 @@ export function move(index) {
   $("formula").append(...candidate.simpler.map(each => element("div", each, { class: "soft" })));
   press();
   fill($("coefficients"), candidate.table.head, candidate.table.rows);
+  $("quantities_part").hidden = !candidate.quantities.rows.length;
+  fill($("quantities"), candidate.quantities.head, candidate.quantities.rows);
   endWritten();
   offerStarts();
   offerRivals();
