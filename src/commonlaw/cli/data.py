@@ -20,17 +20,17 @@ def data() -> None:
 @click.option(
     "--order",
     type=click.IntRange(0, 2),
-    help="Of the laws for which to say what the trials cannot tell apart; 0 says nothing.  [default: 2 for a single "
-    "state, 1 for several]",
+    help="Order of the laws that are tested for confounded variables; 0 for no test.  [default: 2 for a single state, "
+    "1 for several]",
 )
 @click.option("--library", metavar="SPEC", help="Their candidate terms, as in discover.  [default: poly:3]")
 @saving(schema="the roles of the columns and how the table is read, for --schema of all commands")
 @AS_JSON
 def check(source: Source, order: int | None, library: str | None, save: tuple[str, ...], as_json: bool) -> None:
-    """Say what is in TABLE, what data checks find, and what --clip would cut.
+    """Summarize TABLE, run the data checks, and list what --clip would cut.
 
-    Where trials visit little more than one curve, variables stand in for each other on it, and laws in the one and in
-    the other fit alike: that is said too, with the starts that would tell.
+    Variables are confounded where trials visit little more than one curve: laws in either fit equally well. The check
+    lists them, with the initial values that would separate them.
 
     \b
     Example:

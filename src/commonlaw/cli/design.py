@@ -79,10 +79,10 @@ def design(
     save: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Say which experiment would tell most: which law is right, what its coefficients are, or what one wants to know.
+    """Find the most informative experiment: on which law is right, on its coefficients, or on a quantity of interest.
 
-    Every law that remains plausible says what an experiment would measure, with all errors; what laws can imitate in
-    each other does not count. With TABLE, what is not varied is as in its trials.
+    Each plausible law predicts the measurements with all errors; differences that refitting a law removes do not count.
+    With TABLE, settings that are not varied are those of its trials.
 
     \b
     Examples:

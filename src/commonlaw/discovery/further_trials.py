@@ -31,7 +31,7 @@ _Found = tuple[Floats, Forecast, Forecast, tuple[int, int]]
 
 
 def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
-    """Return what else a law could be that trials from other starts would tell from it.
+    """Return the rivals of a law that trials with other initial values would distinguish from it.
 
     Rivals, which its evidence is not strong against, forecast the trials alike. From other starts within what was
     visited forecasts of the two may be further apart than their bands together: there a trial tells which one holds.

@@ -1,4 +1,4 @@
-"""Which experiment next: the one that would tell most, among those that can be made."""
+"""Which experiment next: the most informative one among those that can be made."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -95,7 +95,7 @@ export function equation(parts) {
   return line;
 }
 
-/** How probable a candidate is beside the best, after Kass and Raftery (1995). */
+/** How probable a candidate is relative to the best (Kass and Raftery 1995). */
 function probable(evidence) {
   const words = [[0, "the most probable"], [2, "not distinguishable from the best"], [6, "positive evidence against it"], [10, "strong evidence against it"]];
   return words.find(([most]) => evidence <= most)?.[1] ?? "very strong evidence against it";

@@ -1,4 +1,4 @@
-"""Which variables trials can tell apart, before any law: whether laws in some of them fit as well as laws in others.
+"""Which variables are confounded, before any law: whether laws in some of them fit as well as laws in others.
 
 A trajectory is its start plus the integral of its law: ``x(t) = x(0) + sum of c_k times the integral of term k``, twice
 over for laws of second order. With terms taken along smooth curves through the samples, what a law leaves of the
@@ -7,11 +7,11 @@ integral form of sparse regression; Schaeffer and McCalla 2017). Errors may be c
 
 Some variables suffice for an equation if no others have very strong evidence against them: the Bayesian information
 criterion of the terms over them alone, with coefficients of each object's own, is within 10 of the best (Kass and
-Raftery 1995). Where trials visit a single curve, one variable says on it what another says, and there are several
-smallest sets that suffice, none part of another: laws in the one and in the other fit alike, and differ wherever the
-curve is left. An object that visits more tells for all, as objects share their terms. Where trials of an object differ
-by more than their noise, a variable may stand in for what makes them differ: so it is said, too, where evidence
-prefers laws whose coefficients differ from trial to trial."""
+Raftery 1995). Where trials visit a single curve, variables are functions of each other on it, and there are several
+smallest sets that suffice, none part of another: laws in the one and in the other fit equally well, and differ away
+from the curve. As objects share their terms, one object that visits more separates them for all. Where trials of an
+object differ by more than their noise, a variable may stand in for what makes them differ: the note is given where
+evidence prefers laws whose coefficients differ from trial to trial."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -72,7 +72,7 @@ FAMILIES = (
     Family("adds up {x} from 0, as a pool does that keeps what it gets", 0.0, given="{x}"),
     Family("is filled by {x} from 0 and decays, as a compartment does", 0.0, given="{x}", found="{u}"),
 )
-"""Of laws that fit alike, the first is taken."""
+"""Of laws that fit equally well, the first is taken."""
 
 
 def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress: ProgressCallback) -> Pool:
@@ -113,7 +113,7 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
 
 
 def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Pool:
-    """Return a pool with fits of a latent state; of those that fit alike the first, which stands for all.
+    """Return a pool with fits of a latent state; of those that fit equally well the first, which stands for all.
 
     They are one law in different words, which has the evidence of the best of them.
     """
@@ -138,7 +138,7 @@ def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Po
 
 
 def _ambiguous(name: str, same: "Sequence[tuple[_LatentStateModel, Fit]]") -> Outcome:
-    """Return what is said of laws that fit alike."""
+    """Return the note on laws that fit equally well."""
     listed = "; or ".join(f"{'; '.join(_structure(fit))}, in which it {model.words}" for model, fit in same)
     return note("latent-state-not-identifiable", name=name, others=listed)
 
