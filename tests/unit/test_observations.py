@@ -16,6 +16,7 @@ import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.inference import bounds
 from commonlaw.law import average_law, from_json, to_json
+from commonlaw.law.text import with_error
 from tests.refusals import refused
 
 
@@ -162,6 +163,28 @@ def test_a_parameter_at_its_bound_is_reported_with_a_one_sided_interval():
 
     found = least_squares(residuals, [0.5, 2.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert [estimates(law)[each][0] for each in "ka"] == pytest.approx(found.x, rel=1e-6)
+
+
+@pytest.mark.parametrize("ends", [(0.2, 0.21), (-np.inf, -0.5), (-5e-4, 5e-4), (-3.0, -2.0)])
+def test_a_parameter_keeps_to_narrow_bounds(ends):
+    y = np.exp(-T) + 0.05 * np.random.default_rng(6).standard_normal(len(T))
+    found = least_squares(lambda p: np.exp(-p[0] * T) - y, [1.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    error = np.sqrt(2 * found.cost / (len(T) - 1) / (found.jac.T @ found.jac)[0, 0])
+    low, high = found.x[0] + np.array(ends)
+    bound = f"k < {high}" if np.isinf(low) else f"{low} < k < {high}"
+    law = cl.fit(f"x' = -k x; x(0) = 1; {bound}", trials_of({"A": (T, y)}, ["x"]))
+    notes = [each.text for each in law.diagnostics if each.code == "estimate-at-bound"]
+    if low < found.x[0] < high:
+        assert estimates(law)["k"] == (pytest.approx(found.x[0], rel=1e-7), pytest.approx(error, rel=1e-4))
+        assert not notes
+    else:
+        assert estimates(law)["k"] == (low if low > found.x[0] else high, 0)
+        assert with_error(found.x[0], error) in notes[0]
+
+
+def test_bounds_in_which_no_solution_is_finite_are_refused():
+    with refused("no-finite-start"):
+        cl.fit("s' = -V s/(K + s); s(0) = 5; -5 < K < -4.9", trials_of({"A": (T, 5 * np.exp(-T))}, ["s"]))
 
 
 def test_priors_of_parameters_steer():

@@ -135,21 +135,24 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
     """
     objective = _Objective(problem, noise)
     held = np.zeros(len(unknowns), dtype=np.bool_)
-    for _ in range(len(unknowns) + 1):
+    for _ in range(2 * len(unknowns) + 1):
         gaps = np.stack([unknowns - bounds.low, bounds.high - unknowns])
         gradient = objective.jacobian(unknowns).T @ objective.residuals(unknowns)
-        near = gaps <= np.maximum(1e-3 * np.abs(unknowns), _reach(objective, unknowns))
+        size = np.minimum(np.abs(unknowns), bounds.high - bounds.low)
+        near = gaps <= np.maximum(1e-3 * size, _reach(objective, unknowns))
         held |= (near[0] & (gradient > 0)) | (near[1] & (gradient < 0))
         start = np.where(held, np.where(gaps[0] <= gaps[1], bounds.low, bounds.high), unknowns)
         free = ~held
-        if not free.any() or not np.isfinite(objective.residuals(start)).all():
+        if not np.isfinite(objective.residuals(start)).all():
             break
         point = _by_levenberg_marquardt(objective, start, free & (start != 0), True)
         point = _by_levenberg_marquardt(objective, point, free, False)
         outside = (point < bounds.low) | (point > bounds.high)
-        if not outside.any():
+        gradient = objective.jacobian(point).T @ objective.residuals(point)
+        inward = held & np.where(point == bounds.low, gradient < 0, gradient > 0)
+        if not (outside | inward).any():
             return point
-        held |= outside
+        held = (held & ~inward) | outside
         unknowns = np.clip(point, bounds.low, bounds.high)
     return unknowns
 
@@ -275,6 +278,8 @@ def maximize(
         ends.append(end)
         if end < score or not np.isfinite(score):
             score, unknowns, noise = end, values, levels
+    if not np.isfinite(score):
+        raise CommonlawError("no-finite-start", draws=len(starts))
     alike = sum(end - score < 0.01 for end in ends)
     return _summary(problem, unknowns, noise, bounds, given, alike)
 
@@ -351,10 +356,10 @@ def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, 
     covariance[np.ix_(inner, inner)] = _inverse(rows[:, inner])
     beyond, errors = unknowns.copy(), np.zeros(len(unknowns))
     if at_bound.any():
-        residuals, slopes = problem.residuals(unknowns, unbiased)
-        assert slopes is not None
-        whole = _inverse(rows)
-        beyond = unknowns - whole @ (slopes.T @ residuals)
+        free = np.ones(len(unknowns), dtype=np.bool_)
+        beyond = _by_levenberg_marquardt(_Objective(problem, unbiased), unknowns, free, False)
+        levels = noise if given else problem.noise_levels(beyond, unbiased, float(len(beyond)))
+        whole = _inverse(problem.information(beyond, np.maximum(levels, _EXACT * rough_noise(problem))))
         errors = np.sqrt(np.maximum(np.diagonal(whole), 0.0))
     return Optimum(unknowns, unbiased, log_likelihood, covariance, at_bound, (beyond, errors), alike)
 

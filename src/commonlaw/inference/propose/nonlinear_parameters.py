@@ -346,10 +346,15 @@ class _Grid:
             return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(parameters)))
 
         listed = [self.values[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
-        first = islice(filter(holds, listed), settings.MAX_REFINED)
-        begun = [*filter(holds, swept), *first, *_different(listed, holds)]
-        limits = np.array([limits_of(name, self.bounds) for name in self.names])
-        found = [*begun, *filter(holds, (_refined(profiles, each, limits.reshape(-1, 2).T) for each in begun))]
+        low, high = np.array([limits_of(name, self.bounds) for name in self.names]).reshape(-1, 2).T
+        begun, wanted = list[Floats](), holds
+        # Factors of terms may end at their bounds: where those of no values are within, the fit begins outside
+        for wanted in (holds, lambda own: bool(np.all((low <= own) & (own <= high)))):
+            first = islice(filter(wanted, listed), settings.MAX_REFINED)
+            begun = [*filter(wanted, swept), *first, *_different(listed, wanted)]
+            if begun:
+                break
+        found = [*begun, *filter(wanted, (_refined(profiles, each, np.stack([low, high])) for each in begun))]
         values = [sum(each.deviance(own) for each in profiles) for own in found]
         ordered = [found[k] for k in np.argsort(values, kind="stable")]
         same = [k for k, value in enumerate(values) if value <= min(values) + settings.SAME_DEVIANCE]
