@@ -1,4 +1,4 @@
-"""What hypotheses say of measurements that are still to be made, and how well these would tell them apart.
+"""Predictions of hypotheses for measurements that are still to be made, and how well these discriminate them.
 
 Each hypothesis is linearised about its coefficients: measurements are normal, y = mean + J u + S s + noise, with u the
 standard normal unknowns of its coefficients and s a start that the experiment itself has to tell. So a hypothesis is

@@ -253,7 +253,7 @@ class Provenance:
         return bool(self.history or self.calls or self.alternatives or self.outcomes or self.differentiation)
 
     def judged(self, horizon: float, longest: float) -> "Provenance":
-        """Return the same for a law that was judged: it knows how far ahead its forecasts are good, of the longest."""
+        """Return the same with the reliable forecast horizon, and the longest horizon that was tested."""
         return replace(self, domain=replace(self.domain, horizon=horizon, judged=longest))
 
 

@@ -1,4 +1,4 @@
-"""What of long trials is fitted: as many samples as the likelihood of trajectories carries.
+"""Subsampling of long trials, up to the sample limit of the trajectory likelihood.
 
 Where samples are much closer than what the states do between them, fewer of them tell a law as well if they reach as
 far, and its rates and frequencies better than a part of the time would; so samples are thinned first. They are not

@@ -257,7 +257,7 @@ class SearchProblem:
     def prices(self) -> Prices:
         """What supports cost.
 
-        Where a state of second order is counted from is somebody's choice, unless trials come by its zero.
+        The origin of a state of second order is arbitrary, unless trials pass through its zero.
         """
         terms, states = self.models[0].terms, len(self.noise)
         given = ~self.allowed.any(axis=0) & np.any(np.nan_to_num(self.known) != 0, axis=(0, 1))

@@ -1,4 +1,4 @@
-"""Kinds of errors, each with the supports and the levels of largest evidence under it, and which of them is chosen."""
+"""Error models, each with its supports and maximum-marginal-likelihood levels, and the choice among them."""
 
 from collections.abc import Callable, Sequence
 from typing import Literal
