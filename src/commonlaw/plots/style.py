@@ -162,8 +162,12 @@ def fitting(width: float, height: float) -> tuple[float, float]:
 
 
 def columns_for(panels: int, most: int = 4) -> int:
-    """Return how many columns a grid of panels has."""
-    return min(panels, most)
+    """Return how many columns a grid of panels has: as few as need no more lines than `most` columns do.
+
+    >>> columns_for(3), columns_for(5), columns_for(12)
+    (3, 3, 4)
+    """
+    return ceil(panels / ceil(panels / most))
 
 
 def show_lowest_ticks(panels: Sequence[Axes], columns: int, label: str) -> None:
