@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy
+from sklearn import metrics
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
@@ -149,6 +150,62 @@ def test_a_law_with_inputs_is_driven_by_the_measured_inputs():
     np.testing.assert_allclose(law.predict(trials).trajectories[0].states[:, 0], exact, atol=2e-5)
     with refused("simulate-with-inputs"):
         law.simulate([0, 1], [1.0])
+
+
+def _tank(inputs=("u",), between="linear"):
+    terms = parse_library(f"terms:x,{','.join(inputs)}").bind(Variables(("x",), inputs))
+    schema = Schema(("x",), inputs, input_between=between)
+    return Law(terms, schema, 1, ("tank",), np.array([[[-1.0, *np.ones(len(inputs))]]]))
+
+
+@pytest.mark.parametrize("method", ["scipy", "auto"])
+def test_a_law_is_simulated_with_inputs_that_are_given(method):
+    times = np.linspace(0, 5, 11)
+
+    def end(law, inputs):
+        return law.simulate(times, [1.0], inputs=inputs, method=method, tolerance=1e-9)["tank"].states[:, 0]
+
+    exact = (np.sin(times) - np.cos(times) + 3 * np.exp(-times)) / 2
+    for sine in (np.sin, {"u": np.sin}, lambda time: [np.sin(time)]):
+        np.testing.assert_allclose(end(_tank(), sine), exact, atol=1e-7)
+    # x' = -x + t, and x' = -x + 2 + (t > 1.3)
+    np.testing.assert_allclose(end(_tank(), times), times - 1 + 2 * np.exp(-times), atol=1e-7)
+    after = np.maximum(times - 1.3, 0)
+    exact = 2 - np.exp(-times) + 1 - np.exp(-after)
+    both = _tank(("u", "w"))
+    np.testing.assert_allclose(end(both, {"w": 2.0, "u": lambda time: time > 1.3}), exact, atol=1e-7)
+    held = _tank(between="held")
+    levels = np.where(times < 2.5, 1.0, 0.0)
+    np.testing.assert_allclose(end(held, levels), np.exp(-np.maximum(times - 2.5, 0)), atol=1e-7)
+
+
+def test_inputs_that_do_not_fit_are_refused():
+    both = _tank(("u", "w"))
+    with refused("simulate-with-inputs", names=["w"]):
+        both.simulate([0, 1], [1.0], inputs={"u": np.sin})
+    with refused("unknown-name"):
+        both.simulate([0, 1], [1.0], inputs={"u": np.sin, "w": 1.0, "z": 0.0})
+    with refused("input-shape", shape=(3,), samples=2):
+        both.simulate([0, 1], [1.0], inputs={"u": [0.0, 1.0, 2.0], "w": 1.0})
+
+
+def test_a_law_is_scored_as_by_scikit_learn(predators):
+    times = np.linspace(0, 3, 31)
+    (path,) = predators.simulate(times, [1.0, 2.0]).values()
+    states = path.states + np.array([0.05, 0.02]) * np.random.default_rng(0).standard_normal((31, 2))
+    states[0], states[7, 1] = path.states[0], np.nan
+    trials = Trials((Trial("island", "1", times, states),), predators.schema)
+    pairs = [(states[:, 0], path.states[:, 0]), (np.delete(states[:, 1], 7), np.delete(path.states[:, 1], 7))]
+    for name, metric in {
+        "r2": metrics.r2_score,
+        "rmse": metrics.root_mean_squared_error,
+        "mae": metrics.mean_absolute_error,
+    }.items():
+        expected = np.mean([metric(*pair) for pair in pairs])
+        assert predators.score(trials, name) == pytest.approx(expected, rel=1e-6)
+        assert predators.score(trials, metric) == pytest.approx(expected, rel=1e-6)
+    with refused("unknown-name"):
+        predators.score(trials, "r3")
 
 
 @pytest.mark.parametrize("rule", ["savgol:35:3", "finite:4", None])

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration import Trajectory
 from commonlaw.law.quantiles import mixture_interval
 from commonlaw.law.uncertainty import Widening
@@ -21,6 +21,20 @@ from commonlaw.trials.transformations import as_measured, natural
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Metric = Literal["r2", "rmse", "mae"] | Callable[[Floats, Floats], float]
+
+
+def _r_squared(measured: Floats, forecast: Floats) -> float:
+    varied = float(np.sum((measured - measured.mean()) ** 2))
+    return 1 - float(np.sum((measured - forecast) ** 2)) / varied if varied else np.nan
+
+
+_METRICS: dict[str, Callable[[Floats, Floats], float]] = {
+    "r2": _r_squared,
+    "rmse": lambda measured, forecast: float(np.sqrt(np.mean((measured - forecast) ** 2))),
+    "mae": lambda measured, forecast: float(np.mean(np.abs(measured - forecast))),
+}
 
 _MAX_POINTS = 1_000_000
 """Points of a curve; no screen has as many."""
@@ -292,6 +306,21 @@ class Forecast(ShownInNotebooks):
         missed = _sum_of_squares([forecast - states for states, forecast in compared])
         varied = _sum_of_squares([states - _means(states) for states, _ in compared])
         return float(np.mean(1 - missed[varied > 0] / varied[varied > 0])) if varied.any() else np.nan
+
+    def metric(self, metric: Metric = "r2") -> float:
+        """Return the mean over states of a metric of measurements and forecasts, see `Law.score`.
+
+        Where a forecast diverged, R^2 is minus infinity, and errors are infinite. States that do not vary have no R^2.
+        """
+        if isinstance(metric, str):
+            check_choice("metric", metric, _METRICS)
+            metric = _METRICS[metric]
+        measured, forecast = (np.concatenate(each) for each in zip(*self._compared(), strict=True))
+        seen, forecast = np.isfinite(measured), np.where(np.isnan(forecast), np.inf, forecast)
+        columns = np.flatnonzero(seen.any(axis=0))
+        values = [float(metric(measured[seen[:, j], j], forecast[seen[:, j], j])) for j in columns]
+        known = [value for value in values if not np.isnan(value)]
+        return float(np.mean(known)) if known else np.nan
 
     def bounded_score(self) -> float:
         """Return the mean of R^2 over trials and states, each at least -1, also where the forecast diverged.

@@ -22,6 +22,7 @@ from commonlaw.forecast.initial_state import (
 )
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import Event, InitialValueProblem, Inputs, Trajectory, simulate
+from commonlaw.integration.vector_field import InputFunction
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
@@ -71,23 +72,25 @@ def simulate_law(
     dense: bool = False,
     sensitivities: bool = False,
     doses: Mapping[str, Mapping[float, float]] | None = None,
+    inputs: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction] | None" = None,
 ) -> dict[str, Trajectory]:
     """Integrate a law for every object, see `Law.simulate`."""
-    if law.schema.inputs != law.schema.doses:
-        raise CommonlawError("simulate-with-inputs")
     for name in doses or {}:
         check_choice("dose", name, law.schema.doses)
     natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
     starts = initial if isinstance(initial, Mapping) else dict.fromkeys(law.objects, initial)
     width, grid = len(law.terms.variables.states), np.asarray(times, dtype=np.float64)
-    inputs = inputs_of_doses(grid, [(doses or {}).get(name, {}) for name in law.schema.doses])
+    pulses = inputs_of_doses(grid, [(doses or {}).get(name, {}) for name in law.schema.doses])
+    if inputs is None and law.schema.inputs != law.schema.doses:
+        raise CommonlawError("simulate-with-inputs", names=law.schema.inputs)
+    driven = pulses if inputs is None else _given_inputs(law, grid, inputs, pulses, tolerance)
     problems = {}
     for name, start in starts.items():
         state = np.atleast_1d(np.asarray(start, dtype=np.float64))
         if state.shape != (width,):
             wanted = ", ".join(law.terms.variables.states)
             raise CommonlawError("initial-state-size", where=name, given=state.size, expected=width, names=wanted)
-        field = replace(vector_field(law, name), terms=natural, inputs=inputs)
+        field = replace(vector_field(law, name), terms=natural, inputs=driven)
         problems[name] = InitialValueProblem(field, state, grid, name)
     found = simulate(
         problems.values(),
@@ -98,6 +101,53 @@ def simulate_law(
         sensitivities=sensitivities,
     )
     return dict(zip(problems, found, strict=True))
+
+
+def _given_inputs(
+    law: Law,
+    grid: Floats,
+    given: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction]",
+    pulses: Inputs | None,
+    tolerance: float,
+) -> Inputs:
+    """Return inputs that are given as numbers, arrays at the times of a grid, or functions, with those of doses."""
+    schema = law.schema
+    names = [name for name in schema.inputs if name not in schema.doses]
+    if isinstance(given, Mapping):
+        for name in given:
+            check_choice("input", name, names)
+        if missing := [name for name in names if name not in given]:
+            raise CommonlawError("simulate-with-inputs", names=missing)
+        blocks = [(slice(i, i + 1), given[name]) for i, name in enumerate(names)]
+    else:
+        blocks = [(slice(0, len(names)), given)]
+    functions, arrays = list[tuple[slice, InputFunction]](), np.zeros((len(grid), len(names)))
+    for columns, own in blocks:
+        if callable(own):
+            functions.append((columns, own))
+            continue
+        values, shape = np.asarray(own, dtype=np.float64), arrays[:, columns].shape
+        if values.ndim and values.shape not in (shape, shape[:1] if shape[1] == 1 else ()):
+            raise CommonlawError("input-shape", names=names[columns], shape=values.shape, samples=len(grid))
+        arrays[:, columns] = values.reshape(shape) if values.ndim else values
+    between = Inputs.of(grid, arrays, schema.input_between)
+    if not functions and pulses is None:
+        return between
+
+    def along(times: Floats) -> Floats:
+        found = between.at(times)
+        for columns, function in functions:
+            values = [np.atleast_1d(np.asarray(function(time), dtype=np.float64)) for time in times.tolist()]
+            found[:, columns] = np.array(values)
+        own = {name: found[:, [i]] for i, name in enumerate(names)}
+        if pulses is not None:
+            own |= {name: pulses.at(times)[:, [i]] for i, name in enumerate(schema.doses)}
+        return np.hstack([own[name] for name in schema.inputs])
+
+    mesh = (
+        grid if pulses is None else np.union1d(grid, pulses.knots[(pulses.knots > grid[0]) & (pulses.knots < grid[-1])])
+    )
+    return Inputs.of_function(along, mesh, tolerance)
 
 
 def inputs_of_doses(grid: Floats, doses: Sequence[Mapping[float, float]]) -> Inputs | None:

@@ -1,17 +1,29 @@
 """The right-hand side of a law for one object, with its derivatives, at many points at once."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import unknown
 from commonlaw.library import Order, Terms, highest_columns, with_rates
 
+_NODES = (1 - np.cos(np.pi * (np.arange(8) + 0.5) / 8)) / 2
+"""Chebyshev points of a unit interval, inside of it, so that a function may jump at its ends."""
+_CHECKED = (0.03, 0.5, 0.97)
+"""Where in an interval a polynomial is compared with its function."""
+_HALVINGS = 40
+"""Of an interval in which a function has a jump: as far as numbers resolve."""
+
 BETWEEN = ("held", "linear", "cubic")
 """Between two samples an input keeps the earlier value, is on a straight line, or on a cubic spline (not-a-knot)."""
+
+InputFunction = Callable[[float], ArrayLike]
+"""Inputs at a time: one number, or one for each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +62,40 @@ class Inputs:
         changes = np.any(np.diff(coefficients, axis=0), axis=(1, 2)) | np.any(coefficients[1:, 1:], axis=(1, 2))
         kept = np.concatenate([[True], changes])
         return cls(np.asarray(times[kept]), coefficients[kept, :powers])
+
+    @classmethod
+    def of_function(cls, function: Callable[[Floats], Floats], mesh: Floats, tolerance: float) -> "Inputs":
+        """Return inputs that are a function of time, from shape (m,) to (m, inputs), between the ends of a mesh.
+
+        They are polynomials of degree 7 at the Chebyshev points of the intervals of the mesh, which are halved until
+        these agree with the function within the tolerance, relative to its largest value; the last ends at a jump.
+        """
+        if len(mesh) == 1:
+            return cls.of(mesh, function(mesh), "held")
+        begins, widths = mesh[:-1], np.diff(mesh)
+        to_powers = np.linalg.inv(np.vander(_NODES, increasing=True))
+        knots, coefficients, largest = list[Floats](), list[Floats](), float(np.finfo(float).tiny)
+
+        def values(shares: Floats) -> Floats:
+            return function((begins[:, np.newaxis] + shares * widths[:, np.newaxis]).ravel()).reshape(
+                len(begins), len(shares), -1
+            )
+
+        for halving in range(_HALVINGS + 1):
+            seen, checked = values(_NODES), values(np.array(_CHECKED))
+            polynomials = to_powers @ seen
+            largest = max(largest, float(np.abs(seen).max(initial=0.0)))
+            errors = np.abs(np.vander(_CHECKED, len(_NODES), increasing=True) @ polynomials - checked)
+            done = (errors.max(axis=(1, 2)) <= tolerance * largest) | (halving == _HALVINGS)
+            knots.append(begins[done])
+            powers = widths[done, np.newaxis, np.newaxis] ** np.arange(len(_NODES))[:, np.newaxis]
+            coefficients.append(polynomials[done] / powers)
+            halves = widths[~done] / 2
+            begins, widths = np.concatenate([begins[~done], begins[~done] + halves]), np.tile(halves, 2)
+            if not len(begins):
+                break
+        order = np.argsort(np.concatenate(knots), kind="stable")
+        return cls(np.concatenate(knots)[order], np.concatenate(coefficients)[order])
 
     @property
     def held(self) -> bool:

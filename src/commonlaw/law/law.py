@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Residuals
-    from commonlaw.forecast.forecast import Forecast
+    from commonlaw.forecast.forecast import Forecast, Metric
+    from commonlaw.integration.vector_field import InputFunction
     from commonlaw.report.page import Page
     from commonlaw.verdict.law_verdict import LawVerdict
 
@@ -390,11 +391,12 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         dense: bool = False,
         sensitivities: bool = False,
         doses: Mapping[str, Mapping[float, float]] | None = None,
+        inputs: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction] | None" = None,
     ) -> dict[str, Trajectory]:
         """Integrate the law for every object; a divergence is an outcome of its trajectory.
 
-        Raises `CommonlawError` if the law has other inputs, lacks an object, or has not as many states as an initial
-        state.
+        Raises `CommonlawError` if an input is not given, or the law lacks an object, or has not as many states as an
+        initial state.
 
         Parameters
         ----------
@@ -407,9 +409,13 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         sensitivities
             Whether to give the derivatives of states by coefficients in the support, row by row, and by initial states.
         doses
-            Amounts by their times, of a law whose inputs are doses: ``{"dose": {3.0: 60.0}}``.
+            Amounts by their times, of inputs that are doses: ``{"dose": {3.0: 60.0}}``.
+        inputs
+            Other inputs: at the times, shape (n,) or (n, inputs), between which they are as in the trials that the law
+            was found in; as a function of time; or by name: ``{"voltage": lambda t: np.sin(t), "load": 2.0}``.
         """
         how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
+        how["inputs"] = inputs
         found = _call("forecast:simulate_law", self, times, initial, sensitivities=sensitivities, **how)
         return cast(dict[str, Trajectory], found)
 
@@ -474,6 +480,23 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("Forecast", _call("forecast:predict", self, trials, times=times, **options, **how))
 
     # Comparison with measurements
+
+    def score(self, trials: Trials, metric: "Metric" = "r2", *, start: int | None = None) -> float:
+        """Return how well trials are forecast, the mean over states of a metric of scikit-learn.
+
+        Raises `CommonlawError` if there is no such metric, or the trials cannot be forecast.
+
+        Parameters
+        ----------
+        trials
+            What was measured; missing values do not count.
+        metric
+            ``"r2"``, 1 - sum (y - f)^2 / sum (y - mean y)^2; ``"rmse"`` or ``"mae"``, in the unit of the state; or a
+            function of measurements and forecasts of a state, shape (n,) each.
+        start
+            How many first samples of each trial determine its initial state, see `predict`.
+        """
+        return self.predict(trials, start=start).metric(metric)
 
     def residuals(self, trials: Trials) -> "Residuals":
         """Return the residuals of trials about the law's trajectories, with tests for their patterns.
