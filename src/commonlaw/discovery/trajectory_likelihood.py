@@ -3,22 +3,32 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from commonlaw.array_types import evenly_spaced
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.model_structure import ModelStructure
 from commonlaw.discovery.pipeline import law_of_best_order
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law
+from commonlaw.forecast.population import with_pooled_forecasts
+from commonlaw.inference import compare_by_parts, fitted_by_parts, refine, typical, written_alike
+from commonlaw.law import Law, Step
 from commonlaw.library import order_of_each
+from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.fit_options import FitOptions, documented
 from commonlaw.runtime.parallel import threads
-from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.runtime.progress import ProgressCallback, part, silent, unannounced
 from commonlaw.solvers import parse_solver
-from commonlaw.stream.proposals import Fitting, law_of_parts
+from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
+
+_GROUPS, _OBJECTS = 4, 10
+"""Groups of objects of a stream that propose laws, each from a part of its own, and objects of each."""
+
+_PROPOSED, _JUDGED = 0.2, 0.4
+"""Shares of the time after which laws are proposed, and judged. They are only shown."""
 
 
 @documented
@@ -69,28 +79,59 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         with threads(self.n_jobs):
             return law_of_best_order(CandidateSearch(trials, self, progress), structure, possible)
 
-    def _of_parts(self, trials: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
-        """Return the law of objects that are fitted part by part, under white noise if nothing else is named."""
-        refuse_what_does_not_fit(self, trials, structure)
-        inside = structure.parametric(trials.schema) or structure.ratios(trials.schema)
+    def _of_parts(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        """Return the law of a stream: proposed by groups of objects, chosen by its evidence over all, fitted to each.
+
+        Only laws, evidences and coefficients leave the parts, which are fitted under white noise if nothing else is
+        named.
+        """
+        refuse_what_does_not_fit(self, stream, structure)
+        inside = structure.parametric(stream.schema) or structure.ratios(stream.schema)
         if inside or self.unmeasured:
             what = "unmeasured=1" if self.unmeasured else "a term with nonlinear parameters"
             raise CommonlawError("stream-with-option", what=what)
         errors = "white" if self.errors == "auto" else self.errors
-        return law_of_parts(
-            trials,
-            partial(_found_in, replace(self, errors=errors, covariance="likelihood", partial_pooling=False), structure),
-            Fitting(
-                noise=self.noise,
-                errors=errors,
-                huber_threshold=self.huber_threshold,
-                covariance=self.covariance,
-                seed=self.seed,
-            ),
-            structure.universal_in,
-            self.partial_pooling,
-            progress,
+        weighing = {"noise": self.noise, "errors": errors, "huber_threshold": self.huber_threshold}
+        alone = replace(self, errors=errors, covariance="likelihood", partial_pooling=False)
+        parts = stream.parts or (stream,)
+        some = [parts[i] for i in evenly_spaced(len(parts), _GROUPS)]
+        laws = done_in_parts(
+            partial(_proposed, alone, structure),
+            some,
+            "seeking laws of groups of objects",
+            part(progress, 0.0, _PROPOSED),
         )
+        proposed = {"; ".join(law.structure): law for law in reversed(laws)}
+        what = f"{counted(len(proposed), 'law')} of {counted(len(some), 'group')} of at most {_OBJECTS} objects"
+        steps = [Step("proposals", what, "terms proposed by a search among few objects")]
+        best = next(iter(proposed.values()))
+        if len(proposed) > 1:
+            frame = compare_by_parts(proposed, parts, weighing, part(progress, _PROPOSED, _JUDGED))
+            (first, second), evidence = frame["law"][:2], frame["2 log B"][1]
+            reason = f"2 log B = {evidence:.4g} for it over {second}, summed over {counted(len(parts), 'part')}"
+            best = proposed[first]
+            steps.append(Step("support", first, reason))
+        fit = partial(_fitted, best, {**weighing, "covariance": self.covariance, "seed": self.seed})
+        law = fitted_by_parts([fit] * len(parts), parts, part(progress, _JUDGED, 1.0))
+        provenance = replace(
+            best.provenance, domain=law.provenance.domain, outcomes=(), alternatives=(), history=(*best.history, *steps)
+        )
+        law = replace(law, provenance=provenance)
+        return with_pooled_forecasts(law, structure.universal_in(law), self.partial_pooling)
+
+
+def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: TrialStream) -> Law:
+    """Return the law of the first objects of a part, with no other terms than its own."""
+    trials = part.read()
+    some = [each for name in trials.objects[:_OBJECTS] for each in trials.of_object(name)]
+    with unannounced():
+        law = method.find(trials.with_trials(some), structure, silent)
+    return replace(written_alike(law, law.schema), provenance=law.provenance)
+
+
+def _fitted(law: Law, settings: dict[str, Any], trials: Trials) -> Law:
+    """Return a law fitted to the objects of a part, each of which begins as the typical one."""
+    return refine(typical(law, trials.objects), trials, **settings, partial_pooling=False, progress=silent)
 
 
 def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
@@ -102,7 +143,3 @@ def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
         remedy = Diagnostic("leave-out" if 0 in method.orders else "use-trajectory-likelihood")
         raise CommonlawError("latent-states-unsupported", count=count, method=name, remedy=remedy)
     return replace(method, unmeasured=count)
-
-
-def _found_in(method: TrajectoryLikelihood, structure: ModelStructure, trials: Trials) -> Law:
-    return method.find(trials, structure, lambda _: None)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,43 +14,6 @@ from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.progress import ProgressCallback, unannounced
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.trials.trial import ObjectProperties
-
-
-@dataclass(frozen=True, eq=False)
-class LawOfPart:
-    """What a part comes to: of each object coefficients and their covariance, of all errors, samples and domain.
-
-    `form` is the law of its first object.
-    """
-
-    form: Law
-    objects: tuple[str, ...]
-    coefficients: Floats
-    covariance: Floats
-    noise: Floats
-    error_model: ErrorModel
-    degrees_of_freedom: Floats | None
-    samples: int
-    domain: Domain
-    properties: ObjectProperties
-
-    @classmethod
-    def of(cls, law: Law, trials: Trials) -> "LawOfPart":
-        """Return what a law says that was fitted to the trials of a part."""
-        known = law.uncertainty
-        return cls(
-            law.select(law.objects[:1]),
-            law.objects,
-            law.coefficients,
-            known.known_covariance(),
-            np.full(len(law.schema.states), np.nan) if known.noise is None else known.noise,
-            known.error_model,
-            known.degrees_of_freedom,
-            sum(map(len, trials)),
-            law.provenance.domain,
-            trials.properties,
-        )
 
 
 def typical(law: Law, objects: tuple[str, ...]) -> Law:
@@ -66,8 +29,10 @@ def typical(law: Law, objects: tuple[str, ...]) -> Law:
     )
 
 
-def law_of_all(parts: Sequence[LawOfPart]) -> Law:
-    """Return the law of the objects of all parts, which have the same terms.
+def fitted_by_parts(
+    fits: Sequence[Callable[[Trials], Law]], parts: Sequence[TrialStream], progress: ProgressCallback
+) -> Law:
+    """Return the law of the objects of all parts; each part has a function that fits its trials, and can be pickled.
 
     Noise and other errors are root mean squares over parts, weighted by their samples.
 
@@ -76,43 +41,47 @@ def law_of_all(parts: Sequence[LawOfPart]) -> Law:
     CommonlawError
         If an object is in two parts.
     """
-    objects = tuple(name for each in parts for name in each.objects)
+    found = done_in_parts(_fitted, list(zip(fits, parts, strict=True)), "fitting objects", progress)
+    laws = [law for law, _ in found]
+    objects = tuple(name for law in laws for name in law.objects)
     twice = [name for name, count in Counter(objects).items() if count > 1]
     if twice:
         raise CommonlawError("object-in-two-files", object=twice[0])
-    weights = np.array([each.samples for each in parts], dtype=np.float64)
-    degrees = [each.degrees_of_freedom for each in parts if each.degrees_of_freedom is not None]
-    ranges = [each.domain.visited for each in parts]
+    weights, known = np.array([samples for _, samples in found], dtype=np.float64), [law.uncertainty for law in laws]
+    degrees = [each.degrees_of_freedom for each in known if each.degrees_of_freedom is not None]
+    ranges = [law.provenance.domain.visited for law in laws]
     visited = {
         name: (min(each[name][0] for each in ranges), max(each[name][1] for each in ranges)) for name in ranges[0]
     }
-    law = parts[0].form
+    unknown = np.full(len(laws[0].schema.states), np.nan)
     return replace(
-        law,
+        laws[0],
         objects=objects,
-        coefficients=np.concatenate([each.coefficients for each in parts]),
+        coefficients=np.concatenate([law.coefficients for law in laws]),
         uncertainty=Uncertainty(
-            np.concatenate([each.covariance for each in parts]),
-            noise=_root_mean_square(weights, [each.noise for each in parts]),
-            error_model=_errors(weights, [each.error_model for each in parts]),
-            degrees_of_freedom=np.sum(degrees, axis=0) if len(degrees) == len(parts) else None,
+            np.concatenate([each.known_covariance() for each in known]),
+            noise=_root_mean_square(weights, [unknown if each.noise is None else each.noise for each in known]),
+            error_model=_errors(weights, [each.error_model for each in known]),
+            degrees_of_freedom=np.sum(degrees, axis=0) if len(degrees) == len(laws) else None,
         ),
-        provenance=replace(law.provenance, domain=Domain(visited), outcomes=(), alternatives=()),
-        properties={name: own for each in parts for name, own in each.properties.items()},
+        provenance=replace(laws[0].provenance, domain=Domain(visited), outcomes=(), alternatives=()),
+        properties={name: own for law in laws for name, own in law.properties.items()},
     )
 
 
-def fitted_by_parts(
-    fits: Sequence[Callable[[Trials], Law]], parts: Sequence[TrialStream], progress: ProgressCallback
-) -> Law:
-    """Return the law of the objects of all parts; each part has a function that fits its trials, and can be pickled."""
-    return law_of_all(done_in_parts(_fitted, list(zip(fits, parts, strict=True)), "fitting objects", progress))
-
-
-def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> LawOfPart:
-    trials = piece[1].read()
+def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> tuple[Law, int]:
+    """Return a law fitted to a part, without what takes memory and is not needed of it, and how many samples it has."""
+    fit, trials = piece[0], piece[1].read()
     with unannounced():
-        return LawOfPart.of(piece[0](trials), trials)
+        law = fit(trials)
+    known = law.uncertainty
+    own = Uncertainty(
+        known.known_covariance(),
+        noise=known.noise,
+        error_model=known.error_model,
+        degrees_of_freedom=known.degrees_of_freedom,
+    )
+    return replace(law, uncertainty=own, properties=trials.properties), sum(map(len, trials))
 
 
 def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
