@@ -61,10 +61,6 @@ METHODS: Mapping[str, Callable[..., AbstractDifferentiator | AbstractSmoother]] 
 """Differentiators and smoothers by the names that they have in texts."""
 
 
-_WINDOW = 35
-"""Samples; see `default_differentiation`."""
-
-
 def default_differentiation(order: int, samples: float = float("inf")) -> AbstractDifferentiator:
     """Return the method for a law of this order where none is chosen, and no trial has fewer samples than this.
 
@@ -76,9 +72,8 @@ def default_differentiation(order: int, samples: float = float("inf")) -> Abstra
     """
     if order == 1:
         return FiniteDifference(2)
-    return (
-        SmoothingSpline() if samples < _WINDOW else SmoothedDifference(SavitzkyGolay(_WINDOW, 3), CenteredDifference())
-    )
+    smoother = SavitzkyGolay(35, 3)
+    return SmoothingSpline() if samples < smoother.window else SmoothedDifference(smoother, CenteredDifference())
 
 
 def parse_differentiation(text: str) -> AbstractDifferentiator:

@@ -11,8 +11,6 @@ from commonlaw.differentiation.base import AbstractDifferentiator, Rates, need_s
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import check_whole_number
 
-_END = np.array([-11 / 6, 3, -3 / 2, 1 / 3])
-
 
 @dataclass(frozen=True)
 class CenteredDifference(AbstractDifferentiator):
@@ -43,10 +41,10 @@ class CenteredDifference(AbstractDifferentiator):
 
 
 def _centered_rate(times: Floats, states: Floats) -> Floats:
-    rate = np.empty_like(states)
+    rate, end = np.empty_like(states), np.array([-11 / 6, 3, -3 / 2, 1 / 3])
     rate[1:-1] = (states[2:] - states[:-2]) / (times[2:] - times[:-2])[:, np.newaxis]
-    rate[0] = _END @ states[:4] / (times[1] - times[0])
-    rate[-1] = -_END @ states[:-5:-1] / (times[-1] - times[-2])
+    rate[0] = end @ states[:4] / (times[1] - times[0])
+    rate[-1] = -end @ states[:-5:-1] / (times[-1] - times[-2])
     return rate
 
 

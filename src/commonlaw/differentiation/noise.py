@@ -11,19 +11,13 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.base import need_samples
 from commonlaw.errors import CommonlawError
 
-_LEAST = 8
-_HIGHEST = 10
-_TYPICAL_ORDER = 2
-_AGREE = 3.0
-"""Standard errors within which two orders agree."""
-_FAR = 4.0
-"""Standard deviations beyond which a difference has an outlier in it."""
-_SWEEPS = 20
+_LEAST, _HIGHEST = 8, 10
+"""Samples of a trial, and the highest order of differences."""
+FAR = 4.0
+"""Standard deviations beyond which a value, or a difference that it is in, is an outlier."""
 
 MEDIAN_SIZE = NormalDist().inv_cdf(0.75)
 """The median size of a standard normal variable."""
-_MEDIAN_ERROR = 1 / (4 * MEDIAN_SIZE * NormalDist().pdf(MEDIAN_SIZE))
-"""Relative standard error of that median in one sample."""
 
 
 def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
@@ -111,7 +105,7 @@ def noise_degrees_of_freedom(samples: int) -> float:
     """
     if samples < _LEAST:
         return 0.0
-    return (samples - _TYPICAL_ORDER) / noise_correlation(_TYPICAL_ORDER)
+    return (samples - 2) / noise_correlation(2)
 
 
 def differences(times: Floats, states: Floats, highest: int) -> Iterator[Floats]:
@@ -141,12 +135,13 @@ def without_outliers(differences: Floats, order: int) -> Bools:
     from scipy.ndimage import maximum_filter1d
 
     sizes, near = np.abs(differences), 2 * ((order + 1) // 2) + 1
-    margin = 2 * _MEDIAN_ERROR * sqrt(_covariance(order, order) / len(sizes))
+    relative = 1 / (4 * MEDIAN_SIZE * NormalDist().pdf(MEDIAN_SIZE))  # Standard error of the median of one
+    margin = 2 * relative * sqrt(_covariance(order, order) / len(sizes))
     kept = np.ones(len(sizes), dtype=np.bool_)
-    for _ in range(_SWEEPS):
+    for _ in range(20):
         # Coarse rounding of a slow state makes most differences zero, and the median with them
         scale = np.median(sizes[kept]) / MEDIAN_SIZE or sqrt(np.mean(sizes[kept] ** 2))
-        far = kept & (sizes > _FAR * (1 + margin) * scale)
+        far = kept & (sizes > FAR * (1 + margin) * scale)
         # The middle weight is the largest, so that an outlier is at the middle of the largest difference around it
         peaks = far & (sizes == maximum_filter1d(sizes * kept, near))
         clean = kept & ~maximum_filter1d(peaks, near)
@@ -160,7 +155,7 @@ def _smallest_that_agrees(estimates: Floats, count: float) -> Indices:
     """Return for each state the smallest order whose estimate agrees with those of all higher ones, shape (d,)."""
     chosen: Indices = np.full(estimates.shape[1], len(estimates))
     for k in range(len(estimates) - 1, 0, -1):
-        slack = [1 + _AGREE * _standard_error(k, j, count) for j in range(k + 1, len(estimates) + 1)]
+        slack = [1 + 3 * _standard_error(k, j, count) for j in range(k + 1, len(estimates) + 1)]
         agrees = estimates[k - 1] <= np.array(slack)[:, np.newaxis] * estimates[k:]
         chosen = np.where(agrees.all(axis=0), k, chosen)
     return chosen

@@ -70,11 +70,6 @@ class Factors:
         return float(np.log(np.abs(self.triangular[2 * _BANDS])).sum())
 
 
-def solve(bands: Floats, state: Floats) -> tuple[Floats, Floats]:
-    """Return z and y, each of shape (n,), for a state of shape (n,)."""
-    return Factors.of(bands).solve(state)
-
-
 @dataclass(frozen=True)
 class SmoothingSpline(AbstractDifferentiator):
     """The natural cubic spline f that minimises ``sum (x - f)^2 + strength * integral f''^2`` (Reinsch 1967).
@@ -166,9 +161,6 @@ class _Systems:
         return len(self.diagonal) + (high - low) / 0.02
 
 
-_KEPT = 4096
-"""Strengths that are remembered, of some hundred bytes each."""
-
 _strengths: dict[bytes, float] = {}
 """Chosen strengths by a digest of steps and state: data checks, searches and forecasts smooth the same trials."""
 
@@ -184,7 +176,7 @@ def cross_validated(steps: Floats, state: Floats) -> float:
         best = int(np.argmin([_score(each, systems, state, trace) for each, trace in zip(grid, traces, strict=True)]))
         bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
         found = float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
-        while len(_strengths) >= _KEPT:
+        while len(_strengths) >= 4096:  # Of some hundred bytes each
             _strengths.pop(next(iter(_strengths)), None)
         _strengths[digest] = found
         return found
@@ -208,11 +200,6 @@ def _score(logarithm: float, systems: _Systems, state: Floats, trace: float | No
     smoothed, _ = systems.factors(np.exp(logarithm)).solve(state)
     trace = systems.trace(logarithm) if trace is None else trace
     return float(len(state) * np.sum((state - smoothed) ** 2) / trace**2)
-
-
-_SWEEPS = 300
-_TOLERANCE = 1e-3
-_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -266,10 +253,10 @@ def _converged(steps: Floats, state: Floats, weight: float) -> Floats:
     """Sweep until no slope changes by more than a thousandth of the state's deviation over the trial's duration."""
     bands = slope_bands(steps)
     smoothed, slopes = state, np.diff(state) / steps
-    for _ in range(_SWEEPS):
-        bands[3, INNER] = -np.hypot(np.diff(slopes), _ROUNDING) / weight
-        smoothed, _ = solve(bands, state)
+    for _ in range(300):
+        bands[3, INNER] = -np.hypot(np.diff(slopes), 1e-6) / weight
+        smoothed, _ = Factors.of(bands).solve(state)
         before, slopes = slopes, np.diff(smoothed) / steps
-        if np.abs(slopes - before).max() < _TOLERANCE:
+        if np.abs(slopes - before).max() < 1e-3:
             break
     return smoothed

@@ -8,35 +8,17 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.noise import MEDIAN_SIZE, differences
+from commonlaw.differentiation.noise import FAR, MEDIAN_SIZE, differences
 from commonlaw.differentiation.penalized import SmoothingSpline, cross_validated, smoothing_spline
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import check_number
 
-_LEAST = 5
-"""Measured values that a spline takes."""
 _FEW = 16
 """Values of which none can be called an outlier."""
-_FAR = 4.0
-"""Scales from the curve beyond which a value is an outlier."""
-_BEYOND = 3.0
-"""How much further the curve through the others may be off where it goes on straight."""
-_BOUND = 1.5
-"""Scales beyond which a value pulls at the curve no harder."""
 _OUTLYING = 5.0
 """Scales beyond which a value does not fit in with its neighbours."""
-_ORDERS = (2, 4, 6, 8)
-"""Of the differences that compare a value with its neighbours: even ones have a sample in their middle."""
 _FALLING = 0.85
 """Share of what the state leaves in the differences of one order that shows it to leave less in another."""
-_ROW = 3
-"""Most outliers next to each other; more are a turn of the state."""
-_NEAR = 15
-"""Samples that are a residual's neighbourhood."""
-_STRENGTHS, _PULLS = 3, 15
-"""Rounds of choosing the strength, and of pulling values to the curve at each."""
-_SHORT = 2000
-"""Samples up to which curves are remembered, of some hundred trials: megabytes."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +62,10 @@ class RobustSpline(AbstractDifferentiator):
         columns = []
         for j, column in enumerate(states.T):
             measured = np.flatnonzero(~np.isnan(column))
-            if len(measured) < _LEAST:
-                raise CommonlawError("too-few-values", state=j + 1, measured=len(measured), least=_LEAST)
+            if len(measured) < 5:  # What a spline takes
+                raise CommonlawError("too-few-values", state=j + 1, measured=len(measured), least=5)
             known, values = times[measured], column[measured]
-            if len(times) > _SHORT or order > 2:
+            if len(times) > 2000 or order > 2:  # Remembered are curves of some hundred trials: megabytes
                 columns.append(self._curve(known, values, times, order))
             else:
                 columns.append(_remembered(self, known.tobytes(), values.tobytes(), times.tobytes())[: order + 1])
@@ -108,16 +90,16 @@ class RobustSpline(AbstractDifferentiator):
         if not far.any():
             return far
         distances = np.abs(values - self._bounded(times, values))
-        far &= distances > _FAR * _scales(distances, distances)
+        far &= distances > FAR * _scales(distances, distances)
         while far.any():
-            turns = binary_opening(far, np.ones(_ROW + 1, dtype=np.bool_))
+            turns = binary_opening(far, np.ones(4, dtype=np.bool_))  # More than three in a row
             around = _of_neighbours(~far, _outlyingness(times[~far], values[~far]))
             restored = turns | far & (around > np.maximum(_OUTLYING, outlyingness))
             if not restored.any():
                 rates = SmoothingSpline(self.strength).differentiate(times[~far], values[~far, np.newaxis], 1)
                 distances = np.abs(values - _natural(times[~far], rates.states[:, 0], times, 1)[0])
-                bounds = _FAR * _scales(distances, distances[~far])
-                bounds[(times < times[~far][0]) | (times > times[~far][-1])] *= _BEYOND
+                bounds = FAR * _scales(distances, distances[~far])
+                bounds[(times < times[~far][0]) | (times > times[~far][-1])] *= 3  # The curve goes on straight there
                 restored = far & (distances <= bounds)
             if not restored.any():
                 break
@@ -128,12 +110,12 @@ class RobustSpline(AbstractDifferentiator):
         """Return a curve on which no value pulls harder than one at a scale and a half."""
         step = (times[-1] - times[0]) / (len(times) - 1)
         steps, pulled = np.diff(times) / step, values
-        for _ in range(_STRENGTHS):
+        for _ in range(3):
             strength = cross_validated(steps, pulled) if self.strength is None else self.strength / step**3
-            for _ in range(_PULLS):
+            for _ in range(15):
                 curve, _, _ = smoothing_spline(steps, pulled, strength)
                 distances = values - curve
-                bounds = _BOUND * _scales(np.abs(distances), np.abs(distances))
+                bounds = 1.5 * _scales(np.abs(distances), np.abs(distances))
                 pulled = curve + np.clip(distances, -bounds, bounds)
         return curve
 
@@ -186,7 +168,7 @@ def _differences(times: Floats, values: Floats) -> tuple[dict[int, Floats], int,
     The state itself leaves least in those; it hides the noise, which is said last, if they still fall at the highest
     order.
     """
-    orders = [order for order in _ORDERS if 4 * order <= len(times)]
+    orders = [order for order in (2, 4, 6, 8) if 4 * order <= len(times)]  # Even ones have a sample in their middle
     sizes = _sizes(times, values, orders[-1])
     medians = [float(np.median(sizes[order])) for order in orders]
     best = int(np.argmin(medians))
@@ -206,10 +188,10 @@ def _of_neighbours(kept: Bools, outlyingness: Floats) -> Floats:
 
 
 def _scales(sizes: Floats, ordinary: Floats) -> Floats:
-    """Return the scale of the ordinary sizes, or of those around a sample if it is larger, shape (n,)."""
+    """Return the scale of the ordinary sizes, or of the 15 around a sample if it is larger, shape (n,)."""
     from scipy.ndimage import median_filter
 
-    near, half = median_filter(sizes, _NEAR), _NEAR // 2
+    near, half = median_filter(sizes, 15), 7
     near[:half], near[-half:] = near[half], near[-half - 1]
     return np.asarray(np.maximum(np.median(ordinary), near) / MEDIAN_SIZE)
 

@@ -23,18 +23,8 @@ _WIDTH = sqrt(2 * _POWER + 3)
 _UNEVEN = 1e-6
 """Share of the step by which the times of a regular grid may be off."""
 
-_GAP = 0.5
-"""Share of a test function's radius that a step inside it may take."""
-
-_NEAREST_SAMPLES, _DEGREE = 16, 9
-"""Samples nearest to a step of an irregular grid, and the degree of the polynomial that is fitted to them there."""
-
-_NODES = 8
-"""Gauss nodes in a step of an irregular grid."""
-
-_SHARE = 4
-"""The largest radius that is chosen is a trial's length divided by this, which leaves several test functions side by
-side."""
+_DEGREE = 9
+"""Of the polynomial that is fitted to the samples nearest to a step of an irregular grid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +82,10 @@ class CompactTestFunctions:
         summed = [self._take(wide)._values(times, steps, each) for each in range(highest + 1)]
         if wide.all():
             return summed
-        nodes, gauss = np.polynomial.legendre.leggauss(_NODES)
+        nodes, gauss = np.polynomial.legendre.leggauss(8)
         halves = np.diff(times)[:, np.newaxis] / 2
         points = times[:-1, np.newaxis] + halves * (1 + nodes)
-        fit = _interpolation(times, points, _DEGREE + 1 if even else _NEAREST_SAMPLES)
+        fit = _interpolation(times, points, _DEGREE + 1 if even else 16)
         narrow, factors = self._take(~wide), (halves * gauss).ravel()
         fitted = [narrow._values(points.ravel(), factors, each) @ fit for each in range(highest + 1)]
         indices = np.argsort(np.append(np.flatnonzero(wide), np.flatnonzero(~wide)))
@@ -105,12 +95,12 @@ class CompactTestFunctions:
         return CompactTestFunctions(self.centres[chosen], self.radii[chosen])
 
     def _without_gaps(self, times: Floats) -> "CompactTestFunctions":
-        """Return the test functions whose samples leave no gap."""
+        """Return the test functions none of whose steps is longer than half of their radius."""
         steps = np.diff(times)
         first = np.maximum(np.searchsorted(times, self.centres - self.radii, side="right") - 1, 0)
         last = np.minimum(np.searchsorted(times, self.centres + self.radii), len(steps))
         widest = np.array([steps[i:j].max() for i, j in zip(first, last, strict=True)])
-        return self._take(widest <= _GAP * self.radii)
+        return self._take(widest <= self.radii / 2)
 
     def _values(self, points: Floats, factors: Floats, derivative: int) -> "csr_array":
         """Return a derivative of the functions at increasing points, times a factor for each, shape (k, points)."""
@@ -146,7 +136,7 @@ def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
         gained = np.cumsum(dst(bent, type=1, norm="ortho") ** 2 - 2 * deviation**2)
         modes = max(modes, int(np.argmax(gained)) + 1)
     radius = 2 * _WIDTH * last / (np.pi * modes)
-    return float(np.clip(radius, MIN_RADIUS, max(MIN_RADIUS, last / _SHARE)))
+    return float(np.clip(radius, MIN_RADIUS, max(MIN_RADIUS, last / 4)))
 
 
 def _derivative(s: Floats, derivative: int) -> Floats:

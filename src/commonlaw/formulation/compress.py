@@ -22,12 +22,6 @@ MAX_GROUPS = 32
 _TRIALS_FOR_ACCURACY = 4
 """Trials of an object that the accuracy of its rows is estimated from."""
 
-_BLOCK_ROWS = 32_768
-"""Samples of short trials that are compressed together."""
-
-_SMALLEST = 1e-50
-"""Of the largest value of a state: the square of its cube is still a number."""
-
 
 @dataclass(frozen=True, eq=False)
 class ObjectRows:
@@ -118,7 +112,7 @@ def _in_order(trials: Iterable[Trial], segments: int) -> Iterator[tuple[Trial, .
     """Yield trials, those of an object that follow each other together where segments of time are not wanted."""
     held, size = list[Trial](), 0
     for trial in trials:
-        if held and (segments > 1 or trial.object != held[0].object or size + len(trial) > _BLOCK_ROWS):
+        if held and (segments > 1 or trial.object != held[0].object or size + len(trial) > 32_768):
             yield tuple(held)
             held, size = [], 0
         held.append(trial)
@@ -180,7 +174,7 @@ def refuse_vanishing_states(trials: Trials) -> None:
     """Refuse states that are so small that their powers vanish."""
     sizes = np.fmax.reduce([_sizes(some) for some in _in_order(trials, 1)])
     for state, size in zip(trials.schema.states, sizes, strict=True):
-        if 0 < size < _SMALLEST:
+        if 0 < size < 1e-50:  # The square of the cube of what is larger is still a number
             raise CommonlawError("state-too-large", state=state, size=size)
 
 

@@ -44,20 +44,9 @@ def _compiled(library: CDLL, factors: Floats, inside: Indices, near: float, boun
     return found
 
 
-_PANEL = 64
-"""Columns that are solved for together, by the inverse of their part of the factor, which is several times faster than
-substitution; all else is products of matrices."""
-
-_NARROW, _STRIP = 64, 24
-"""Fewer columns have their Gram matrix by general products, of so many of them with all that follow: half of these
-products are not wanted, but those of narrow matrices go twice as fast."""
-
 _MAX_SQUARED_NORM = 1e4
 """Squared norm of a preconditioned column beyond which the rows so far become the preconditioner. The factor's error
 is that much times rounding, at most; the first rows last for ten thousand times as many of their kind."""
-
-_COLLINEAR = 1e-12
-"""A column of which so little is left of those before it, relative to its norm, depends on them."""
 
 
 @dataclass
@@ -73,38 +62,19 @@ class PreconditionedGram:
 
     factor: Floats
     gram: Floats = field(init=False)
-    _inverses: list[Floats] = field(init=False)
-    _rows: Floats = field(init=False)
 
     def __post_init__(self) -> None:
-        from scipy.linalg import lapack
-
-        size = len(self.factor)
-        self.gram, self._rows = np.eye(size, order="F"), np.empty((0, size), order="F")
-        self._inverses = [lapack.dtrtri(self.factor[panel, panel])[0] for panel in self._panels]
+        self.gram = np.eye(len(self.factor), order="F")
 
     def add(self, block: Floats) -> bool:
         """Add rows, shape (n, k) in Fortran order, and say whether it was possible: whether they are like the first."""
         from scipy.linalg import blas
 
-        if self._rows.shape != block.shape:
-            self._rows = np.empty(block.shape, order="F")
-        rows = self._rows
-        rows[:] = block
-        for panel, inverse in zip(self._panels, self._inverses, strict=True):
-            own, before = rows[:, panel], rows[:, : panel.start]
-            if panel.start:
-                blas.dgemm(-1.0, before, self.factor[: panel.start, panel], 1.0, own, overwrite_c=True)
-            blas.dtrmm(1.0, inverse, own, side=1, overwrite_b=True)
-        gram = _gram(rows)
+        gram = np.asarray(blas.dsyrk(1.0, blas.dtrsm(1.0, self.factor, block, side=1), trans=1))
         if not gram.diagonal().max() <= _MAX_SQUARED_NORM:  # NaN is not, too
             return False
         self.gram += gram
         return True
-
-    @property
-    def _panels(self) -> list[slice]:
-        return [slice(begin, begin + _PANEL) for begin in range(0, len(self.factor), _PANEL)]
 
     @property
     def is_full(self) -> bool:
@@ -120,44 +90,14 @@ class PreconditionedGram:
         return np.asarray(blas.dtrmm(1.0, upper, self.factor))
 
 
-def _gram(rows: Floats) -> Floats:
-    """Return the Gram matrix of rows, shape (n, k) in Fortran order, as far as it is above the diagonal."""
-    from scipy.linalg import blas
-
-    size = rows.shape[1]
-    if size >= _NARROW:
-        return np.asarray(blas.dsyrk(1.0, rows, trans=1))
-    gram = np.zeros((size, size), order="F")
-    for begin in range(0, size, _STRIP):
-        end = begin + _STRIP
-        gram[begin:end, begin:] = blas.dgemm(1.0, rows[:, begin:end], rows[:, begin:], trans_a=1)
-    return gram
-
-
 def can_precondition(factor: Floats) -> bool:
-    """Whether no column of a triangular factor depends on those before it."""
+    """Whether no column of a triangular factor depends on those before it: more of its norm is left than rounding."""
     norms = np.sqrt(np.einsum("ij,ij->j", factor, factor))
-    return bool(np.all(np.abs(factor.diagonal()) > _COLLINEAR * norms))
+    return bool(np.all(np.abs(factor.diagonal()) > 1e-12 * norms))
 
-
-_PANEL_COLUMNS, _WIDE = 8, 16
-"""Columns that are reduced together, in problems of few and of many columns; blocks of rows are in cache, where narrow
-panels are three times faster."""
-
-_MANY_COLUMNS = 128
 
 BLOCK = 1024
 """Rows that are absorbed together."""
-
-_MERGED_AT_ONCE = 4
-"""Problems from which on merging them like rows is faster than one by one."""
-
-_MIN_SHARE = 1e-2
-"""Of the largest: the least diagonal entry of a factor that comes from a preconditioned Gram matrix, whose rounding is
-then magnified ten thousand times; of targets its square."""
-
-_DRAWS_AT_ONCE = 128
-"""Rows whose products of values are held at a time, for all draws."""
 
 _SINGULAR = 1e-14
 """Columns, scaled to unit norm, whose reciprocal condition is below this depend on each other."""
@@ -323,7 +263,7 @@ def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
     """Return the problem of the rows of all of these, of which there is at least one."""
     listed = list(problems)
     terms, columns = listed[0].terms, len(listed[0].factor)
-    if len(listed) < _MERGED_AT_ONCE:
+    if len(listed) < 4:  # Merging more like rows is faster
         return reduce(add, listed)
     together = max(1, BLOCK // columns)
     stacks = (listed[i : i + together] for i in range(0, len(listed), together))
@@ -364,10 +304,10 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
     if not can_precondition(factor):
         return [LeastSquaresProblem.of(library, targets, own) for own in counts]
     inverse, size = np.triu(lapack.dtrtri(factor)[0]), len(factor)
-    left, right = np.triu_indices(size)
-    sums, products = np.zeros((len(left), len(counts)), order="F"), np.empty((len(left), _DRAWS_AT_ONCE))
-    for begin in range(0, len(library), _DRAWS_AT_ONCE):
-        some = slice(begin, begin + _DRAWS_AT_ONCE)
+    (left, right), together = np.triu_indices(size), 128  # Rows whose products are held at a time
+    sums, products = np.zeros((len(left), len(counts)), order="F"), np.empty((len(left), together))
+    for begin in range(0, len(library), together):
+        some = slice(begin, begin + together)
         mixed = inverse.T @ np.concatenate([library[some].T, targets[some].T])
         own, first = products[:, : mixed.shape[1]], 0
         for column in range(size):
@@ -388,14 +328,14 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
 def _factor_of(gram: Floats, factor: Floats, terms: int) -> Floats | None:
     """Return the factor of rows from the upper half of their Gram matrix, preconditioned by a factor.
 
-    None where rounding would be magnified: columns are much nearer to collinear than in that factor, or the residual of
-    targets is rounding.
+    None where rounding would be magnified more than ten thousand times: columns are much nearer to collinear than in
+    that factor (a diagonal entry below a hundredth of the largest), or the residual of targets is rounding.
     """
     from scipy.linalg import lapack
 
     upper, failed = lapack.dpotrf(gram)
     shares = upper.diagonal() / upper.diagonal().max()
-    if failed or shares[:terms].min(initial=1.0) < _MIN_SHARE or shares[terms:].min(initial=1.0) < _MIN_SHARE**2:
+    if failed or shares[:terms].min(initial=1.0) < 1e-2 or shares[terms:].min(initial=1.0) < 1e-4:
         return None
     return np.asarray(np.triu(upper) @ factor)
 
@@ -417,8 +357,7 @@ def _absorb(factor: Floats, rows: Floats, *, triangular: bool = False, workspace
     from scipy.linalg import lapack
 
     size = len(factor)
-    panel = min(_PANEL_COLUMNS if size < _MANY_COLUMNS else _WIDE, size)
     merged, *_ = lapack.dtpqrt(
-        size if triangular else 0, panel, factor, rows, overwrite_a=workspace, overwrite_b=workspace
+        size if triangular else 0, min(8, size), factor, rows, overwrite_a=workspace, overwrite_b=workspace
     )
     return np.asarray(merged)

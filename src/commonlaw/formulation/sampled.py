@@ -16,9 +16,6 @@ from commonlaw.trials import Trial
 
 _WHOLE = slice(None)
 
-_SEGMENT = 8192
-"""Samples that are differentiated together: few enough to stay in cache."""
-
 
 @dataclass(frozen=True)
 class StrongForm(AbstractSampledForm):
@@ -76,8 +73,9 @@ class StrongForm(AbstractSampledForm):
     def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
         first, last = self.span(trial)
         reach = self.differentiation.reach(highest_order(self.order))
-        local = reach is not None and len(trial) > _SEGMENT
-        edges = sorted({first, last, *cuts, *(range(first, last, _SEGMENT) if local else ())})
+        size = 8192  # Samples that are differentiated together stay in cache
+        local = reach is not None and len(trial) > size
+        edges = sorted({first, last, *cuts, *(range(first, last, size) if local else ())})
         # Twice the reach, so that a segment at an end of the trial is also long enough for a whole window
         halo = 2 * reach if local and reach is not None else len(trial)
         rates: Rates | None = None
@@ -90,10 +88,6 @@ class StrongForm(AbstractSampledForm):
             lower, targets = split_derivatives([each[inside] for each in rates.derivatives], self.order)
             columns = [states.T, lower.T, trial.inputs[start:stop].T, trial.times[np.newaxis, start:stop]]
             yield start, np.concatenate(columns).T, targets
-
-
-_UNEVEN = 0.01
-"""Steps further than this share from the median step are not one step of the same law."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +105,8 @@ class DiscreteForm(AbstractSampledForm):
 
     def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
         steps = np.diff(trial.times)
-        far = np.flatnonzero(np.abs(steps - np.median(steps)) > _UNEVEN * np.median(steps))
-        if len(far):
+        far = np.flatnonzero(np.abs(steps - np.median(steps)) > 0.01 * np.median(steps))
+        if len(far):  # Not one step of the same law
             raise CommonlawError(
                 "discrete-uneven",
                 where=trial.label,
@@ -125,9 +119,6 @@ class DiscreteForm(AbstractSampledForm):
         for start, stop in pairwise([0, *cuts, len(trial) - 1]):
             yield start, values[start:stop], trial.states[start + 1 : stop + 1]
 
-
-_SHARE_OF_SPREAD = 1e-3
-"""Height of the impulse in standard deviations of the state: small enough for methods that are linear only locally."""
 
 SAMPLES = 4096
 """Samples of a trial that are looked at, at most."""
@@ -147,7 +138,7 @@ def effective_share(form: StrongForm, trial: Trial) -> float:
     middle = slice(max(0, (len(trial) - SAMPLES) // 2), (len(trial) + SAMPLES) // 2)
     times, states = trial.times[middle], trial.states[middle]
     pushed, highest = states.copy(), highest_order(form.order)
-    pushed[len(states) // 2] += _SHARE_OF_SPREAD * states.std(axis=0)
+    pushed[len(states) // 2] += 1e-3 * states.std(axis=0)  # Methods may be linear only locally
     try:
         before, after = (
             split_derivatives(form.differentiation.differentiate(times, each, highest).derivatives, form.order)[1]

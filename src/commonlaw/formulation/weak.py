@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-_RIDGE = 1e-10
-"""Share of the mean variance of rows that is added to each variance. Combinations of rows with less noise than that are
-ruled by errors of rounding and of integration instead."""
-
-
 @dataclass(frozen=True, eq=False)
 class WeakRows:
     """The k rows of one trial, and how they depend on the noise of its n samples.
@@ -103,7 +98,7 @@ class WeakRows:
         bands = np.zeros((below.max() + 1, matrix.shape[0]))
         lower = below >= 0
         bands[below[lower], entries.col[lower]] = entries.data[lower]
-        bands[0] *= 1 + _RIDGE
+        bands[0] *= 1 + 1e-10  # Errors of rounding and integration rule combinations of rows with less noise
         rows = np.concatenate([self.library, self.targets], axis=1)
         white, _ = lapack.dtbtrs(cholesky_banded(bands, lower=True), rows, uplo="L")
         return white[:, : self.library.shape[1]], white[:, self.library.shape[1] :]
@@ -117,17 +112,6 @@ def antiderivative(term: Term, states: int) -> tuple[float, Term] | None:
         return None
     power = exponents.get(rates[0], 0) + 1
     return 1 / power, monomial({rates[0]: power})
-
-
-_NO_NOISE = 1e-7
-"""Noise below this share of a state's range is none: the state is taken as measured."""
-
-_LOUD, _NARROWEST = 1e-4, 3
-"""Share of a state's range from which on noise is worse than the errors of integration of test functions of this
-radius, by which the ends of a trial are used."""
-
-_FLOOR = 1e-9
-"""Share of a state's range that its noise is at least taken for; errors of integration are about that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,11 +201,12 @@ class WeakForm(AbstractFormulation):
         if len(trial) < least:
             raise CommonlawError("weak-too-few-samples", where=trial.label, samples=len(trial), least=least)
         noise = noise_level(trial.times, trial.states) if self.noise is None else np.array(self.noise)
-        return np.asarray(np.maximum(noise, _FLOOR * np.ptp(trial.states, axis=0)))
+        return np.asarray(np.maximum(noise, 1e-9 * np.ptp(trial.states, axis=0)))  # About the errors of integration
 
     def _test_functions(self, trial: Trial, noise: Floats) -> CompactTestFunctions:
         radii = (corner_radius(trial.times, trial.states, noise),) if self.radii is None else self.radii
-        narrowest = _NARROWEST if np.all(noise > _LOUD * np.ptp(trial.states, axis=0)) else MIN_RADIUS
+        # Noise is then worse than the errors of integration of such narrow ones, by which the ends of a trial are used
+        narrowest = 3 if np.all(noise > 1e-4 * np.ptp(trial.states, axis=0)) else MIN_RADIUS
         by_radius = [CompactTestFunctions.over(trial.times, each, narrowest) for each in radii]
         test_functions = reduce(CompactTestFunctions.joined, by_radius)
         if not len(test_functions.centres):
@@ -232,7 +217,7 @@ class WeakForm(AbstractFormulation):
 
     def _smoothed(self, trial: Trial, noise: Floats) -> tuple[Floats, list[Floats]]:
         """Return states that terms are evaluated on, and for order 2 their rates, each of shape (n, states)."""
-        clean = noise <= _NO_NOISE * np.ptp(trial.states, axis=0)
+        clean = noise <= 1e-7 * np.ptp(trial.states, axis=0)
         methods = [self.differentiation or (FiniteDifference(8) if exact else SmoothingSpline()) for exact in clean]
         try:
             each = [method.differentiate(trial.times, trial.states[:, [i]], 1) for i, method in enumerate(methods)]
@@ -262,14 +247,6 @@ def since_start(times: Floats) -> Floats:
     return grid if np.all(np.abs(passed - grid) <= rounding) else passed
 
 
-_CONVERGED = 1e-6
-"""Relative change of a fit below which reweighting ends; the steps after it would change no digit that noise leaves."""
-
-
-_SWEEPS = 30
-"""How many there are at most."""
-
-
 def reweight(trials: Trials, terms: Terms, form: WeakForm) -> tuple[WeakForm, dict[str, Floats]]:
     """Return the form with coefficients that fit the rows that they whiten, and the coefficients of each object.
 
@@ -291,10 +268,10 @@ def _coefficients(tested: Sequence[WeakRows], equations: int) -> Floats:
     used = np.ones(plain.terms, dtype=np.bool_)
     found = np.array([plain.least_squares(used, j) for j in range(equations)])
     for j in range(equations):
-        for _ in range(_SWEEPS):
+        for _ in range(30):
             problem = merge(LeastSquaresProblem.of(*each.whitened(found, (j,))) for each in tested)
             before, found[j] = found[j].copy(), problem.least_squares(used, j)
             change, size = (np.linalg.norm(problem.norms * each) for each in (found[j] - before, found[j]))
-            if change <= _CONVERGED * size:
+            if change <= 1e-6 * size:  # Further steps change no digit that noise leaves
                 break
     return found
