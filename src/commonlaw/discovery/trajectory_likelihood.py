@@ -27,9 +27,6 @@ from commonlaw.trials import Trials, TrialStream
 _GROUPS, _OBJECTS = 4, 10
 """Groups of objects of a stream that propose laws, each from a part of its own, and objects of each."""
 
-_PROPOSED, _JUDGED = 0.2, 0.4
-"""Shares of the time after which laws are proposed, and judged. They are only shown."""
-
 
 @documented
 @dataclass(frozen=True, kw_only=True)
@@ -99,20 +96,20 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
             partial(_proposed, alone, structure),
             some,
             "seeking laws of groups of objects",
-            part(progress, 0.0, _PROPOSED),
+            part(progress, 0.0, 0.2),
         )
         proposed = {"; ".join(law.structure): law for law in reversed(laws)}
         what = f"{counted(len(proposed), 'law')} of {counted(len(some), 'group')} of at most {_OBJECTS} objects"
         steps = [Step("proposals", what, "terms proposed by a search among few objects")]
         best = next(iter(proposed.values()))
         if len(proposed) > 1:
-            frame = compare_by_parts(proposed, parts, weighing, part(progress, _PROPOSED, _JUDGED))
+            frame = compare_by_parts(proposed, parts, weighing, part(progress, 0.2, 0.4))
             (first, second), evidence = frame["law"][:2], frame["2 log B"][1]
             reason = f"2 log B = {evidence:.4g} for it over {second}, summed over {counted(len(parts), 'part')}"
             best = proposed[first]
             steps.append(Step("support", first, reason))
         fit = partial(_fitted, best, {**weighing, "covariance": self.covariance, "seed": self.seed})
-        law = fitted_by_parts([fit] * len(parts), parts, part(progress, _JUDGED, 1.0))
+        law = fitted_by_parts([fit] * len(parts), parts, part(progress, 0.4, 1.0))
         provenance = replace(
             best.provenance, domain=law.provenance.domain, outcomes=(), alternatives=(), history=(*best.history, *steps)
         )

@@ -12,6 +12,7 @@ from commonlaw.array_types import Floats, Indices
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 from commonlaw.hierarchy.random_effects import JITTER
 from commonlaw.hierarchy.relation import (
+    ONE_MORE,
     ExponentSets,
     PropertyTable,
     Relation,
@@ -31,17 +32,11 @@ with ten objects neighbours are hardly distinguishable."""
 _COARSE, _KEPT = 5, 300
 """Only so many relations, the best at every so-manieth scatter, are integrated over all of them."""
 
-_AT_ONCE = 200_000
-"""Relations times objects that are computed together, for the memory's sake."""
-
-_SURE = 4.0
-"""Standard errors from zero at which the sign of a coefficient, and with it its logarithm, is sure."""
-
 _MORE_OBJECTS = 2
 """Objects beyond the number of properties that a relation takes."""
 
-_MAX_PROPERTIES, _MAX_SLOPES, _ONE_MORE = 3, 2, 0.5
-"""Properties in a power law and in an affine function, and how probable one more is there."""
+_MAX_PROPERTIES, _MAX_SLOPES = 3, 2
+"""Properties in a power law and in an affine function."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +102,9 @@ class RelationComparison:
 
     @cached_property
     def _sure(self) -> bool:
-        """Whether all objects have the same sign, and surely so."""
+        """Whether all objects have the same sign, by four standard errors: then logarithms mean something."""
         signs = np.unique(np.sign(self._points))
-        return len(signs) == 1 and bool(np.all(abs(self._points) > _SURE * self.deviations))
+        return len(signs) == 1 and bool(np.all(abs(self._points) > 4 * self.deviations))
 
     @cached_property
     def _scale(self) -> float:
@@ -171,7 +166,7 @@ class RelationComparison:
         usable = [i for i, values in enumerate(self.properties.values.T) if not (self._sure and (values > 0).all())]
         for size in range(1, min(_MAX_SLOPES, len(usable), objects - _MORE_OBJECTS) + 1):
             chosen = list(combinations(usable, size))
-            log_prior = np.log(_ODDS[kind] / 2 / len(chosen)) + (size - 1) * np.log(_ONE_MORE)
+            log_prior = np.log(_ODDS[kind] / 2 / len(chosen)) + (size - 1) * np.log(ONE_MORE)
             exact = self._affine_models(chosen, 0.0)
             plain = self._scores(exact) + log_prior
             scores = np.array([self._scores(self._affine_models(chosen, each)) for each in _SCATTERS])
@@ -200,10 +195,10 @@ class RelationComparison:
         left_out = CoefficientModel.left_out(len(self._points), tried.in_logs)
         models = [left_out if k == self.index else each for k, each in enumerate(self.models)]
         others = JointModel.of(self.measured, models)
-        count, step = max(map(len, (tried.columns, tried.offsets))), max(1, _AT_ONCE // len(self._points))
+        # Relations times objects that are computed together take memory
+        count, step = max(map(len, (tried.columns, tried.offsets))), max(1, 200_000 // len(self._points))
         parts = [
-            log_evidence(others, self.index, tried.some(slice(begin, begin + step)))[0]
-            for begin in range(0, count, step)
+            log_evidence(others, self.index, tried.some(slice(begin, begin + step))) for begin in range(0, count, step)
         ]
         return np.asarray(np.concatenate(parts))
 
@@ -222,13 +217,6 @@ def _over_scatters(scores: Floats) -> tuple[Floats, Floats, Floats]:
 def _total(choices: Sequence[RelationChoice]) -> float:
     """Return the logarithm of the sum of what speaks for several relations."""
     return float(np.logaddexp.reduce([each.score for each in choices]))
-
-
-_SWEEPS = 5
-"""How often relations are chosen again, given those of the other coefficients."""
-
-_FREE = 1e2
-"""Variance of a coefficient of which nothing is known yet, in units of its mean square."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +283,8 @@ def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -
 def _most_probable(own: Estimates, properties: PropertyTable) -> list[RelationChoice]:
     """Return the relations of all coefficients that fit each other, and are together the most probable."""
     objects, size = own.estimates.shape
-    free = CoefficientModel.powers(np.zeros((1, objects)), np.full((1, objects), _FREE), False).some(0)
+    # In units of its mean square, the variance of a coefficient of which nothing is known yet is a hundred
+    free = CoefficientModel.powers(np.zeros((1, objects)), np.full((1, objects), 1e2), False).some(0)
     known: dict[int, RelationChoice] = {}
     while len(known) < size:
         models = [known[k].model if k in known else free for k in range(size)]
@@ -319,7 +308,7 @@ def _swept(
 ) -> list[RelationChoice]:
     """Return relations that are each the most probable given the others, chosen in this order."""
     found = list(choices)
-    for _ in range(_SWEEPS if len(found) > 1 else 0):
+    for _ in range(5 if len(found) > 1 else 0):
         before = [each.form for each in found]
         for k in order:
             found[k] = _chosen(own, [each.model for each in found], k, properties)

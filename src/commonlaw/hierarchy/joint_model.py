@@ -12,8 +12,6 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 
-_LOG_TWO_PI = float(np.log(2 * np.pi))
-
 
 @dataclass(frozen=True, eq=False)
 class CoefficientModel:
@@ -129,7 +127,7 @@ class JointModel:
         squares -= found @ np.linalg.solve(covariance, found)
         sizes = np.linalg.slogdet(precisions)[1].sum() + np.linalg.slogdet(covariance)[1]
         proper = precision[precision > 0]
-        constant = (len(precision) - len(proper) - self.residuals.size) * _LOG_TWO_PI + np.log(proper).sum()
+        constant = (len(precision) - len(proper) - self.residuals.size) * np.log(2 * np.pi) + np.log(proper).sum()
         return float(constant + sizes - squares) / 2
 
     def without(self, index: int) -> tuple[Floats, Floats]:
@@ -152,11 +150,11 @@ class JointModel:
         return mean, spread + np.einsum("oq,qr,or->o", moved, covariance, moved)
 
 
-def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> tuple[Floats, Floats]:
+def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> Floats:
     """Return the log-evidence of several models of one coefficient, but for a constant, factors being integrated out.
 
-    With it the best factors, shape (models, factors). `others` models all but the coefficient at `index`; the first
-    axis of `tried` may be of length 1 where models are equal.
+    `others` models all but the coefficient at `index`; the first axis of `tried` may be of length 1 where models are
+    equal.
     """
     precisions, design = others.precisions, others.design
     own, known = precisions[:, :, index], others.residuals.copy()
@@ -191,5 +189,5 @@ def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> tup
     deviance = squares - np.sum(found * sides, axis=1) + np.linalg.slogdet(total)[1]
     deviance = deviance + np.sum(np.log1p(tried.variances * information), axis=1)
     proper = tried.precision[tried.precision > 0]
-    constant = (width - len(proper)) * _LOG_TWO_PI + np.log(proper).sum()
-    return (constant - deviance) / 2, found[:, count:]
+    constant = (width - len(proper)) * np.log(2 * np.pi) + np.log(proper).sum()
+    return np.asarray((constant - deviance) / 2)

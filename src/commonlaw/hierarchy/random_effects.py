@@ -23,9 +23,6 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.kernel import CONSTANTS
 
-_STEP = np.sqrt(10)
-"""Ratio of neighbouring variances that are tried: what is between them matters little."""
-
 (_RIDGE,) = CONSTANTS["RIDGE"]
 
 LIKELIEST_SWEEPS, _RELATIVE_GRID = 2, (1e-4, 1e2)
@@ -34,18 +31,6 @@ that are tried, relative to the mean square of a coefficient."""
 
 _PLAUSIBLE_SWEEPS, _BEYOND = 3, 30.0
 """The same where variances are averaged over: so far beyond those that are distinguishable from zero and infinity."""
-
-_MIN_RELATIVE_WEIGHT = 0.01
-"""Weight, of a typical one, below which an estimate does not count: it moves a mean by a tenth of an error."""
-
-_MAX_LOG_RATIO = 700.0
-"""Differences of log-likelihoods beyond which a weight is zero or one."""
-
-_INFINITE = 1e6
-"""Times the largest variance that is tried: infinite."""
-
-_ROUNDING = 1e-13
-"""Share of the information on a mean that is rounding."""
 
 WORST_CONDITION = 1e10
 """Covariances of coefficients, and information on them, whose condition is worse have too few digits."""
@@ -241,7 +226,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
         return mixed.mixed(scale)
     found, deviance = _shrunk(own, information, variances)
     more = (other + size * (size - 1) / 2 * np.log(len(own)) - deviance) / 2
-    return found.averaged(mixed, float(1 / (1 + np.exp(np.clip(more, -_MAX_LOG_RATIO, _MAX_LOG_RATIO))))).mixed(scale)
+    return found.averaged(mixed, float(1 / (1 + np.exp(np.clip(more, -700, 700))))).mixed(scale)
 
 
 def _shrunk(own: Floats, information: Floats, variances: Floats) -> tuple[Shrinkage, float]:
@@ -250,22 +235,29 @@ def _shrunk(own: Floats, information: Floats, variances: Floats) -> tuple[Shrink
     The information is the inverse of the covariances of `shrink`, all in units in which errors are about one.
     """
     effects = RandomEffects(own, information)
-    grids = _grids_beyond(effects)
+    between = np.var(effects.estimates, axis=0)
+    # What is left of an error where all other coefficients are known, and all of it
+    alone = 1 / np.mean(np.diagonal(effects.information, axis1=1, axis2=2), axis=0)
+    grids = [_grid(low / _BEYOND, (1 + high) * _BEYOND) for low, high in zip(alone, between, strict=True)]
     largest = np.array([grid[-1] for grid in grids])
     asked = {int(index): grids[index] for index in np.flatnonzero(np.isnan(variances))}
-    start = np.where(variances == 0, 0.0, np.where(np.isinf(variances), _INFINITE, 1.0) * largest)
+    start = np.where(variances == 0, 0.0, np.where(np.isinf(variances), 1e6, 1.0) * largest)
 
     def average(tried: Floats, parameter: int) -> tuple[float, Floats]:
         posterior = _Posterior.of(effects, tried)
         weights = posterior.weights(parameter)
         deviations = posterior.estimates - np.einsum("m,mok->ok", weights, posterior.estimates)
         shrinkage = posterior.shrinkage[:, parameter]
-        variance = _variance_of(float(weights @ shrinkage), shrinkage, tried[:, parameter])
-        return variance, np.einsum("m,moj,mok->ojk", weights, deviations, deviations)
+        grid, order = tried[:, parameter], np.argsort(shrinkage)
+        least = grid[1] / _BEYOND  # The first is zero
+        logarithms = np.log(np.maximum(grid, least))
+        variance = float(np.exp(np.interp(weights @ shrinkage, shrinkage[order], logarithms[order])))
+        squares = np.einsum("m,moj,mok->ojk", weights, deviations, deviations)
+        return variance if variance > least else 0.0, squares
 
-    likely, between = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
+    likely, added = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
     final = _Posterior.of(effects, likely[np.newaxis])
-    covariances = _symmetric(final.covariances[0] + sum(between, np.zeros_like(information)))
+    covariances = _symmetric(final.covariances[0] + sum(added, np.zeros_like(information)))
     found = Shrinkage(final.estimates[0], covariances, final.shared_factors[0], final.shrinkage[0])
     return found, float(effects.marginal(likely[np.newaxis]).deviance[0])
 
@@ -316,15 +308,15 @@ def informative(estimates: Floats, variances: Floats) -> Bools:
     """Return which estimates count among others of the same coefficient, both of shape (objects, parameters).
 
     Their errors have these variances. In a mean each has a weight of one over the variance of its error and that over
-    objects; those do not count whose weight is below a hundredth of a typical one, which is by means that are weighted
-    by precision, so that those that do not count do not change them.
+    objects. Those do not count whose weight is below a hundredth of a typical one: they move a mean by a tenth of an
+    error. Means weighted by precision say what is typical, so that those that do not count do not change it.
     """
     precision = 1 / variances
     total = precision.sum(axis=0)
     mean = np.sum(precision * estimates, axis=0) / total
     between = np.sum(precision * (estimates - mean) ** 2, axis=0) / total
     typical = len(estimates) / total + between
-    return np.asarray(_MIN_RELATIVE_WEIGHT * variances < typical)
+    return np.asarray(0.01 * variances < typical)
 
 
 def _symmetric(matrices: Floats) -> Floats:
@@ -335,19 +327,19 @@ def _symmetric(matrices: Floats) -> Floats:
 def _roots_of_inverses(matrices: Floats) -> Floats:
     """Return the lower Cholesky factors of the inverses of some information, shape (..., k, k).
 
-    What is hardly more than rounding counts as that much.
+    What is hardly more than rounding (1e-13 of the largest) counts as that much.
     """
     sizes = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
     values, vectors = np.linalg.eigh(_symmetric(matrices / (sizes[..., np.newaxis] * sizes[..., np.newaxis, :])))
-    scaled = (vectors * np.maximum(values, _ROUNDING)[..., np.newaxis, :]) @ vectors.swapaxes(-1, -2)
+    scaled = (vectors * np.maximum(values, 1e-13)[..., np.newaxis, :]) @ vectors.swapaxes(-1, -2)
     upper = np.linalg.cholesky(scaled[..., ::-1, ::-1])[..., ::-1, ::-1]
     return np.asarray(np.linalg.inv(upper).swapaxes(-1, -2) / sizes[..., np.newaxis])
 
 
 def _grid(low: float, high: float) -> Floats:
-    """Return zero, and variances from low to high by half decades."""
-    count = int(np.ceil(np.log(high / low) / np.log(_STEP) - 1e-9))
-    return np.concatenate([[0.0], low * _STEP ** np.arange(count + 1)])
+    """Return zero, and variances from low to high by half decades: what is between them matters little."""
+    count = int(np.ceil(np.log(high / low) / np.log(np.sqrt(10)) - 1e-9))
+    return np.concatenate([[0.0], low * np.sqrt(10) ** np.arange(count + 1)])
 
 
 @cache
@@ -356,22 +348,6 @@ def relative_variances() -> Floats:
     found = _grid(*_RELATIVE_GRID)
     found.flags.writeable = False
     return found
-
-
-def _grids_beyond(effects: RandomEffects) -> list[Floats]:
-    """Return the variances over objects that are tried for each parameter, the first of them zero."""
-    between = np.var(effects.estimates, axis=0)
-    # What is left of an error where all other coefficients are known, and all of it
-    alone = 1 / np.mean(np.diagonal(effects.information, axis1=1, axis2=2), axis=0)
-    return [_grid(low / _BEYOND, (1 + high) * _BEYOND) for low, high in zip(alone, between, strict=True)]
-
-
-def _variance_of(wanted: float, shrinkage: Floats, grid: Floats) -> float:
-    """Return the variance of this shrinkage, between those of a grid that begins with zero."""
-    order = np.argsort(shrinkage)
-    logarithms = np.log(np.maximum(grid, grid[1] / _BEYOND))
-    found = float(np.exp(np.interp(wanted, shrinkage[order], logarithms[order])))
-    return found if found > grid[1] / _BEYOND else 0.0
 
 
 def _swept(

@@ -22,13 +22,10 @@ if TYPE_CHECKING:
 _MAX_BITS = (9, 12, 10)
 """Largest price of the exponents of one, of two and of three properties together; more properties are not tried."""
 
-_MAX_SETS = 200_000
-"""Of exponents: of more properties than ten, no three are tried together, and of more than 25, no two."""
+_MAX_DENOMINATOR = 4
+"""Of exponents."""
 
-_MAX_EXPONENT, _MAX_DENOMINATOR = 4, 4
-"""Largest exponent, and largest denominator."""
-
-_ONE_MORE = 0.5
+ONE_MORE = 0.5
 """How probable one more property is."""
 
 
@@ -47,10 +44,13 @@ class ExponentSets:
 def exponent_sets(properties: int, most: int) -> ExponentSets:
     """Return the sets of exponents of so many properties, at most so many of them not zero.
 
-    An exponent p/q costs p + q bits, so that simple ones are more probable. Sets of the same number of properties share
-    one probability, whichever the properties are: what more properties are offered, the less probable is each.
+    An exponent p/q, of at most 4, costs p + q bits, so that simple ones are more probable. Sets of the same number of
+    properties share one probability, whichever these are: the more properties are offered, the less probable is each.
     """
-    bits, values = np.array([*_priced_exponents()]).T
+    found = {Fraction(p, q) for q in range(1, _MAX_DENOMINATOR + 1) for p in range(1, 4 * q + 1)}
+    priced = [(each.numerator + each.denominator, float(each)) for each in sorted(found)]
+    signed = [(bits, sign * value) for bits, value in priced if bits <= _MAX_BITS[0] for sign in (1, -1)]
+    bits, values = np.array(signed).T
     norm = np.log2(np.sum(2.0**-bits))
     exponents, log_prior = [np.empty((0, properties))], [np.empty(0)]
     for size in range(1, min(most, properties, len(_MAX_BITS)) + 1):
@@ -60,13 +60,13 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
         price = bits[indices].sum(axis=1)
         indices, price = indices[price <= limit], price[price <= limit]
         chosen = list(combinations(range(properties), size))
-        if len(chosen) * len(indices) > _MAX_SETS:
+        if len(chosen) * len(indices) > 200_000:  # Three of more than ten properties, or two of more than 25
             break
         for columns in chosen:
             own = np.zeros((len(indices), properties))
             own[:, columns] = values[indices]
             exponents.append(own)
-            log_prior.append(np.log(2) * -(price + size * norm) + (size - 1) * np.log(_ONE_MORE) - np.log(len(chosen)))
+            log_prior.append(np.log(2) * -(price + size * norm) + (size - 1) * np.log(ONE_MORE) - np.log(len(chosen)))
     weights = np.concatenate(log_prior)
     total = np.logaddexp.reduce(weights) if len(weights) else 0.0
     return ExponentSets(np.concatenate(exponents), weights - total)
@@ -75,13 +75,6 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
 def simple_fraction(value: float) -> Fraction:
     """Return the exponent of this value."""
     return Fraction(value).limit_denominator(_MAX_DENOMINATOR)
-
-
-def _priced_exponents() -> list[tuple[int, float]]:
-    """Return the exponents and their prices in bits."""
-    found = {Fraction(p, q) for q in range(1, _MAX_DENOMINATOR + 1) for p in range(1, _MAX_EXPONENT * q + 1)}
-    priced = [(each.numerator + each.denominator, float(each)) for each in sorted(found)]
-    return [(bits, sign * value) for bits, value in priced if bits <= _MAX_BITS[0] for sign in (1, -1)]
 
 
 class RelationKind(StrEnum):
@@ -141,13 +134,6 @@ class Relation:
         return np.asarray(ones * powers)
 
 
-_NO_UNIT, _CONSTANT = np.log(10.0), np.log(3.0)
-"""How much more probable exponents are that leave a factor without a unit, or with that of a known constant."""
-
-_TOLERANCE = 1e-9
-"""Exponents of dimensions that differ by less are the same."""
-
-
 @dataclass(frozen=True, eq=False)
 class Dimensions:
     """Exponents of base dimensions (length, time, mass, ...), as far as they are known.
@@ -161,7 +147,10 @@ class Dimensions:
     constants: Floats
 
     def log_odds(self, index: int, names: Sequence[str], exponents: Floats) -> Floats:
-        """Return the logarithms of how much more probable sets of exponents of these properties are, shape (sets,)."""
+        """Return the logarithms of how much more probable sets of exponents of these properties are, shape (sets,).
+
+        Ten times, if they leave a factor without a unit, and three times, if it has that of a known constant.
+        """
         own = self.coefficients[index]
         if own is None:
             return np.zeros(len(exponents))
@@ -169,12 +158,12 @@ class Dimensions:
         used = np.array([self.properties.get(name, np.zeros_like(own)) for name in names]).reshape(len(names), len(own))
         left = own - exponents @ used
         constant = np.any([_same(left, each) for each in self.constants], axis=0) if len(self.constants) else False
-        odds = np.where(_same(left, np.zeros_like(own)), _NO_UNIT, np.where(constant, _CONSTANT, 0.0))
+        odds = np.where(_same(left, np.zeros_like(own)), np.log(10), np.where(constant, np.log(3), 0.0))
         return np.where((exponents[:, ~known] != 0).any(axis=1), 0.0, odds)
 
 
 def _same(left: Floats, right: Floats) -> Bools:
-    return np.asarray(abs(left - right).max(axis=1, initial=0.0) < _TOLERANCE)
+    return np.asarray(abs(left - right).max(axis=1, initial=0.0) < 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,20 +179,9 @@ class PropertyTable:
         """Those that differ between objects; others explain nothing."""
         return self.choose([i for i, column in enumerate(self.values.T) if np.ptp(column) > 0])
 
-    @property
-    def positive(self) -> "PropertyTable":
-        """Those that have a logarithm."""
-        return self.choose([i for i, column in enumerate(self.values.T) if (column > 0).all()])
-
     def choose(self, indices: Sequence[int]) -> "PropertyTable":
         """Return some of them."""
         return PropertyTable(tuple(self.names[i] for i in indices), self.values[:, list(indices)], self.dimensions)
-
-    @property
-    def logs(self) -> Floats:
-        """Their logarithms, less the means over objects."""
-        logs = np.log(self.values)
-        return np.asarray(logs - logs.mean(axis=0))
 
     @property
     def standardized(self) -> Floats:

@@ -84,9 +84,6 @@ heyoka.set_logger_level_error()
 
 Found = list[tuple[int, float, Floats]]
 
-_LARGE = 100
-"""Laws of more coefficients than this, and sensitivities, are compiled in heyoka's compact mode."""
-
 
 @dataclass(frozen=True)
 class Structure:
@@ -205,7 +202,7 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
         system = heyoka.var_ode_sys(system, [*(heyoka.par[i] for i in structure.free), *states])
         initial_sensitivities = np.eye(len(states), len(structure.free) + len(states), len(structure.free)).ravel()
     terminal, found, events = _events(structure, variables)
-    large = structure.sensitivities or parameters > _LARGE
+    large = structure.sensitivities or parameters > 100  # These in heyoka's compact mode
     stepper = heyoka.taylor_adaptive(
         system,
         np.zeros(len(states)),
@@ -255,9 +252,6 @@ def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Foun
 Dense = Callable[[Floats], Floats]
 
 _NOT_FINITE = "a state is not finite"
-
-_LOOK = 1000
-"""Steps after which to look whether a state ran away: on its way to infinity steps may become shorter without end."""
 
 
 @dataclass(frozen=True)
@@ -358,7 +352,8 @@ def _rows(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -
         until = int(np.searchsorted(times, stop, side="right"))
         wanted = times[reached:until]
         grid = np.unique(np.concatenate([[stepper.time], wanted, [stop]]))
-        result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=max(1, min(left, _LOOK)))
+        # On the way of a state to infinity steps may become shorter without end
+        result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=max(1, min(left, 1000)))
         if result == heyoka.taylor_outcome.step_limit and stepper.time >= stop:  # But for a rounding error of the time
             result, rows = heyoka.taylor_outcome.time_limit, np.concatenate([rows, stepper.state[np.newaxis]])
         parts.append(rows[1 : 1 + len(wanted)])

@@ -25,10 +25,6 @@ from commonlaw.integration.problem import (
 from commonlaw.integration.variational import sensitivities
 from commonlaw.runtime.packages import quiet
 
-_EVERY = 4
-"""Steps of the states between which those of their derivatives begin anew."""
-_LOOKS = 8
-"""How often events are looked for in a step; steps are short, and a pair of crossings between two looks is shorter."""
 _MANY, _NOWHERE = 5000, 1e-6
 """So many steps that together pass less than this share of the time are where the law does not lead out of."""
 _TOLERANCES = 1e-3
@@ -66,7 +62,8 @@ class LsodaIntegrator(AbstractIntegrator):
         if not options.sensitivities:
             return result
         assert isinstance(result.dense, _Track)
-        knots, reached = np.array(result.dense.knots[::_EVERY]), int(np.isfinite(result.states[:, 0]).sum())
+        # Derivatives begin anew after four steps of the states
+        knots, reached = np.array(result.dense.knots[::4]), int(np.isfinite(result.states[:, 0]).sum())
         derivatives = sensitivities(problem, result.dense, knots, reached, options.tolerance)
         return replace(result, sensitivities=derivatives, dense=result.dense if options.dense else None)
 
@@ -99,7 +96,7 @@ class _EventSearch:
     def look(self, interpolant: DenseOutput, until: float, width: int) -> float | None:
         """Look at a step, given by its dense output; return when a terminal event ended the trajectory, if so."""
         met: list[tuple[int, float, Floats]] = []
-        for t in np.linspace(self.time, until, _LOOKS + 1)[1:]:
+        for t in np.linspace(self.time, until, 9)[1:]:  # Steps are short, and a pair of crossings in an eighth shorter
             now = self.functions(t, interpolant(t)[:width])
             for i in np.flatnonzero(now * np.sign(self.last) < 0):
                 if self.functions.events[i].sign * now[i] >= 0:

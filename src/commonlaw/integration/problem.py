@@ -258,7 +258,6 @@ def diverged(time: float, why: str, where: str, how: str = "ran away") -> Outcom
 Function = Callable[[float, Floats], Floats]
 
 MAX_STEPS = 100_000
-_STEPS_TO_STOP = 100
 FAR = 1e10
 """A state this many times larger than the initial states and their change over the first sample counts as infinite."""
 
@@ -273,7 +272,7 @@ class AbstractIntegrator(ABC):
 
 def most_steps(stops: Floats) -> int:
     """Return how many steps a trajectory may take: each stop, where inputs change their course, allows for more."""
-    return MAX_STEPS + _STEPS_TO_STOP * (len(stops) - 1)
+    return MAX_STEPS + 100 * (len(stops) - 1)
 
 
 def state_scale(initial: Floats, rates: Function, times: Floats) -> float:

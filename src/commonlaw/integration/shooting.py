@@ -19,11 +19,6 @@ from commonlaw.integration.vector_field import Inputs
 from commonlaw.kernel import ProgramStructure, address, kernel
 from commonlaw.library.program import Program
 
-_MOST_STEPS = 200_000
-_MOST_CROSSINGS = 2000
-"""Of switches; a solution that slides along one has no end."""
-_FAR = 1e12
-"""A state this many times its size runs away."""
 _ABSOLUTE = 1e-3
 """The absolute tolerance by the relative one, in sizes of the states."""
 
@@ -123,7 +118,7 @@ def shoot(
         *map(address, inputs.arrays),
         tolerance,
         address(absolute),
-        _MOST_STEPS,
+        200_000,
         address(states),
         0 if slopes is None else address(slopes),
     )
@@ -204,7 +199,7 @@ def _by_scipy(
                 y[count:].reshape(count, width)[:, p] += jump
 
     def near(_: float, y: Floats, *__: float) -> float:
-        return float(1 - np.max(np.abs(y[:count]) / sizes) / _FAR)
+        return float(1 - np.max(np.abs(y[:count]) / sizes) / 1e12)  # It runs away
 
     vars(near)["terminal"] = True
     y = states[0] if slopes is None else np.concatenate([states[0], np.eye(count, width, len(parameters)).ravel()])
@@ -231,7 +226,7 @@ def _by_scipy(
         moments = [*zip(found.t_events or (), found.y_events or (), strict=True)][1:]
         changed = next((k for k, (when, _) in enumerate(moments) if found.status == 1 and len(when)), None)
         crossings += changed is not None
-        if found.status < 0 or not np.isfinite(reached).all() or crossings > _MOST_CROSSINGS:
+        if found.status < 0 or not np.isfinite(reached).all() or crossings > 2000:  # Or slides along a switch
             break
         if changed is not None:
             (when, *_), (y, *_) = moments[changed]

@@ -66,8 +66,6 @@ METHODS = ("auto", "heyoka", "scipy")
 
 _FEW_POINTS = 5000
 """Points that LSODA gives sooner than heyoka is imported and has compiled the law."""
-_STOP = 10
-"""Points that take LSODA as long as one stop, where inputs change their course."""
 
 
 def simulate(
@@ -123,7 +121,8 @@ def simulate_each(
     if method not in METHODS:
         raise unknown("method of integration", method, METHODS)
     problems = tuple(problems)
-    points = sum(len(problem.times) + _STOP * (len(problem.stops) - 1) for problem in problems)
+    # A stop, where inputs change their course, takes LSODA as long as ten points
+    points = sum(len(problem.times) + 10 * (len(problem.stops) - 1) for problem in problems)
     if method == "auto" and not options.sensitivities and points < _FEW_POINTS:
         method = "scipy"
     choices: dict[tuple[int, Order, int, bytes], _Choice] = {}

@@ -12,7 +12,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.integration.problem import InitialValueProblem
 
-_ROOT = np.sqrt(6)
+_ROOT, _ROUNDS = np.sqrt(6), 20
 _NODES = np.array([(4 - _ROOT) / 10, (4 + _ROOT) / 10, 1.0])
 _WEIGHTS = np.array(
     [
@@ -21,11 +21,6 @@ _WEIGHTS = np.array(
         [(16 - _ROOT) / 36, (16 + _ROOT) / 36, 1 / 9],
     ]
 )
-_ROUNDS = 20
-_MOST = 300_000
-"""Steps that are halved no more."""
-_TOGETHER = 20_000
-"""Steps that are taken at once; more would fill memory."""
 
 
 class _Steps(NamedTuple):
@@ -74,7 +69,7 @@ def sensitivities(
     for round_ in range(_ROUNDS + 1):
         own = _along(steps, found[0])
         coarse = _coarse(steps, own, scale, tolerance)
-        if not coarse.any() or round_ == _ROUNDS or len(coarse) > _MOST:
+        if not coarse.any() or round_ == _ROUNDS or len(coarse) > 300_000:
             break
         starts, ends = steps.starts[coarse], steps.ends[coarse]
         middles = (starts + ends) / 2
@@ -108,9 +103,9 @@ def _coarse(steps: _Steps, own: Floats, scale: Floats, tolerance: float) -> Bool
 
 def _halved(problem: InitialValueProblem, path: Callable[[Floats], Floats], starts: Floats, ends: Floats) -> _Steps:
     """Return steps between times."""
-    parts = []
-    for first in range(0, len(starts), _TOGETHER):
-        some, until = starts[first : first + _TOGETHER], ends[first : first + _TOGETHER]
+    parts, together = [], 20_000  # More would fill memory
+    for first in range(0, len(starts), together):
+        some, until = starts[first : first + together], ends[first : first + together]
         middles = (some + until) / 2
         spans = (some, middles), (middles, until), (some, until)
         (left, more), (right, last), (whole, added) = (_radau(problem, path, *span) for span in spans)
@@ -138,13 +133,9 @@ def _radau(
         pushed = np.einsum("mij,mjap->miap", shares, pushes).reshape(count, nodes * width, -1)
         unit = np.broadcast_to(np.tile(np.eye(width), (nodes, 1)), (count, nodes * width, width))
         matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.nan
-        solved = _solve(matrix, np.concatenate([unit, pushed], axis=2))[:, -width:]
+        columns = np.concatenate([unit, pushed], axis=2)
+        try:
+            solved = np.linalg.solve(matrix, columns)[:, -width:]
+        except np.linalg.LinAlgError:
+            solved = (np.linalg.pinv(np.nan_to_num(matrix)) @ columns)[:, -width:]
     return solved[:, :, :width], solved[:, :, width:]
-
-
-def _solve(matrices: Floats, columns: Floats) -> Floats:
-    """Return the solutions of linear systems, NaN for those that have none."""
-    try:
-        return np.asarray(np.linalg.solve(matrices, columns))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.pinv(np.nan_to_num(matrices)) @ columns)

@@ -115,8 +115,6 @@ def contiguous(values: Floats) -> Floats:
     return np.ascontiguousarray(values, dtype=np.float64)
 
 
-_NOT_POSITIVE = 2
-
 _MAX_ROW_NUMBERS = 20_000
 """Numbers in rows that are in cache: of more of them LAPACK makes triangles sooner, by blocks."""
 
@@ -263,7 +261,7 @@ def _whitened(
 
 def _check(failed: int) -> None:
     if failed:
-        raise NotPositiveError if failed == _NOT_POSITIVE else MemoryError
+        raise NotPositiveError if failed == 2 else MemoryError  # As in the kernel
 
 
 def fit_each(
@@ -340,7 +338,8 @@ class Together:
         arrays, std = {}, contiguous(std)
         if latent.width:
             steps = latent.along(self.mesh)
-            arrays = {name: contiguous(getattr(steps, own)) for name, own in _LATENT.items()}
+            arrays = {"latent_start": steps.start, "latent_end": steps.end, "anchors": steps.anchors}
+            arrays = {name: contiguous(each) for name, each in arrays.items()}
             model.latent_std = address(deviations := contiguous(steps.std))
             assert len(deviations) == model.latent
         for name, array in {"std": std, **arrays}.items():
@@ -349,9 +348,6 @@ class Together:
         inside = (self.free, self.states, self.coefficients)
         factors, log_determinants = triangles(library, own, meshes, *inside, model_error)
         return factors, float(log_determinants.sum())
-
-
-_LATENT = {"latent_start": "start", "latent_end": "end", "anchors": "anchors"}
 
 
 def together(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], free: Bools) -> Together | None:

@@ -16,15 +16,9 @@ from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.observation_model import LatentProcesses
 from commonlaw.runtime.parallel import in_parallel
 
-_MIN_NUMBERS_OF_THREADS = 50_000
-"""Numbers in the rows of all terms from which threads pay: a linearisation then takes them some milliseconds."""
-
-_MAX_STEPS = 12
-"""Gauss-Newton steps at one model error at most."""
-
 
 def fit(
-    model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = _MAX_STEPS
+    model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = 12
 ) -> Estimate:
     """Return the maximum-likelihood estimate by Gauss-Newton steps, one model error after the other.
 
@@ -51,7 +45,7 @@ def fit_each(
     """Return the estimate of largest likelihood of each of several objects, see `fit`."""
     if threads_pay(models):
         return tuple(in_parallel(lambda model, start: fit(model, start, support, model_errors), models, starts))
-    return tuple(_fit_each(models, starts, support, model_errors, _MAX_STEPS))
+    return tuple(_fit_each(models, starts, support, model_errors))
 
 
 def linearize_each(
@@ -78,9 +72,9 @@ def whitened(
 
 
 def threads_pay(models: Sequence[TrajectoryModel]) -> bool:
-    """Whether the kernel has so much to do with these objects that threads are worth what they cost."""
+    """Whether threads are worth what they cost: one linearisation of these objects takes milliseconds."""
     points = sum(len(mesh) for model in models for mesh in model.meshes)
-    return points * models[0].equations * len(models[0].terms) > _MIN_NUMBERS_OF_THREADS
+    return points * models[0].equations * len(models[0].terms) > 50_000
 
 
 def _fit_each(
@@ -88,7 +82,7 @@ def _fit_each(
     starts: Sequence[Estimate],
     support: Bools,
     model_errors: Sequence[float],
-    steps: int,
+    steps: int = 12,
 ) -> list[Estimate]:
     prepared = _compiled(models)
     if prepared is not None:
@@ -142,19 +136,15 @@ class AboutEstimates:
         if library is not None and self._together is not None:
             return self._together.linearize(library, std, latent, model_error)
         cuts = np.cumsum([sum(map(len, model.meshes)) for model in self.models])[:-1]
-        linear = [
-            linearize(_with_levels(model, own, latent), estimate, model_error, self.columns)
-            for model, own, estimate in zip(self.models, np.split(std, cuts), self.estimates, strict=True)
-        ]
+        linear = list[Linearization]()
+        for model, own, estimate in zip(self.models, np.split(std, cuts), self.estimates, strict=True):
+            parts = np.split(own, np.cumsum([len(mesh) for mesh in model.meshes])[:-1])
+            pairs = zip(model.meshes, parts, strict=True)
+            meshes = [mesh.with_scale(each / model.observation.noise) for mesh, each in pairs]
+            changed = replace(model, meshes=meshes, latent=latent)
+            linear.append(linearize(changed, estimate, model_error, self.columns))
         return np.array([each.problem.factor for each in linear]), sum(each.log_determinant for each in linear)
 
     @cached_property
     def _together(self) -> Together | None:
         return together(self.models, self.estimates, self.columns)
-
-
-def _with_levels(model: TrajectoryModel, std: Floats, latent: LatentProcesses) -> TrajectoryModel:
-    parts = np.split(std, np.cumsum([len(mesh) for mesh in model.meshes])[:-1])
-    pairs = zip(model.meshes, parts, strict=True)
-    meshes = [mesh.with_scale(own / model.observation.noise) for mesh, own in pairs]
-    return replace(model, meshes=meshes, latent=latent)

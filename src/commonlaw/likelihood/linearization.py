@@ -13,9 +13,6 @@ from commonlaw.likelihood.fitting import Estimate, NotPositiveError, TrajectoryM
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.observation_model import LatentSteps
 
-_MIN_DIAGONAL = 1e-10
-"""Singular values, relative to the largest of columns of unit norm, below which initial states are not identifiable."""
-
 
 @dataclass(frozen=True, eq=False)
 class Regression:
@@ -82,9 +79,9 @@ def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Flo
 
 
 def _basis(columns: Floats) -> Floats | None:
-    """Return an orthonormal basis of columns; None if these are collinear."""
+    """Return an orthonormal basis of columns; None if these are collinear: initial states are not identifiable."""
     basis, values, _ = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
-    return basis if len(basis) >= columns.shape[1] and values[-1] > _MIN_DIAGONAL * values[0] else None
+    return basis if len(basis) >= columns.shape[1] and values[-1] > 1e-10 * values[0] else None
 
 
 MISSING = 100.0
@@ -97,9 +94,6 @@ HIDDEN = 1000.0
 RATE = 3.0
 """Noise of a rate per sampling step, relative to that of a state: much larger than what neighbouring states say of
 it."""
-
-_COLLINEAR = 1e-6
-"""Reciprocal condition of columns of unit norm, above which their products keep four digits of what they differ in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,12 +225,12 @@ def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tupl
 
 
 def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
-    """Return orthogonal columns and their triangle, by Cholesky factorization, if accurate enough."""
+    """Return orthogonal columns and their triangle; by Cholesky factorization, if products keep four digits."""
     from scipy.linalg import blas, lapack
 
     norms = column_scales(columns)
     factor, failed = lapack.dpotrf(columns.T @ columns / np.outer(norms, norms))
-    if failed or not lapack.dtrcon(factor)[0] > _COLLINEAR:
+    if failed or not lapack.dtrcon(factor)[0] > 1e-6:
         return np.linalg.qr(columns)
     factor = np.asarray(factor * norms)
     return blas.dtrsm(1.0, factor, np.asfortranarray(columns.T), trans_a=1).T, factor

@@ -18,10 +18,6 @@ MAX_MESH_SAMPLES = 4000
 """Points that are worked on together; longer segments would leave the cache and fill memory."""
 
 
-_WITHOUT_SCALE = ("still", "moving", "observed", "steps", "relative_steps", "typical_step", "grid")
-"""What a mesh computes once that its scale does not change."""
-
-
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Points of one or several segments of trials, one segment behind the other.
@@ -93,8 +89,8 @@ class Mesh:
 
     def with_scale(self, scale: Floats) -> "Mesh":
         """Return the mesh with other standard deviations; what follows from the rest is not computed again."""
-        found = replace(self, scale=scale)
-        found.__dict__.update({name: getattr(self, name) for name in _WITHOUT_SCALE})
+        found, rest = replace(self, scale=scale), ("still", "moving", "observed", "steps", "relative_steps", "grid")
+        found.__dict__.update({name: getattr(self, name) for name in (*rest, "typical_step")})
         return found
 
     def __len__(self) -> int:

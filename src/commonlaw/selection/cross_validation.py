@@ -165,15 +165,6 @@ class ForecastError:
         return float(np.mean(rms**2 / variances))
 
 
-_MAX_HELD_NUMBERS = 2**24
-"""Numbers in the factors of resamples that are held at a time."""
-
-_MAX_SENT_NUMBERS = 2**20
-"""Numbers in the factors of blocks that are sent to workers, with every few resamples, at most."""
-
-_RESAMPLES_AT_ONCE = 5
-"""Resamples that are made together, whatever the number of workers, so that the law does not depend on it."""
-
 Path = Callable[[Sequence[LeastSquaresProblem]], Sequence[Candidate]]
 """From one problem for each object to candidates, from the most terms to the fewest."""
 
@@ -211,12 +202,16 @@ def stability(
     blocks = [[block for trial in trials for block in trial] for trials in groups]
     if min(map(len, blocks)) < 2:
         raise CommonlawError("one-segment-to-draw")
-    generator = np.random.default_rng(seed)
-    drawn = [[_counts(len(own), generator) for own in blocks] for _ in range(n_resamples)]
-    at_once = min(_RESAMPLES_AT_ONCE, max(1, _MAX_HELD_NUMBERS // sum(own[0].factor.size for own in blocks)))
+    generator, counts = np.random.default_rng(seed), [len(own) for own in blocks]
+    drawn = [
+        [np.bincount(generator.integers(n, size=n), minlength=n).astype(np.float64) for n in counts]
+        for _ in range(n_resamples)
+    ]
+    # Whatever the number of workers, so that the law does not depend on it; held are 128 MB of factors at most
+    at_once = min(5, max(1, 2**24 // sum(own[0].factor.size for own in blocks)))
     parts = [drawn[i : i + at_once] for i in range(0, n_resamples, at_once)]
     work, size = partial(_supports, blocks, path), sum(len(own) * own[0].factor.size for own in blocks)
-    found = done_in_parts(work, parts, "resampling") if size <= _MAX_SENT_NUMBERS else map(work, parts)
+    found = done_in_parts(work, parts, "resampling") if size <= 2**20 else map(work, parts)  # 8 MB go to workers
     return Stability(tuple(support for each in found for support in each))
 
 
@@ -227,8 +222,3 @@ def _supports(
     by_object = zip(*drawn, strict=True)
     problems = [redrawn(own, np.array(counts)) for own, counts in zip(blocks, by_object, strict=True)]
     return [tuple(each.support for each in path(some)) for some in zip(*problems, strict=True)]
-
-
-def _counts(blocks: int, generator: np.random.Generator) -> Floats:
-    """Return how often each of some blocks is drawn, with replacement, in as many draws as there are."""
-    return np.bincount(generator.integers(blocks, size=blocks), minlength=blocks).astype(np.float64)

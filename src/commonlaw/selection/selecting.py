@@ -103,10 +103,6 @@ def select(
     return tuple(selection(target) for target in range(len(free)))
 
 
-_ILL_CONDITIONED = 1e8
-"""Above it, half of the digits of double precision are gone."""
-
-
 def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
     """Return the law with the chosen equations besides its known terms, and what they were chosen from."""
     outcomes, alternatives = [], []
@@ -150,5 +146,5 @@ def ill_conditions(law: Law, problems: Sequence[LeastSquaresProblem]) -> Iterato
     for j, equation in enumerate(left_hand_sides(law)):
         for problem, name, support in zip(problems, law.objects, law.coefficients[:, j] != 0, strict=True):
             condition = problem.condition(support)
-            if condition > _ILL_CONDITIONED:
+            if condition > 1e8:  # Half of the digits of double precision are gone
                 yield note("terms-collinear", f"{equation} of {name}", condition=condition)

@@ -13,9 +13,6 @@ from commonlaw.solvers.standardized_problem import StandardizedProblem
 _RANK = 1e-12
 """Singular values of constraints, with rows of unit norm, that count as zero."""
 
-_MET = 1e-9
-"""Constraints that are met to this share of their right-hand side can be met."""
-
 
 @dataclass(frozen=True, eq=False)
 class ConstrainedSolver(AbstractSolver):
@@ -69,18 +66,16 @@ class ConstrainedSolver(AbstractSolver):
         path = self.solver.path(problems, target, allowed, values)
         if target != self.equation:
             return path
-        if values is None:
-            path = tuple(each for each in path if self._can_be_met(each.support))
-        return tuple(replace(each, coefficients=self._refit(problems, each.support), proven=False) for each in path)
-
-    def _can_be_met(self, support: Bools) -> bool:
-        matrix, right = self._constraints(support)
-        return _solutions(matrix[:, support.ravel()], right) is not None
-
-    def _refit(self, problems: Problems, support: Bools) -> Floats:
-        variance = StandardizedProblem.of(problems, self.equation, np.asarray(support.any(axis=0))).variance
-        weighted = [problem.weighted(weight) for problem, weight in zip(problems, 1 / variance, strict=True)]
-        return constrained_least_squares(weighted, support, self.equation, *self._constraints(support))
+        refitted = []
+        for each in path:
+            support, (matrix, right) = each.support, self._constraints(each.support)
+            if values is None and _solutions(matrix[:, support.ravel()], right) is None:
+                continue
+            variance = StandardizedProblem.of(problems, self.equation, np.asarray(support.any(axis=0))).variance
+            weighted = [problem.weighted(weight) for problem, weight in zip(problems, 1 / variance, strict=True)]
+            coefficients = constrained_least_squares(weighted, support, self.equation, matrix, right)
+            refitted.append(replace(each, coefficients=coefficients, proven=False))
+        return tuple(refitted)
 
     def _constraints(self, support: Bools) -> tuple[Floats, Floats]:
         """Return all constraints that hold for a support, as a matrix and a right-hand side."""
@@ -154,6 +149,6 @@ def _solutions(matrix: Floats, right: Floats) -> tuple[Floats, Floats] | None:
     left, values, rows = np.linalg.svd(matrix)
     rank = int(np.sum(values > _RANK * max(matrix.shape, default=1)))
     point = rows[:rank].T @ ((left[:, :rank].T @ right) / values[:rank])
-    if np.abs(matrix @ point - right).max(initial=0.0) > _MET * np.abs(right).max(initial=0.0):
+    if np.abs(matrix @ point - right).max(initial=0.0) > 1e-9 * np.abs(right).max(initial=0.0):
         return None
     return point, rows[rank:].T

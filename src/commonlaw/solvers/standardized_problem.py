@@ -12,9 +12,6 @@ from commonlaw.formulation import LeastSquaresProblem, explained
 _RIDGE = 1e-11
 """Parts columns of unit norm that depend on each other, so that five digits of their directions remain."""
 
-_MIN_RELATIVE_RESIDUAL = 1e-10
-"""A residual that is smaller than this share of its target tells the ridge and rounding, and not the noise."""
-
 _MIN_NORM = 1e-14
 """What is left of a unit vector, of which no digit is right."""
 
@@ -51,7 +48,7 @@ class StandardizedProblem:
         rows = np.array([problem.rows for problem in problems])
         mean = np.sum(right[..., 0] ** 2, axis=1) / np.maximum(rows, 1)
         variance = np.where(rows > size, rest / np.maximum(rows - size, 1), mean)
-        variance = np.maximum(variance, _MIN_RELATIVE_RESIDUAL**2 * mean)
+        variance = np.maximum(variance, 1e-20 * mean)  # Smaller ones tell the ridge and rounding, and not the noise
         variance = np.where(variance > 0, variance, 1.0)
         scaled = reduced[:, :size, size] / np.sqrt(variance)[:, np.newaxis]
         return cls(reduced[:, :size, :size], scaled, float(np.sum(rest / variance)), variance)

@@ -78,13 +78,6 @@ def backward_order(problem: StandardizedProblem, least: int = 0) -> Indices:
     return np.concatenate([directions.indices, gone])
 
 
-_MAX_TERMS_OF_FULL_SEARCH = 60
-"""Terms beyond which the search gets fewer nodes, as the work of a node grows with the third power of the terms."""
-
-_TOLERANCE = 1e-12
-"""Sums of squared residuals that differ by less than this share are equal to rounding."""
-
-
 @dataclass(frozen=True)
 class BestSubset(AbstractSolver):
     """The terms with the smallest sum of squared residuals over all objects, for every number of terms.
@@ -124,22 +117,18 @@ class BestSubset(AbstractSolver):
         check_shared(self.shared)
 
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
-        choose = self._search_small if values is None else self._search_all
+        largest = self.largest if values is None else np.inf
+
+        def choose(problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
+            searched, stays = [size for size in sizes if size <= largest], backward_order(problem)
+            found = {size: Subset(stays[:size], size == problem.size) for size in sizes if size > largest}
+            enters = forward_order(problem, max(searched))
+            # The work of a node grows with the third power of the terms
+            nodes = int(np.ceil(self.nodes * min(1.0, (60 / max(problem.size, 1)) ** 3)))
+            searches = {size: _Search(problem, size, [stays[:size], enters[:size]]) for size in searched}
+            return found | {size: search.run(nodes) for size, search in searches.items()}
+
         return fixed_cardinality(choose, self.shared, problems, target, allowed, values)
-
-    def _search_small(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
-        """Search for numbers of terms up to `largest`, and eliminate terms for larger ones."""
-        stays = backward_order(problem)
-        greedy = {size: Subset(stays[:size], size == problem.size) for size in sizes if size > self.largest}
-        return greedy | self._search(problem, [size for size in sizes if size <= self.largest], stays)
-
-    def _search_all(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
-        return self._search(problem, sizes, backward_order(problem))
-
-    def _search(self, problem: StandardizedProblem, sizes: Sequence[int], stays: Indices) -> dict[int, Subset]:
-        enters = forward_order(problem, max(sizes))
-        nodes = int(np.ceil(self.nodes * min(1.0, (_MAX_TERMS_OF_FULL_SEARCH / max(problem.size, 1)) ** 3)))
-        return {size: _Search(problem, size, [stays[:size], enters[:size]]).run(nodes) for size in sizes}
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +167,7 @@ class _Search:
     @property
     def _bar(self) -> float:
         """What a support must stay below to be better than the best so far, beyond rounding."""
-        return self.least * (1 - _TOLERANCE) - self.problem.rounding
+        return self.least * (1 - 1e-12) - self.problem.rounding
 
     def _accept(self, supports: Iterator[Indices]) -> bool:
         """Take the first support that is better than the best so far."""

@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-_LISTED = 0.1
-"""Share of the time after which objects are listed. It is only shown."""
-
 WITHIN = "within 95 % band"
 """Column with the share of a state's measurements in the bands of its forecast."""
 
@@ -91,20 +88,11 @@ def forecast_parts(
 ) -> list[pd.DataFrame]:
     """Return the errors of `forecast_stream` for each part of a stream; `how` are arguments of `Law.predict`."""
     parts = stream.parts or (stream,)
-    laws = laws_of_parts(law, parts, part(progress, 0.0, _LISTED))
+    laws = laws_of_parts(law, parts, part(progress, 0.0, 0.1))
     where = None if folder is None else Path(folder).absolute()
     files = [where and where / f"forecast-{i + 1:06}.parquet" for i in range(len(parts))]
-    pieces = [_Piece(*each) for each in zip(laws, parts, files, strict=True)]
-    return done_in_parts(partial(_errors, how), pieces, "forecasting", part(progress, _LISTED, 1.0))
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """A part of a stream, the law of its objects, and the file of its forecasts, if they are kept."""
-
-    law: Law
-    stream: TrialStream
-    file: Path | None
+    pieces = list(zip(laws, parts, files, strict=True))
+    return done_in_parts(partial(_errors, how), pieces, "forecasting", part(progress, 0.1, 1.0))
 
 
 def laws_of_parts(law: Law, parts: Sequence[TrialStream], progress: ProgressCallback) -> list[Law]:
@@ -127,29 +115,25 @@ def law_of(law: Law, names: Collection[str]) -> Law:
     return law.select(list(dict.fromkeys([*(name for name in names if name in known), *some])))
 
 
-def _check_told(law: Law, trials: Trials) -> None:
-    """Refuse objects whose coefficients nothing tells: the typical ones are not known from what is sent of a law."""
-    if len(law.objects) == 1 or law.uncertainty.explanation is None:
-        return
-    for name in trials.objects:
-        if is_typical(law, name, trials):
-            wanted = [*law.uncertainty.explanation.properties]
-            raise CommonlawError("object-without-properties", object=name, properties=wanted)
-
-
-def _errors(how: dict[str, Any], piece: _Piece) -> pd.DataFrame:
-    """Forecast the trials of a part; return their errors, and write the forecasts if they are kept."""
-    trials, from_time = piece.stream.read(), how.get("from_time")
-    _check_told(piece.law, trials)
+def _errors(how: dict[str, Any], piece: tuple[Law, TrialStream, Path | None]) -> pd.DataFrame:
+    """Forecast the trials of a part by its law; return their errors, and write the forecasts if there is a file."""
+    law, stream, file = piece
+    trials, from_time = stream.read(), how.get("from_time")
+    # The typical coefficients are not known from what is sent of a law
+    if len(law.objects) > 1 and law.uncertainty.explanation is not None:
+        for name in trials.objects:
+            if is_typical(law, name, trials):
+                wanted = [*law.uncertainty.explanation.properties]
+                raise CommonlawError("object-without-properties", object=name, properties=wanted)
     if from_time is not None and not any(each.times[0] < from_time <= each.times[-1] for each in trials):
         return pd.DataFrame()
     with unannounced():
-        forecast = predict(piece.law, trials, return_std=piece.law.uncertainty.has_std, **how)
-    if piece.file is not None:
+        forecast = predict(law, trials, return_std=law.uncertainty.has_std, **how)
+    if file is not None:
         content = BytesIO()
         forecast.to_frame().to_parquet(content, index=False)
-        make_folder(piece.file.parent)
-        write_whole(piece.file, content.getvalue())
+        make_folder(file.parent)
+        write_whole(file, content.getvalue())
     known = forecast.std is not None and forecast.noise is not None
     bands = forecast.bands(measured=True) if known else [None] * len(forecast.trials)
     compared = [_compared(forecast, i, own) for i, own in enumerate(bands)]
@@ -176,9 +160,6 @@ def _compared(forecast: Forecast, index: int, band: tuple[Floats, Floats] | None
 
 _MAX_OBJECTS = 24
 """Objects that stand for all, evenly by rank of their errors: figures and tables of so many can be read."""
-
-_FORECAST = 0.9
-"""Share of the time after which all are forecast. It is only shown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,16 +213,16 @@ def find_by_stream(
     The law was fitted to `learned`: other trials, or the first samples of these; the same by default. Raises
     `CommonlawError` if law and trials do not match.
     """
-    frames = forecast_parts(law, stream, part(progress, 0.0, _FORECAST))
+    frames = forecast_parts(law, stream, part(progress, 0.0, 0.9))
     errors = pd.concat(frames, ignore_index=True)
     ranked = _relative(errors).index
     rows = evenly_spaced(len(ranked), _MAX_OBJECTS)
     names = {*ranked[rows].astype(str)}
     pieces = zip(stream.parts or (stream,), frames, strict=True)
     parts = [each for each, frame in pieces if names & {*frame.iloc[:, 0]}]
-    few, training = as_one(_read(names, parts, part(progress, _FORECAST, 1.0))), None
+    few, training = as_one(_read(names, parts, part(progress, 0.9, 1.0))), None
     if learned is not None:
-        own = _read(names, learned.parts or (learned,), part(progress, _FORECAST, 1.0))
+        own = _read(names, learned.parts or (learned,), part(progress, 0.9, 1.0))
         training = as_one(own) if own else Trials((next(iter(learned)),), learned.schema)
         there = {(each.object, each.name) for each in few}
         others = [each for each in training if (each.object, each.name) not in there]

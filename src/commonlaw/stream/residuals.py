@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-_LISTED, _NOISE = 0.1, 0.2
-"""Shares of the time after which objects are listed, and the noise is known. They are only shown."""
-
 _SUMS = ["samples", "total", "squares", "pairs", "products", "sums"]
 """Columns that are added where an object has trials in several parts."""
 
@@ -88,11 +85,11 @@ def check_stream(
     refuse_discrete_time(law)
     parts, progress = stream.parts or (stream,), progress or on_terminal()
     with on_cluster(client):
-        laws, noise = laws_of_parts(law, parts, part(progress, 0.0, _LISTED)), law.uncertainty.noise
+        laws, noise = laws_of_parts(law, parts, part(progress, 0.0, 0.1)), law.uncertainty.noise
         if noise is None:
-            noise = noise_of(done_in_parts(_noise, parts, "estimating noise", part(progress, _LISTED, _NOISE)))
+            noise = noise_of(done_in_parts(_noise, parts, "estimating noise", part(progress, 0.1, 0.2)))
         pieces = list(zip(laws, parts, strict=True))
-        found = done_in_parts(partial(_of_part, noise), pieces, "fitting trajectories", part(progress, _NOISE, 1.0))
+        found = done_in_parts(partial(_of_part, noise), pieces, "fitting trajectories", part(progress, 0.2, 1.0))
     name = law.schema.object
     rows = pd.concat([frame for frame, _ in found], ignore_index=True)
     summed = rows.groupby([name, "state"], sort=False)
