@@ -8,8 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.array_types import Floats
-from commonlaw.discovery.data_check import outcomes_of_stand_ins
-from commonlaw.discovery.further_trials import outcomes_of_rivals
+from commonlaw.discovery.hints import outcomes_of_rivals, outcomes_of_stand_ins
 from commonlaw.law import Law, PlausibleLaw, Provenance
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.provenance import Domain

@@ -69,9 +69,6 @@ class Screened:
 MAX_TERMS_OF_SIMPLE_LAW = 5
 """Coefficients and parameters of an equation more than which may stand for a latent state, or for richer terms."""
 
-_SERIES_DIVISOR = 3
-"""Of terms of higher degree, an equation with more than one in so many may be a truncated series."""
-
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -130,8 +127,8 @@ class Candidate:
         if self.has_richer:
             return True
         most = MAX_TERMS_OF_SIMPLE_LAW
-        if self.is_of_higher_degree:  # A few of these stand for no shorter law, as a series has most of them
-            most = max(most, len(self.pool.best.problem.terms) // _SERIES_DIVISOR)
+        if self.is_of_higher_degree:  # A few of these stand for no shorter law, as a series has a third of them
+            most = max(most, len(self.pool.best.problem.terms) // 3)
         return not (may_be_simpler(self.pool.best, most) or may_be_series(self.pool.best))
 
     @cached_property

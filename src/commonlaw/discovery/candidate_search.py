@@ -38,14 +38,6 @@ from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import with_logarithms
 
-_FACTORS, _ARRAYS = 6, 20
-"""Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time."""
-
-_FEW_OBJECTS = 10
-"""Objects up to which a library asks for a latent state by itself: with more it takes minutes."""
-
-_SECONDS_AN_OBJECT, _SECONDS_A_TRIAL, _SECONDS_A_SAMPLE = 0.1, 5e-3, 3e-4
-
 
 @dataclass(frozen=True, eq=False)
 class CandidateSearch:
@@ -213,8 +205,8 @@ class CandidateSearch:
 
     def _with_latent_state(self, screened: Screened, pool: Pool, trials: Trials) -> Pool:
         """Return the law of largest evidence with a latent state or without, if one is asked for or may be missing."""
-        # One trial alone has no other start to tell such a state by
-        few = len(trials.objects) <= _FEW_OBJECTS and len(trials) > 1
+        # With more objects it takes minutes; one trial alone has no other start to tell such a state by
+        few = len(trials.objects) <= 10 and len(trials) > 1
         seeks = screened.whole.library.seeks_unmeasured and few and may_be_simpler(pool.best, MAX_TERMS_OF_SIMPLE_LAW)
         if screened.whole.order != 1 or not (self.options.unmeasured or seeks):
             return pool
@@ -242,7 +234,8 @@ def _check_effort(trials: Trials, terms: int, most_samples: int) -> None:
     objects, samples = len(trials.objects), min(sum(map(len, trials)), most_samples)
     of = f"{counted(len(trials), 'trial')} of {counted(objects, 'object')} with {counted(terms, 'term')}"
     what = f"the trajectory likelihood of {of}"
-    size = 8 * (_FACTORS * objects * (terms * len(trials.schema.states)) ** 2 + _ARRAYS * samples * terms)
+    # Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time
+    size = 8 * (6 * objects * (terms * len(trials.schema.states)) ** 2 + 20 * samples * terms)
     check_memory(what, size, "take a smaller library")
-    seconds = _SECONDS_AN_OBJECT * objects + _SECONDS_A_TRIAL * len(trials) + _SECONDS_A_SAMPLE * samples
+    seconds = 0.1 * objects + 5e-3 * len(trials) + 3e-4 * samples
     announce(what, seconds, Diagnostic("fewer-trials-or-regression"))

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from commonlaw.discovery.data_check import outcomes_of_stand_ins
-from commonlaw.discovery.further_trials import outcomes_of_rivals
-from commonlaw.discovery.generations import outcomes_of_generations
+from commonlaw.discovery.hints import outcomes_of_generations, outcomes_of_rivals, outcomes_of_stand_ins
 from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.method import AbstractMethod
@@ -32,7 +30,7 @@ from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.parallel import one_blas_thread
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.text import shown
-from commonlaw.trials import Trial, Trials, TrialStream
+from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.check import exact_copies
 from commonlaw.trials.transformations import objects_at_rest, outcome_of_rest, without_objects
 from commonlaw.trials.trial import check_gaps
@@ -108,18 +106,15 @@ class LawDiscovery:
         if isinstance(trials, Trials):
             refuse_client(self.client)
             check_gaps(tuple(trials), trials.schema)
-        question = {name: getattr(self, name) for name in _PARAMETERS if name not in _CHANGE_NOTHING}
+        nothing = ("progress", "cache", "client")  # These change nothing in a law
+        question = {name: getattr(self, name) for name in _PARAMETERS if name not in nothing}
         progress = self.progress or on_terminal()
         with on_cluster(self.client):
-            self.law_ = self._found_or_kept(trials, question, progress)
+            if self.cache and isinstance(trials, Trials):
+                self.law_ = found_once(trials, question, lambda: self._found(trials, progress), progress)
+            else:
+                self.law_ = self._found(trials, progress)
         return self
-
-    def _found_or_kept(
-        self, trials: Trials | TrialStream, question: dict[str, object], progress: ProgressCallback
-    ) -> Law:
-        if self.cache and isinstance(trials, Trials):
-            return found_once(trials, question, lambda: self._found(trials, progress), progress)
-        return self._found(trials, progress)
 
     def _found(self, trials: Trials | TrialStream, progress: ProgressCallback) -> Law:
         method, instead = (self.method, ()) if self.method else _default(trials, self.order)
@@ -147,9 +142,19 @@ class LawDiscovery:
             resting = () if self.universal else objects_at_rest(trials)
             trials = without_objects(trials, resting)
             if not (known or self.universal):
-                structure = replace(structure, library=_without_powers_of_levels(library, trials))
+                inputs = np.concatenate([each.inputs for each in trials]).T
+                counts = [len(np.unique(own[np.isfinite(own)])) for own in inputs]
+                # Of few values higher powers are not told from lower ones
+                levels = [pair for pair in zip(trials.schema.inputs, counts, strict=True) if pair[1] <= 5]
+                capped = CappedLibrary(library, tuple(levels)) if levels else library
+                structure = replace(structure, library=capped)
         with one_blas_thread():
-            law = _law_of_some_order(method, trials, structure, possible, progress)
+            if all(len(each) == 1 for each in possible):
+                law = method.find(trials, structure, progress)
+            else:
+                assert isinstance(method, TrajectoryLikelihood)
+                assert isinstance(trials, Trials)
+                law = method.find_order(trials, structure, possible, progress)
         said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain, outcomes = (
@@ -229,28 +234,7 @@ class LawDiscovery:
         return self.law_
 
 
-_MAX_LEVELS = 5
-"""Values of an input: higher powers are in no library by default."""
-
 _PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
-
-_CHANGE_NOTHING = ("progress", "cache", "client")
-"""Parameters that change nothing in a law."""
-
-
-def _law_of_some_order(
-    method: AbstractMethod,
-    trials: Trials | TrialStream,
-    structure: ModelStructure,
-    possible: Sequence[Sequence[int]],
-    progress: ProgressCallback,
-) -> Law:
-    """Return the law that a method finds; of the order of largest evidence, if there are several."""
-    if all(len(each) == 1 for each in possible):
-        return method.find(trials, structure, progress)
-    assert isinstance(method, TrajectoryLikelihood)
-    assert isinstance(trials, Trials)
-    return method.find_order(trials, structure, possible, progress)
 
 
 def default_method(trials: Trials | TrialStream, order: AskedOrder = "auto") -> AbstractMethod:
@@ -289,16 +273,6 @@ def _without_evidence(
     return chosen, (note("order-without-evidence", order=order, what=what),)
 
 
-def _without_powers_of_levels(library: AbstractLibrary, trials: Trials) -> AbstractLibrary:
-    """Return a library without powers of inputs that take too few values to tell them from lower powers."""
-    inputs, levels = np.concatenate([each.inputs for each in trials]), list[tuple[str, int]]()
-    for name, own in zip(trials.schema.inputs, inputs.T, strict=True):
-        count = len(np.unique(own[np.isfinite(own)]))
-        if count <= _MAX_LEVELS:
-            levels.append((name, count))
-    return CappedLibrary(library, tuple(levels)) if levels else library
-
-
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
     """Return the trials, each without empty samples and once, and a word on those that are no new evidence.
 
@@ -308,20 +282,12 @@ def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
     names = dict.fromkeys(trial.object for trial, _ in copies)
     own = [trial for name in names for trial, _ in exact_copies(trials.of_object(name))]
     kept = [each for each in trials if not any(each is copy for copy in own)]
-    return trials.with_trials([each.measured() for each in kept]), _said_of(copies, own)
-
-
-def _said_of(copies: Sequence[tuple[Trial, Trial]], own: Sequence[Trial]) -> tuple[Outcome, ...]:
-    """Return what is said of trials that are copies, and of those among them that were left out."""
     left_out = [(trial, before) for trial, before in copies if any(trial is each for each in own)]
-    counted = [pair for pair in copies if pair not in left_out]
-    found = [note("copies-of-trials", trials=_named(left_out))] if left_out else []
-    found += [note("copies-of-objects", trials=_named(counted))] if counted else []
-    return tuple(found)
-
-
-def _named(pairs: Sequence[tuple[Trial, Trial]]) -> str:
-    return shown([f"{trial.label} of {before.label}" for trial, before in pairs])
+    counted, outcomes = [pair for pair in copies if pair not in left_out], list[Outcome]()
+    for what, pairs in (("copies-of-trials", left_out), ("copies-of-objects", counted)):
+        if pairs:
+            outcomes.append(note(what, trials=shown([f"{trial.label} of {before.label}" for trial, before in pairs])))
+    return trials.with_trials([each.measured() for each in kept]), tuple(outcomes)
 
 
 def discover(

@@ -28,8 +28,6 @@ VARIABLE = "COMMONLAW_CACHE"
 LARGEST = 200 * 2**20
 """Bytes that all laws may take."""
 
-_KERNEL = "COMMONLAW_KERNEL"
-
 
 class _UnknownError(Exception):
     """Nothing tells whether two values of this kind are the same."""
@@ -87,7 +85,7 @@ def _path(trials: Trials, question: Mapping[str, object]) -> Path | None:
     if folder.lower() == "off":
         return None
     try:
-        name = digest((_version(), os.environ.get(_KERNEL, ""), trials, question))
+        name = digest((_version(), os.environ.get("COMMONLAW_KERNEL", ""), trials, question))
     except _UnknownError:
         return None
     if folder:
@@ -144,7 +142,11 @@ def _parts(value: object) -> Iterator[bytes]:
     elif isinstance(value, list | tuple):
         yield f"sequence {len(value)}".encode()
         yield from _parts_of_all(value)
-    elif is_dataclass(value) and not isinstance(value, type) and _is_ours(value):
+    elif (
+        is_dataclass(value)
+        and not isinstance(value, type)
+        and type(value).__module__.split(".")[0] == commonlaw.__name__
+    ):
         yield f"{type(value).__module__} {type(value).__qualname__}".encode()
         yield from _parts_of_all([getattr(value, each.name) for each in fields(value) if each.compare])
     else:
@@ -154,7 +156,3 @@ def _parts(value: object) -> Iterator[bytes]:
 def _parts_of_all(values: Sequence[object]) -> Iterator[bytes]:
     for each in values:
         yield from _parts(each)
-
-
-def _is_ours(value: object) -> bool:
-    return type(value).__module__.partition(".")[0] == commonlaw.__name__

@@ -14,32 +14,6 @@ from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.transformations import Conversion, rates_in_words, without_rates
 from commonlaw.trials.trial import with_typical
 
-_FEWEST_WEIGHTS, _SAMPLES_A_WEIGHT = 8, 10
-"""Smooth weightings of a trial: its steps from sample to sample are compared in so many sums, the fastest of which goes
-up and down in 20 samples, as fast as motion is whose noise can be estimated."""
-
-_FEWEST = 20
-"""Samples of a trial that tell both its noise and its motion; a state with fewer than `_LEAST` is not measured."""
-_LEAST = 5
-
-_MOST_TRIALS, _MOST_SAMPLES = 20, 2000
-"""Trials that are looked at, spread over all, and samples of each, from its start."""
-
-_ACCURACY = 0.1
-"""Standard error that the slope must have at most: it then differs from zero by ten of them."""
-
-_CHANCE, _NOISE = 1e-3, 2.0
-"""How often a rate may be taken for none, and by which factor the variance of noise may be more than estimated."""
-
-_LAGS = (10, 5)
-"""Samples to each side that a filter for rates reaches at most; fewer where trials are short."""
-
-_MOTION = 1 / 3
-"""Share of neighbouring fourth differences with the same sign above which they are no noise: of noise it is 0.2."""
-
-_COMPUTED = 0.9
-"""Share of a rate's noise that the state's explains from which the rate was computed."""
-
 
 def without_measured_rates(
     trials: Trials, second: Collection[str], states: Container[str] = ()
@@ -60,14 +34,16 @@ def measured_rates(trials: Trials) -> dict[str, str]:
 
     The increments of a state from sample to sample are regressed on the integrals of the column in question, in sums
     over each trial with smooth weights, so that little noise is left. The column is a rate if the slope is 1, the
-    intercept 0, and nothing is left over, all within the errors by the noise of both and by the quadrature; and if the
-    trials tell the slope at all. Units, where they are known, have to be those of a rate.
+    intercept 0, and nothing is left over, all within the errors by the noise of both and by the quadrature (chi-square
+    tests at 0.1 %, of at most twice the variance of noise that is estimated); and if the trials tell the slope at all
+    (it differs from zero by ten standard errors). Units, where they are known, have to be those of a rate.
 
     A column that is a rate only by numbers (y = x' on a circle that is gone round in a time of 2 pi) is taken for one
     unless its unit says otherwise.
     """
     found = dict[str, str]()
-    for state in _measured_everywhere(trials):
+    counts = np.array([np.isfinite(trial.states).sum(axis=0) for trial in trials]).min(axis=0)
+    for state in (name for name, count in zip(trials.schema.states, counts, strict=True) if count >= 5):
         for rate in trials.schema.states:
             taken = rate in found.values() or rate in _origins(state, found)
             if not taken and _is_rate(trials, state, rate):
@@ -80,15 +56,16 @@ def is_computed(trials: Trials, state: str, rate: str) -> bool:
     """Return whether a rate was computed from the measurements of the state, by differences or a smoothing filter.
 
     Its noise is then a linear function of the state's in neighbouring samples. Fourth differences, which hold noise
-    rather than motion, of the rate are regressed on those of the state at up to ten samples to both sides: they explain
-    all of it if it was computed, and hardly more than chance if it was measured. Where fourth differences of the state
-    are no noise (their sign hardly changes), the data do not decide, and the rate counts as measured.
+    rather than motion, of the rate are regressed on those of the state at up to ten samples to both sides, or five
+    where trials are short: they explain all of it (90 %) if it was computed, and hardly more than chance if it was
+    measured. Where fourth differences of the state are no noise (more than a third of neighbouring ones have the same
+    sign; of noise a fifth), the data do not decide, and the rate counts as measured.
     """
     j, k = trials.schema.states.index(state), trials.schema.states.index(rate)
     both = [trial.states[np.isfinite(trial.states[:, [j, k]]).all(axis=1)][:, [j, k]] for trial in trials]
-    fourth = [np.diff(each, 4, axis=0).T for each in both if len(each) > _LAGS[-1]]
-    noisy = [each for each in fourth if (each[0, 1:] * each[0, :-1] > 0).mean() < _MOTION]
-    for lags in _LAGS:
+    fourth = [np.diff(each, 4, axis=0).T for each in both if len(each) > 5]
+    noisy = [each for each in fourth if (each[0, 1:] * each[0, :-1] > 0).mean() < 1 / 3]
+    for lags in (10, 5):
         width = 2 * lags + 1
         long = [each for each in noisy if each.shape[1] >= width]
         if sum(each.shape[1] - width + 1 for each in long) < 2 * width:
@@ -96,13 +73,8 @@ def is_computed(trials: Trials, state: str, rate: str) -> bool:
         windows = np.concatenate([sliding_window_view(each[0], width) for each in long])
         target = np.concatenate([each[1, lags : each.shape[1] - lags] for each in long])
         rest = target - windows @ np.linalg.lstsq(windows, target)[0]
-        return bool(rest @ rest / (1 - width / len(target)) < (1 - _COMPUTED) * (target @ target))
+        return bool(rest @ rest / (1 - width / len(target)) < (1 - 0.9) * (target @ target))
     return False
-
-
-def _measured_everywhere(trials: Trials) -> list[str]:
-    counts = np.array([np.isfinite(trial.states).sum(axis=0) for trial in trials]).min(axis=0)
-    return [name for name, count in zip(trials.schema.states, counts, strict=True) if count >= _LEAST]
 
 
 def _origins(state: str, found: dict[str, str]) -> set[str]:
@@ -127,15 +99,21 @@ def _is_rate(trials: Trials, state: str, rate: str) -> bool:
     if factor is None:
         return False
     j, k = trials.schema.states.index(state), trials.schema.states.index(rate)
-    both = [each for each in trials if np.isfinite(each.states[:, [j, k]]).all(axis=1).sum() >= _FEWEST]
-    chosen = both[:: max(1, -(-len(both) // _MOST_TRIALS))]
+    # Fewer samples do not tell both noise and motion
+    both = [each for each in trials if np.isfinite(each.states[:, [j, k]]).all(axis=1).sum() >= 20]
+    chosen = both[:: max(1, -(-len(both) // 20))]
     sums = list[_Sums]()
     for each in _sums(chosen, j, k, factor):
         if not _agrees(each):
             return False
         sums.append(each)
-    whole = _Sums(*map(np.concatenate, zip(*sums, strict=True))) if sums else None
-    return whole is not None and _tells(whole) and _agrees(whole)
+    if not sums:
+        return False
+    whole = _Sums(*map(np.concatenate, zip(*sums, strict=True)))
+    own, steps = whole.integrals, whole.steps
+    # Not counting what noise adds to the integrals
+    is_told = own @ own - (own @ steps) ** 2 / (steps @ steps) - len(own) >= 10**2
+    return bool(is_told) and _agrees(whole)
 
 
 def _factor(schema: Schema, state: str, rate: str) -> float | None:
@@ -160,13 +138,7 @@ def _agrees(sums: _Sums) -> bool:
     fitted = design @ np.linalg.lstsq(design, left)[0]
     rest = left - fitted
     sizes = np.array([fitted @ fitted, rest @ rest])
-    return bool((sizes <= _NOISE * chdtri(np.array([2, len(left) - 2]), _CHANCE)).all())
-
-
-def _tells(sums: _Sums) -> bool:
-    """Whether the slope is accurate enough, not counting what noise adds to the integrals."""
-    own, steps = sums.integrals, sums.steps
-    return bool(own @ own - (own @ steps) ** 2 / (steps @ steps) - len(own) >= 1 / _ACCURACY**2)
+    return bool((sizes <= 2 * chdtri(np.array([2, len(left) - 2]), 1e-3)).all())
 
 
 def _sums(trials: list[Trial], state: int, rate: int, factor: float) -> Iterator[_Sums]:
@@ -174,13 +146,13 @@ def _sums(trials: list[Trial], state: int, rate: int, factor: float) -> Iterator
     from scipy.linalg import solve_triangular
 
     for trial in trials:
-        rows = np.flatnonzero(np.isfinite(trial.states[:, [state, rate]]).all(axis=1))[:_MOST_SAMPLES]
+        rows = np.flatnonzero(np.isfinite(trial.states[:, [state, rate]]).all(axis=1))[:2000]
         times, scale = trial.times[rows], np.array([1.0, factor])
         values = trial.states[rows][:, [state, rate]] * scale
         noise = with_typical(trial.noise[rows][:, [state, rate]] * abs(scale), noise_level(times, values))
         noise = np.maximum(noise, np.finfo(np.float64).eps * abs(values).max(axis=0))
         steps, middles = np.diff(times), (times[1:] + times[:-1]) / 2
-        count = max(_FEWEST_WEIGHTS, len(times) // _SAMPLES_A_WEIGHT)
+        count = max(8, len(times) // 10)  # The fastest goes up and down in 20 samples, as motion may at most
         weights = np.cos(np.outer(np.arange(count), np.pi * (middles - times[0]) / (times[-1] - times[0])))
         integrals = np.diff(CubicSpline(times, values[:, 1]).antiderivative()(times))
         trapezoids = steps * (values[1:, 1] + values[:-1, 1]) / 2

@@ -1,6 +1,6 @@
 """The order of a law as it is asked for, or where none is given found by measured rates and by evidence."""
 
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from numbers import Integral
@@ -142,7 +142,8 @@ def of_best_order(
             raise refused[-1]
         before, best = best, min(every, key=every.__getitem__)
         beside_simple = every[best].is_simple
-        listed = [each for each in _neighbours(best, possible) if each not in tried]
+        near = [(*best[:j], each, *best[j + 1 :]) for j, own in enumerate(possible) for each in own if each != best[j]]
+        listed = [each for each in near if each not in tried]
         if highest not in tried or best == before or not listed:
             return list(every.values()), refused
 
@@ -164,12 +165,6 @@ def stepped(step: Callable[[Found], Found], given: Sequence[Found]) -> tuple[lis
     if not found:
         raise failed[-1]
     return found, failed
-
-
-def _neighbours(orders: tuple[int, ...], possible: Sequence[Sequence[int]]) -> Iterator[tuple[int, ...]]:
-    """Yield orders that differ in that of one state."""
-    for j, own in enumerate(possible):
-        yield from ((*orders[:j], each, *orders[j + 1 :]) for each in own if each != orders[j])
 
 
 def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Sequence[Exception]) -> Law:

@@ -30,7 +30,7 @@ from commonlaw.formulation import (
 from commonlaw.inference import known_noise
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, highest_order
-from commonlaw.outcomes import Outcome, note
+from commonlaw.outcomes import note
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.runtime.cluster import counting, current_cluster
 from commonlaw.runtime.fit_options import documented, shown
@@ -60,15 +60,6 @@ from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
 
 RowsByObject = dict[str, ObjectRows]
-
-_MANY_TERMS = 60
-"""More are too many for the solvers that look closely."""
-
-_MERGERS, _EVALUATIONS = 3, 4
-"""Factors of each trial that are made besides those of its segments, and matrices of terms that are held at a time."""
-
-_SECONDS_AN_OBJECT, _SECONDS_OF_CUBE = 4e-3, 1e-6
-"""Of choosing terms: for each object and equation, and for the cube of the number of terms."""
 
 
 @documented
@@ -161,7 +152,11 @@ class AbstractRegression(AbstractMethod):
             rest = data.subtract(law.coefficients).problems
             found = fitted_law(law, _sharing(solver, universal).solve(rest, np.isnan(known[0])), solver)
         else:
-            listed = _default_solvers(len(terms)) if solver is None else (solver,)
+            listed: tuple[AbstractSolver, ...] = (
+                (solver,) if solver is not None else (STLSQ(normalize=True), BestSubset())
+            )
+            if solver is None and len(terms) > 60:
+                listed = StepwiseSelection(direction="forward"), StepwiseSelection(direction="backward")
             solvers = [_sharing(each, universal) for each in listed]
             accuracy = Accuracy(formulation, terms, data.samples)
             choose = partial(
@@ -172,7 +167,9 @@ class AbstractRegression(AbstractMethod):
                 progress("comparing forecasts of held-out trials")
                 scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
                 found = chosen_law(law, choose(scores=scores))
-        outcomes = (*found.diagnostics, *ill_conditions(found, data.problems), *_unit_outcomes(solver))
+        outcomes = (*found.diagnostics, *ill_conditions(found, data.problems))
+        if isinstance(solver, STLSQ | SR3) and not solver.normalize and solver.hyperparameter is None:
+            outcomes = (*outcomes, note("units-of-candidates"))
         return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
 
     def _compressed(
@@ -196,33 +193,16 @@ def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> No
     states, listed = len(trials.schema.states), trials if isinstance(trials, Trials) else ()
     counts = Counter(trial.object for trial in listed) or {"": 1}
     what = f"{counted(terms, 'term')} for {counted(states, 'equation')} and {counted(len(counts), 'object')}"
-    kept = sum(min(count, MAX_GROUPS) for count in counts.values()) * (segments + _MERGERS)
-    rows = _EVALUATIONS * terms * max(map(len, listed), default=1)
+    # Factors of each trial's segments and three mergers, and matrices of terms that are held at a time
+    kept = sum(min(count, MAX_GROUPS) for count in counts.values()) * (segments + 3)
+    rows = 4 * terms * max(map(len, listed), default=1)
     check_memory(f"regression with {what}", 8 * (kept * (terms + states) ** 2 + rows), "take a smaller library")
     if segments > 1:
         announce(
             f"choosing from {what}",
-            states * len(counts) * (_SECONDS_AN_OBJECT + _SECONDS_OF_CUBE * terms**3),
+            states * len(counts) * (4e-3 + 1e-6 * terms**3),
             "take a smaller library or fewer objects, or a solver with its value such as 'group-stlsq:1'",
         )
-
-
-def _unit_outcomes(solver: AbstractSolver | None) -> tuple[Outcome, ...]:
-    """Return what to know about a solver whose path lists other candidates in other units."""
-    if not isinstance(solver, STLSQ | SR3) or solver.normalize or solver.hyperparameter is not None:
-        return ()
-    return (note("units-of-candidates"),)
-
-
-def _default_solvers(terms: int) -> tuple[AbstractSolver, ...]:
-    """Return the solvers whose paths list the candidates when none is named.
-
-    Thresholding keeps what matters by size, best subset what fits best; each misses laws that the other lists. Both
-    are too slow for hundreds of terms, where adding and deleting terms one by one takes their place.
-    """
-    if terms <= _MANY_TERMS:
-        return STLSQ(normalize=True), BestSubset()
-    return StepwiseSelection(direction="forward"), StepwiseSelection(direction="backward")
 
 
 def _sharing(solver: AbstractSolver, universal: Bools) -> AbstractSolver:

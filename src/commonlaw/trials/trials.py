@@ -395,7 +395,7 @@ class Trials(ShownInNotebooks):
             Of laws for which variables are to be distinguished, see `discover`; order 0 looks for none. Default: order
             2 for a single state, 1 for several; polynomials of degree 3, or lower for few samples.
         """
-        found = resolve_name("commonlaw.discovery.data_check:confounded_variables")(self, order, library)
+        found = resolve_name("commonlaw.discovery.hints:confounded_variables")(self, order, library)
         report = check(self._data, tolerance)
         return replace(report, found=(*report.found, *found))
 

@@ -1,0 +1,320 @@
+"""What else a law could be, and what would tell: other starts, variables that trials confound, discrete time."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.discovery.measured_rates import without_measured_rates
+from commonlaw.errors import CommonlawError
+from commonlaw.forecast import fitted, forecast_from
+from commonlaw.forecast.forecast import Forecast
+from commonlaw.formulation import law_variables
+from commonlaw.inference.diagnose.confounding import StandIns, stand_ins
+from commonlaw.inference.settings import STRONG, VERY_STRONG
+from commonlaw.law import Law, PlausibleLaw
+from commonlaw.law.law import with_other_laws
+from commonlaw.law.parameters import rate_names
+from commonlaw.law.text import left_hand_sides
+from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary
+from commonlaw.outcomes import Outcome, note
+from commonlaw.trials import Schema, Trials
+from commonlaw.trials.check import Finding
+
+_BAND = 1.96
+"""Standard deviations that a band of 95 % reaches to each side."""
+
+_NEAR = 0.1
+"""Share of a range that counts as near it, and within which all trials start alike."""
+
+_Found = tuple[Floats, Forecast, Forecast, tuple[int, int]]
+"""A start, the forecasts of two laws from there, and the row and the state in which they differ most."""
+
+
+def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
+    """Return the rivals of a law that trials with other initial values would distinguish from it.
+
+    Rivals, which its evidence is not strong against, forecast the trials alike. From other starts within what was
+    visited forecasts of the two may be further apart than their bands together: there a trial tells which one holds.
+    """
+    own = 1.0 - sum(each.probability for each in law.uncertainty.other_laws)
+    rivals = [each for each in law.uncertainty.other_laws if each.probability > own * np.exp(-STRONG / 2)][:2]
+    if not rivals or law.order == 0 or law.schema.inputs or not law.uncertainty.has_std:
+        return ()
+    lasting = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))
+    times = trials.trials[0].times[0] + np.linspace(0, lasting, 25)
+    starts = ((rival, _start_that_tells(law, rival.law, times)) for rival in rivals)
+    return tuple(_outcome(law, rival, found) for rival, found in starts if found is not None)
+
+
+def _start_that_tells(law: Law, rival: Law, times: Floats) -> _Found | None:
+    """Return the start from which two laws differ most, their forecasts, and the sample at which they do."""
+    best = 1.0
+    found: _Found | None = None
+    for start in _starts(law):
+        with suppress(CommonlawError):
+            alone = (with_other_laws(each, ()) for each in (law, rival))
+            one, other = (forecast_from(each, law.objects[0], times, start) for each in alone)
+            (a, first), (b, second) = _first(one), _first(other)
+            with np.errstate(all="ignore"):
+                apart = np.abs(a - b) / (_BAND * (first + second))  # In the sum of their bands
+            apart = np.where(np.isfinite(apart), apart, 0.0) * _within(law, one)
+            if apart.max(initial=0.0) > best:
+                row, state = np.unravel_index(int(apart.argmax()), apart.shape)
+                best, found = float(apart.max()), (start, one, other, (int(row), int(state)))
+    return found
+
+
+def _starts(law: Law) -> Iterator[Floats]:
+    """Yield starts at the ends and in the middle of what was visited; rates at rest too, if they nearly were."""
+    variables, visited = law.terms.variables.states, law.provenance.domain.visited
+    if not all(name in visited for name in variables):
+        return
+    values = []
+    for name in variables:
+        low, high = visited[name]
+        middle = 0.0 if name in rate_names(law) and _beyond(np.zeros(1), (low, high))[0] <= _NEAR else (low + high) / 2
+        values.append((middle, low, high))
+    for _, start in zip(range(27), product(*values), strict=False):
+        yield np.array(start)
+
+
+def _beyond(values: Floats, ends: tuple[float, float]) -> Floats:
+    """Return how far values lie beyond a range, in its width, shape (n,)."""
+    low, high = ends
+    return np.asarray(np.maximum(np.maximum(low - values, values - high), 0.0) / max(high - low, 1e-300))
+
+
+def _within(law: Law, forecast: Forecast) -> Floats:
+    """Return 1 while a forecast stays near what was visited and 0 from then on, shape (n, 1)."""
+    visited, (states, _) = law.provenance.domain.visited, _first(forecast)
+    pairs = zip(law.schema.states, states.T, strict=True)
+    near = np.all([_beyond(np.nan_to_num(own, nan=np.inf), visited[name]) <= _NEAR for name, own in pairs], axis=0)
+    return np.logical_and.accumulate(near)[:, np.newaxis].astype(np.float64)
+
+
+def _first(forecast: Forecast) -> tuple[Floats, Floats]:
+    """Return the states that the only trajectory goes through, and how far off measurements of them are.
+
+    Each of shape (n, states), the latter as standard deviations.
+    """
+    assert forecast.std is not None
+    assert forecast.noise is not None
+    names, followed = forecast.trials.schema.states, forecast.followed
+    path = forecast.trajectories[0].states[:, : len(names)]
+    relative = np.isin(names, followed.trials.schema.logarithmic if followed else ())
+    return path, np.hypot(forecast.std[0][:, : len(names)], forecast.noise * np.where(relative, path, 1.0))
+
+
+def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
+    start, one, other, (row, state) = found
+    variables, schema = law.terms.variables.states, law.schema
+    units = {name: f" {schema.units.get(name, '')}".rstrip() for name in schema.states}
+    begin = " and ".join(
+        f"{name} = {value:.3g}{units.get(name, '')}" for name, value in zip(variables, start, strict=True)
+    )
+    one_end, other_end = (
+        f"{states[row, state]:.3g} ± {_BAND * std[row, state]:.2g}{units[schema.states[state]]}"
+        for states, std in map(_first, (one, other))
+    )
+    times = one.trials.trials[0].times
+    after = f"{times[row] - times[0]:.3g} {schema.units.get(schema.time, '')}".rstrip()
+    return note(
+        "rival-plausible",
+        exchange=_exchange(law, rival.law),
+        probability=rival.probability,
+        object=law.objects[0],
+        begin=begin,
+        state=schema.states[state],
+        one_end=one_end,
+        after=after,
+        other_end=other_end,
+    )
+
+
+def _exchange(law: Law, rival: Law) -> str:
+    """Return which terms a rival has in place of those of the law, equation by equation."""
+    parts, lefts = [], left_hand_sides(law.schema.states, law.order)
+    for side, own, others in zip(lefts, _names(law), _names(rival), strict=True):
+        more, fewer = (", ".join(x for x in one if x not in other) for one, other in ((others, own), (own, others)))
+        if more or fewer:
+            change = f"{more} in place of {fewer}" if more and fewer else f"{more} as well" if more else f"no {fewer}"
+            parts.append(f"{side} with {change}")
+    return ", ".join(parts)
+
+
+def _names(law: Law) -> list[list[str]]:
+    """Return the terms of each equation, without the parameters inside them."""
+    return [[law.terms.names[k] for k in np.flatnonzero(own & law.terms.is_factor)] for own in law.support]
+
+
+def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
+    """Return a hint at discrete time for each state whose next sample follows from the present one, but not by the law.
+
+    Samples are at equally spaced whole numbers, and resolve no motion of the state between them:
+
+    ``sum_k (x[k+1] - x[k])^2 >= sum_k (x[k+1] - mean of the object)^2``
+
+    The next sample is regressed on polynomials of degree 2 in the present states and inputs, with an intercept of each
+    object and p common coefficients. By the Bayesian information criterion (Schwarz 1978), the evidence for this is
+    very strong against the means and against the solutions of the law, where S are residual sums of squares:
+
+    ``n log(min(S_mean, S_law) / S_regression) - p log n > 10``
+
+    Parameters
+    ----------
+    law
+        In continuous time, learned from the trials.
+    trials
+        Of the objects of the law.
+    """
+    times = [each.times for each in trials]
+    steps = np.unique(np.concatenate([np.diff(each) for each in times]))
+    whole = len(steps) == 1 and all(np.array_equal(each, np.round(each)) for each in (steps, *times))
+    if not whole or not (regressions := [*_regressions(trials)]):
+        return ()
+    equations = dict(zip(law.schema.states, left_hand_sides(law.schema.states, law.order), strict=True))
+    found, solutions = list[Outcome](), np.full((sum(len(each) - 1 for each in trials), len(law.schema.states)), np.nan)
+    with suppress(CommonlawError):  # They may diverge
+        solutions = np.concatenate([each.states[1:] for each in fitted(law, trials).trajectories])
+    for each in regressions:
+        own = solutions[each.rows, law.schema.states.index(each.state)]
+        squares = float(np.sum((each.target - own) ** 2)) if np.isfinite(own).all() else np.inf
+        if each.evidence_against(squares) > VERY_STRONG:
+            by_law, by_regression = (100 * max(0.0, 1 - left / each.about_means) for left in (squares, each.squares))
+            found.append(
+                note(
+                    "discrete-time-plausible",
+                    equations[each.state],
+                    state=each.state,
+                    by_law=by_law,
+                    by_regression=by_regression,
+                )
+            )
+    return tuple(found)
+
+
+class _Regression(NamedTuple):
+    """A regression of the next samples of a state, shape (n,), and the squares that it and means of objects leave."""
+
+    state: str
+    rows: Bools
+    target: Floats
+    coefficients: int
+    squares: float
+    about_means: float
+
+    def evidence_against(self, squares: float) -> float:
+        """Return twice the log Bayes factor for the regression against what leaves these squares."""
+        count, rounding = len(self.target), np.finfo(float).eps ** 2 * self.about_means
+        ratio = (squares + rounding) / (self.squares + rounding)
+        return float(count * np.log(ratio) - self.coefficients * np.log(count))
+
+
+def _regressions(trials: Trials) -> Iterator[_Regression]:
+    """Yield the regressions of states that samples do not resolve, where their evidence against means is strong."""
+    terms = PolynomialLibrary(2, constant=False).bind(law_variables(trials.schema, 0))
+    samples = [np.column_stack([each.states, each.inputs, each.times]) for each in trials]
+    present, following = (np.concatenate([each[own] for each in samples]) for own in (slice(-1), slice(1, None)))
+    objects = np.repeat([trials.objects.index(each.object) for each in trials], [len(each) - 1 for each in trials])
+    for j, state in enumerate(trials.schema.states):
+        rows = np.isfinite(present).all(axis=1) & np.isfinite(following[:, j])
+        now, target = present[rows], following[rows, j]
+        varied = _about_means(target[:, np.newaxis], objects[rows])[:, 0]
+        about_means = float(varied @ varied)
+        if len(target) <= len(terms) + len(trials.objects) or not 0 < about_means <= np.sum((target - now[:, j]) ** 2):
+            continue
+        matrix = _about_means(terms.evaluate(now), objects[rows])
+        norms = np.linalg.norm(matrix, axis=0)
+        matrix = matrix / np.where(norms > 0, norms, 1.0)
+        coefficients, _, rank, _ = np.linalg.lstsq(matrix, varied, rcond=None)
+        left = varied - matrix @ coefficients
+        found = _Regression(state, rows, target, int(rank), float(left @ left), about_means)
+        if found.evidence_against(about_means) > VERY_STRONG:
+            yield found
+
+
+def _about_means(values: Floats, objects: Indices) -> Floats:
+    """Return values, shape (n, columns), without the means of objects."""
+    counts = np.maximum(np.bincount(objects), 1)
+    means = [np.bincount(objects, column) / counts for column in values.T]
+    return values - np.column_stack(means)[objects]
+
+
+_LISTED = 4
+"""Sets of variables that are listed."""
+
+
+def confounded_variables(
+    trials: Trials, order: int | None = None, library: AbstractLibrary | str | None = None
+) -> tuple[Finding, ...]:
+    """Return what trials cannot tell of the variables of a law, see `Trials.check`.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such order, or the library does not fit the variables.
+    """
+    order = (2 if len(trials.schema.states) == 1 else 1) if order is None else order
+    if order not in (0, 1, 2):
+        raise CommonlawError("order-unsupported", order=order)
+    if order == 0:
+        return ()
+    asked, _ = without_measured_rates(trials, trials.schema.states if order == 2 else ())
+    noted = [(each, _note(each, asked, order)) for each in stand_ins(asked, order, library)]
+    return tuple(Finding(f"{note.where}: {note.text}; {note.remedy}", column=each.state) for each, note in noted)
+
+
+def outcomes_of_stand_ins(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
+    """Return what to know of a law whose variables the training trials confound."""
+    return tuple(_note(each, trials, order) for each in (stand_ins(trials, order, library) if order else ()))
+
+
+def _note(found: StandIns, trials: Trials, order: Order) -> Outcome:
+    """Return what variables stand in for each other, and why."""
+    states = trials.schema.states
+    varying = ", with coefficients by trial," if found.by_trial else ""
+    left = " or ".join(f"{each:.3g}" for each in found.left[:_LISTED])
+    cause = ""
+    if all(high - low <= _NEAR * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
+        cause = f", because all trials have similar initial conditions{_ranges(found, trials.schema)}"
+    return note(
+        "confounded",
+        left_hand_sides(states, order)[states.index(found.state)],
+        variables=_and(list(found.starts)),
+        cause=cause,
+        alternatives=_alternatives(found) + varying,
+        residuals=left,
+        residual=found.left_by_all,
+        unit=f" {trials.schema.units.get(found.state, '')}".rstrip(),
+        first=next(iter(found.starts)),
+    )
+
+
+def _alternatives(found: StandIns) -> str:
+    """Return sets of variables in words: ``x alone or v alone``."""
+    *first, last = (f"{each[0]} alone" if len(each) == 1 else _and(each) for each in found.sets[:_LISTED])
+    more = f", or {len(found.sets) - _LISTED} other sets" if len(found.sets) > _LISTED else ""
+    return f"{', '.join(first)}{',' if more else ' or'} {last}{more}"
+
+
+def _ranges(found: StandIns, schema: Schema) -> str:
+    """Return where trials start, of what was measured: rates are too uncertain there."""
+    units = {name: f" {schema.units.get(name, '')}".rstrip() for name in schema.states}
+    parts = [
+        f"{each} = {low:.3g} to {high:.3g}{units[each]}" for each, (low, high) in found.starts.items() if each in units
+    ]
+    return f", at {_and(parts)}" if parts else ""
+
+
+def _and(parts: Sequence[str]) -> str:
+    """Return words with commas between them, and ``and`` before the last."""
+    *first, last = parts
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _width(ends: tuple[float, float]) -> float:
+    return ends[1] - ends[0]
