@@ -21,7 +21,6 @@ from commonlaw.inference.fit.covariance import (
     total_freedom,
 )
 from commonlaw.inference.fit.fit import Fit, Status
-from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
 
 
@@ -44,7 +43,13 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     if fit.has_model_error or shared:
         return fit, True
     before, moved = fit, np.inf
-    fit = _by_least_squares(_under_residual_noise(fit), least_squares)
+    fit = _under_residual_noise(fit)
+    if fit.is_usable and np.any(_relative_residuals(fit) > fit.problem.models[0].observation.huber_threshold):
+        squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
+        if not squares.is_usable:
+            return before, False
+        worse = _minus_twice_log_likelihood(squares) - _minus_twice_log_likelihood(fit)
+        fit = squares if least_squares or worse < settings.VERY_STRONG else fit
     if not fit.is_usable:
         return before, False
     while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
@@ -60,17 +65,6 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         if moved < settings.CONVERGED:
             break
     return (fit, True) if moved < settings.CONVERGED else (before, before.follows_solutions)
-
-
-def _by_least_squares(fit: Fit, always: bool) -> Fit:
-    """Return the fit by least squares; not always where outliers are strong evidence against that."""
-    if not fit.is_usable or not np.any(_relative_residuals(fit) > fit.problem.models[0].observation.huber_threshold):
-        return fit
-    squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
-    if not squares.is_usable:
-        return squares
-    worse = _minus_twice_log_likelihood(squares) - _minus_twice_log_likelihood(fit)
-    return squares if always or worse < settings.VERY_STRONG else fit
 
 
 def _minus_twice_log_likelihood(fit: Fit) -> float:
@@ -166,13 +160,20 @@ def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:
     problem = fit.problem
     if problem.points >= settings.MAX_MESH_POINTS[1]:
         return None
-    finer = problem.finer()
+    finer, total = problem.finer(), 0.0
     estimates = fit_each(finer.models, finer.starts_with(fit.estimates), fit.supports, model_errors)
-    least = min(1.0, fit.evidence.noise_variance(fit.supports))
-    if (
-        _change(problem, fit.estimates, finer, estimates) + _coefficient_change(fit, estimates)
-        < settings.MAX_MESH_CHANGE * least
-    ):
+    # Squared changes of measured states, relative to the noise
+    for model, one, other in zip(problem.models, fit.estimates, estimates, strict=True):
+        for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
+            indices = mesh.indices_on(finer.points // problem.points)
+            change = (finest[indices] - states)[:, : len(problem.noise)] / problem.std_of(mesh)
+            total += float(np.sum(change[mesh.observed] ** 2))
+    # And of coefficients, relative to how surely they are known
+    for own, known, one, other in zip(fit.evidence.problems, problem.known, fit.estimates, estimates, strict=True):
+        free = fit.supports & np.isnan(known)
+        moved = own.factor[:, np.flatnonzero(free)] @ (other.coefficients - one.coefficients)[free]
+        total += float(np.sum(moved**2))
+    if total < settings.MAX_MESH_CHANGE * min(1.0, fit.evidence.noise_variance(fit.supports)):
         return None
     others = tuple(
         replace(each, problem=finer, estimates=finer.starts_with(each.estimates)) for each in fit.alternatives
@@ -191,25 +192,3 @@ def until_resolved(fit: Fit, refit: Callable[[Fit], Fit]) -> Fit:
             break
         fit = finer
     return fit
-
-
-def _change(
-    problem: SearchProblem, coarse: Sequence[Estimate], finer: SearchProblem, fine: Sequence[Estimate]
-) -> float:
-    """Return the sum of squared differences between measured states on two meshes, relative to the noise."""
-    total, stride = 0.0, finer.points // problem.points
-    for model, one, other in zip(problem.models, coarse, fine, strict=True):
-        for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
-            change = (finest[mesh.indices_on(stride)] - states)[:, : len(problem.noise)] / problem.std_of(mesh)
-            total += float(np.sum(change[mesh.observed] ** 2))
-    return total
-
-
-def _coefficient_change(fit: Fit, fine: Sequence[Estimate]) -> float:
-    """Return the sum of squared changes of coefficients on a finer mesh, relative to how surely they are known."""
-    total = 0.0
-    for own, known, one, other in zip(fit.evidence.problems, fit.problem.known, fit.estimates, fine, strict=True):
-        free = fit.supports & np.isnan(known)
-        change = own.factor[:, np.flatnonzero(free)] @ (other.coefficients - one.coefficients)[free]
-        total += float(np.sum(change**2))
-    return total

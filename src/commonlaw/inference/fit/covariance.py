@@ -24,8 +24,8 @@ from commonlaw.runtime.fit_options import CovarianceKind
 
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
     """Return the law with the coefficients of a fit, their covariance, and the errors of measurements and law."""
-    problem, errors = fit.problem, errors_of(fit.problem, fit.model_error)
-    fit = like_others(fit)
+    problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
+    fit, known_starts = like_others(fit), schema.unmeasured & ~schema.with_free_start
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
@@ -36,7 +36,7 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
             shared_factor=None,
             unpooled=None,
             pooled=None,
-            noise=np.where(_known_starts(problem), noise_floor(problem.trials), problem.noise),
+            noise=np.where(known_starts, noise_floor(problem.trials), problem.noise),
             error_model=errors,
             degrees_of_freedom=degrees_of_freedom(fit),
             widening=None,
@@ -44,11 +44,6 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
             other_laws=(),
         ),
     )
-
-
-def _known_starts(problem: SearchProblem) -> Bools:
-    schema = problem.trials.schema
-    return np.asarray(schema.unmeasured & ~schema.with_free_start)
 
 
 def degrees_of_freedom(fit: Fit) -> Floats | None:
@@ -151,7 +146,11 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
             factor = triangles[o][:, :-1]
             covariance = _inverse(factor)
             if (held := held_like_others(problem, o) & free).any():
-                covariance = _with_held(factor, held[free], scatter_of_others(fit)[held])
+                whole = _of_whole(fit)
+                scatter = whole[0] ** 2  # Of a single object nothing tells how objects differ: as if by its size
+                if len(whole) > 1:
+                    scatter = np.var(whole, axis=0, ddof=1) * (1 + 1 / len(whole))
+                covariance = _with_held(factor, held[free], scatter[held])
         found[o][np.ix_(indices, indices)] = covariance
     return found
 
@@ -206,15 +205,6 @@ def held_like_others(problem: SearchProblem, index: int) -> Bools:
     of_unmeasured = np.array([any(c in term.columns() for c in np.flatnonzero(~measured)) for term in terms.terms])
     is_known = any(own.all() for own in problem.measured_states)
     return np.asarray(measured[:, np.newaxis] & of_unmeasured & is_known)
-
-
-def scatter_of_others(fit: Fit) -> Floats:
-    """Return the variances of the coefficients of objects with all states, shape (equations, terms).
-
-    Of a single object nothing tells how objects differ: then it is as if by as much as the coefficient.
-    """
-    whole = _of_whole(fit)
-    return np.asarray(np.var(whole, axis=0, ddof=1) * (1 + 1 / len(whole)) if len(whole) > 1 else whole[0] ** 2)
 
 
 def like_others(fit: Fit) -> Fit:

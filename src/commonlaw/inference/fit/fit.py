@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departure, departures, diverges, follows_solutions, in_words
@@ -17,7 +17,7 @@ from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.law import Step
 from commonlaw.library import Order
-from commonlaw.likelihood import Estimate, Linearization, NotPositiveError, fit_each, linearize_each
+from commonlaw.likelihood import Estimate, NotPositiveError, fit_each, linearize_each
 from commonlaw.outcomes import Outcome
 from commonlaw.runtime.fit_options import ErrorKind
 
@@ -55,10 +55,6 @@ class Model(NamedTuple):
     latent_states: tuple[tuple[str, str], ...]
     input_interpolation: str
     log_states: tuple[str, ...]
-
-
-_OF_ESTIMATES = ("evidence", "departures", "follows_solutions", "diverges")
-"""What is known of the estimates of a fit, whatever its score."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +127,8 @@ class Fit:
 
     def _like(self, **changes: Any) -> Self:
         """Return the fit with changes that its linearization does not depend on."""
-        changed = replace(self, **changes)
-        vars(changed).update({name: known for name, known in vars(self).items() if name in _OF_ESTIMATES})
+        changed, of_estimates = replace(self, **changes), ("evidence", "departures", "follows_solutions", "diverges")
+        vars(changed).update({name: known for name, known in vars(self).items() if name in of_estimates})
         return changed
 
     @property
@@ -327,40 +323,24 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     problems = [each.problem.subtract(own.reshape(1, -1)) if own.any() else each.problem for each, own in pairs]
     outliers, cost, count = _outliers(problem, estimates)
     counted = problem.counted.with_outliers(outliers, count)
-    extra = offsets(problem, linear, model_error) | {"outliers": 0.0 if problem.noise_is_fixed else cost}
-    most, stated = problem.most_terms, problem.trials.schema.unmeasured
-    in_ratios = _in_ratios(problem, estimates)
-    return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, extra, stated, in_ratios)
-
-
-def _in_ratios(problem: SearchProblem, estimates: Sequence[Estimate]) -> Floats | None:
-    """Return the values of parameters inside terms, and of what such terms are multiplied by; zero of all others.
-
-    And of those whose signs differ between objects, shape (objects, equations x terms); nothing without parameters.
-    """
-    terms = problem.terms
-    if not terms.parameters:
-        return None
-    values = np.array([each.coefficients for each in estimates])
-    own = problem.allowed & np.array(terms.have_parameters, dtype=bool)
-    same = np.abs(np.sign(values).sum(axis=0)) == len(values)
-    return np.where(own & same, values, 0.0).reshape(len(values), -1)
-
-
-def offsets(problem: SearchProblem, linear: Sequence[Linearization], model_error: float) -> dict[Part, float]:
-    """Return what is added to minus twice the log-evidence of all supports, for its errors.
-
-    A model error is one more number to be found, at the price of any (BIC).
-    """
-    return {
+    offsets: dict[Part, float] = {
         "latent states": sum(each.log_determinant for each in linear),
         "model error": price_of_model_error(model_error, sum(problem.measured)),
         "error levels": problem.price_of_errors,
+        "outliers": 0.0 if problem.noise_is_fixed else cost,
     }
+    in_ratios = None
+    if problem.terms.parameters:  # Those whose signs differ between objects have no logarithms
+        values = np.array([each.coefficients for each in estimates])
+        own = problem.allowed & np.array(problem.terms.have_parameters, dtype=bool)
+        same = np.abs(np.sign(values).sum(axis=0)) == len(values)
+        in_ratios = np.where(own & same, values, 0.0).reshape(len(values), -1)
+    most, stated = problem.most_terms, problem.trials.schema.unmeasured
+    return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, offsets, stated, in_ratios)
 
 
 def price_of_model_error(model_error: float, count: int) -> float:
-    """Return what a model error costs where so many numbers were measured."""
+    """Return what a model error costs where so many numbers were measured: as any number to be found (BIC)."""
     return float(np.log(count)) if model_error > settings.FINAL_MODEL_ERRORS[0] else 0.0
 
 

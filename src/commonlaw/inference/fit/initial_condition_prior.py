@@ -49,18 +49,16 @@ class AlikeStarts:
 
     @cached_property
     def _of_reference(self) -> "_StartsOfLaw | None":
-        found = self._of(self.reference) if self._tell else None
-        return None if found is None or found.are_exact else found
-
-    @property
-    def _tell(self) -> bool:
-        """Whether there are enough trials, each of one segment, without other processes besides their states."""
+        """What is said of the law of reference, by enough trials of one segment each, without other processes."""
         problem = self.reference.problem
         trials, models = problem.trials, problem.models
         segments = sum(int(mesh.first.sum()) for model in models for mesh in model.meshes)
         latent = any(model.latent.width for model in models)
         few = sum(problem.measured) <= settings.MAX_SCREENED_SAMPLES
-        return settings.MIN_OBJECTS <= len(trials) == segments and few and not latent and not trials.schema.starts
+        if not (settings.MIN_OBJECTS <= len(trials) == segments and few) or latent or trials.schema.starts:
+            return None
+        found = self._of(self.reference)
+        return None if found is None or found.are_exact else found
 
     def _of(self, fit: Fit) -> "_StartsOfLaw | None":
         """Return what is said of a law; nothing if that cannot be computed."""
@@ -95,7 +93,9 @@ class _StartsOfLaw:
         triangles, starts, counts, total = list[Floats](), list[Floats](), list[int](), 0.0
         for model, estimate in zip(problem.models, fit.estimates, strict=True):
             rows, log_determinant = whitened_from_starts(model, estimate, fit.fitted_model_error, problem.allowed)
-            triangles += [_triangle(each) for each in rows]
+            for each in rows:
+                reduced = np.linalg.qr(each, mode="r")
+                triangles.append(np.pad(reduced, ((0, each.shape[1] - len(reduced)), (0, 0))))
             starts += [states[mesh.first] for mesh, states, _ in model.parts(estimate)]
             counts.append(len(rows))
             total += log_determinant
@@ -120,7 +120,8 @@ class _StartsOfLaw:
     def price(self, supports: Bools) -> float:
         """Return minus twice the log-evidence of supports, less that where any starts are as likely."""
         (factors,), (log_determinant,) = self._likeliest
-        return float(log_determinant) + self._evidence(factors, supports) - self._free(supports)
+        free = self.fit.evidence.value(supports) - sum(self.fit.evidence.prices.of(each) for each in supports)
+        return float(log_determinant) + self._evidence(factors, supports) - free
 
     @cached_property
     def own_price(self) -> float:
@@ -154,10 +155,6 @@ class _StartsOfLaw:
         measured = self.fit.evidence.measured.without(-self.starts.size)
         return minus_twice_log_evidence(scattering(factors, ratios), indices, measured, common=states)
 
-    def _free(self, supports: Bools) -> float:
-        """Return minus twice the log-evidence of supports, without their prices, where any starts are as likely."""
-        return self.fit.evidence.value(supports) - sum(self.fit.evidence.prices.of(each) for each in supports)
-
     def _of_objects(self, variances: Floats) -> tuple[Floats, Floats]:
         """Return triangles of objects, shape (models, objects, size, size), and log-determinants, shape (models,).
 
@@ -178,11 +175,3 @@ class _StartsOfLaw:
         for o, found in enumerate(of_each):
             stacked[:, o, : self.counts[o] * size] = found.reshape(models, -1, size)
         return np.asarray(np.linalg.qr(stacked, mode="r")), self.log_determinant + log_determinants
-
-
-def _triangle(rows: Floats) -> Floats:
-    """Return the triangular factor of rows, shape (columns, columns)."""
-    found = np.zeros((rows.shape[1],) * 2)
-    reduced = np.linalg.qr(rows, mode="r")
-    found[: len(reduced)] = reduced
-    return found

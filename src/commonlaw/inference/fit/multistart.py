@@ -88,12 +88,19 @@ def drawn_together(
     if len(free) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:
         return problem, best
     own, ranked = np.array([each.coefficients for each in free]), list[tuple[float, Prior, list[Estimate]]]()
+    (width, least), allowed = settings.PRIOR_WIDTH, problem.allowed
     for coefficients in (own, *begun):
-        prior = _prior(problem, coefficients)
-        both = [own, np.broadcast_to(prior.typical, own.shape)]
+        typical = np.median(coefficients, axis=0)
+        scatter = 1.4826 * np.median(np.abs(coefficients - typical), axis=0)
+        scatter = np.maximum(scatter, least * np.abs(typical))
+        scatters = allowed & (scatter > 0)
+        precision = np.divide(1.0, width * scatter, out=np.zeros_like(scatter), where=scatters) ** 2
+        prior = Prior(typical, precision)
+        both = [own, np.broadcast_to(typical, own.shape)]
         held = best_fits(problem.with_priors([prior] * len(free)), free, both, short_way)
-        if held:
-            ranked.append((_value(prior, held), prior, held))
+        if held:  # By minus twice the log-likelihood of objects and their coefficients
+            normal = float(np.sum(np.log(precision[precision > 0])))
+            ranked.append((sum(each.objective for each in held) - len(held) * normal, prior, held))
     if not ranked:
         return problem, best
     _, prior, held = min(ranked, key=lambda each: each[0])
@@ -115,18 +122,3 @@ def priors_from(problem: SearchProblem, begun: Floats) -> tuple[Prior | None, ..
         return nothing
     free = best_fits(problem, problem.starts, [begun], every_way)
     return tuple(each.prior for each in drawn_together(problem, free, [begun])[0].models) if free else nothing
-
-
-def _value(prior: Prior, held: Sequence[Estimate]) -> float:
-    """Return minus twice the log-likelihood of objects and their coefficients, but for a constant."""
-    normal = float(np.sum(np.log(prior.precision[prior.precision > 0])))
-    return sum(each.objective for each in held) - len(held) * normal
-
-
-def _prior(problem: SearchProblem, found: Floats) -> Prior:
-    """Return how coefficients, shape (objects, equations, terms), scatter over objects, much wider."""
-    typical = np.median(found, axis=0)
-    scatter = np.maximum(1.4826 * np.median(np.abs(found - typical), axis=0), settings.PRIOR_WIDTH[1] * np.abs(typical))
-    free = problem.allowed & (scatter > 0)
-    precision = np.divide(1.0, settings.PRIOR_WIDTH[0] * scatter, out=np.zeros_like(scatter), where=free) ** 2
-    return Prior(typical, precision)

@@ -12,7 +12,7 @@ with s^2 the mean square that the law with process noise (C) and its rival witho
 rival, n measurements, and n_eff independent ones that autocorrelated residuals are worth.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -67,7 +67,12 @@ def approximated(pool: Pool, progress: ProgressCallback, pooled: Callable[[Law],
         return pool
     best = listed[0]
     if pooled is not None and np.isneginf(score_of_forecasts(best, pooled)):
-        smaller = explaining(each for rival in rivals for each in _of_fewer_terms(rival))
+        chosen = [each for each in rivals if each.problem.solver is not None]  # From plain terms: fewer of these
+        pairs = [
+            (each, own) for each in chosen for own in of_each_size(Pool((each,), each.alternatives), each.size - 1)
+        ]
+        fewer = [fit_solutions(each.problem, own) for each, own in pairs]
+        smaller = explaining(each for each in fewer if each.is_usable)
         scores = [(score_of_forecasts(each, pooled), each) for each in (*listed[1:], *smaller)]
         most, first = max(scores, key=lambda pair: pair[0], default=(-np.inf, best))
         best = best if np.isneginf(most) else weighed_by_forecasts(first, 0.0)
@@ -105,14 +110,6 @@ def _evidence_over(rival: Fit, others: Iterable[Sequence[Series]]) -> float:
     left, count = _left_by(rival), sum(rival.problem.measured)
     price = rival.size * len(rival.problem.models) * float(np.log(count))
     return min(gain(left, other) for other in others) - price
-
-
-def _of_fewer_terms(fit: Fit) -> Iterator[Fit]:
-    """Yield the likeliest law of each size below that of one among plain terms, under the same errors."""
-    if fit.problem.solver is not None:
-        supports = of_each_size(Pool((fit,), fit.alternatives), fit.size - 1)
-        fits = (fit_solutions(fit.problem, each) for each in supports)
-        yield from (each for each in fits if each.is_usable)
 
 
 def _without_process_noise(pool: Pool) -> list[Fit]:

@@ -101,7 +101,11 @@ def assemble(
         ),
     )
     others = other_laws(pool.best, law) if problem.solver is not None else ()
-    others = with_rivals(others, law, [(each.score - fit.score, each) for each in _different(pool)])
+    different = list[Fit]()  # From each other and the law, not the same in other words
+    for rival in pool.rivals:
+        if not any(_is_same(rival, each) for each in (pool.best, *different)):
+            different.append(rival)
+    others = with_rivals(others, law, [(each.score - fit.score, each) for each in different])
 
     def with_pooled(law: Law) -> Law:
         return with_pooled_forecasts(law, universal(law), partial_pooling)
@@ -120,27 +124,17 @@ def ranked_first(pool: Pool) -> Pool:
     return pool.with_best(fit if same else to_scale(fit))
 
 
-def _different(pool: Pool) -> list[Fit]:
-    """Return the rivals that are not the same law in other words, as another or the law itself is."""
-    listed = [pool.best]
-    for rival in pool.rivals:
-        if not any(_is_same(rival, each) for each in listed):
-            listed.append(rival)
-    return listed[1:]
-
-
 def _is_same(one: Fit, other: Fit) -> bool:
     """Return whether laws with as many coefficients have the same trajectories, by far less than the noise."""
+
+    def ends(fit: Fit) -> Floats:
+        """Return where trajectories start and end, without rates and other processes, (trajectories, 2, states)."""
+        return np.array([own[[0, -1], : len(fit.problem.noise)] for each in fit.estimates for own in each.states])
+
     if one.size != other.size or one.problem.trials.schema.states != other.problem.trials.schema.states:
         return False
-    apart = np.abs(_ends(one) - _ends(other)).max(axis=(0, 1))
+    apart = np.abs(ends(one) - ends(other)).max(axis=(0, 1))
     return bool((apart < settings.CONVERGED_NOISE * one.problem.noise).all())
-
-
-def _ends(fit: Fit) -> Floats:
-    """Return where trajectories start and end, without rates and other processes, shape (trajectories, 2, states)."""
-    states = len(fit.problem.noise)
-    return np.array([own[[0, -1], :states] for each in fit.estimates for own in each.states])
 
 
 def compared_terms(pool: Pool) -> list[Compared]:

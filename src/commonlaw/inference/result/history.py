@@ -37,16 +37,12 @@ def alternatives(law: Law, compared: Sequence[Compared], chosen_by: str) -> tupl
         likely = probabilities(listed)
         for i, (names, difference) in enumerate(listed.items()):
             if i < MAX_MODELS or likely[i] > MIN_PROBABILITY:
-                measures = _measures(difference, float(likely[i]), chosen_by)
+                probability = float(likely[i]) if likely[i] >= np.finfo(float).tiny else 0.0
+                measures: dict[str, float | None] = {"2 log B": difference, "probability": probability}
+                if chosen_by == Kind.FORECASTS:  # Their scores are no evidence, and none if these diverge
+                    measures = {LOG_SCORE: difference / 2 if np.isfinite(difference) else None}
                 found.append(Alternative(equation, names, measures, False, chosen=i == 0))
     return tuple(found)
-
-
-def _measures(difference: float, probability: float, chosen_by: str) -> dict[str, float | None]:
-    """Return what a law is ranked by; scores of forecasts are no evidence, and none if these diverge."""
-    if chosen_by == Kind.FORECASTS:
-        return {LOG_SCORE: difference / 2 if np.isfinite(difference) else None}
-    return {"2 log B": difference, "probability": probability if probability >= np.finfo(float).tiny else 0.0}
 
 
 def inclusion_probabilities(law: Law, compared: Sequence[Compared]) -> Floats:
@@ -112,7 +108,9 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
         found.append(note("model-error", library=of, error=model_error_step(fit).choice))
     elif left := _left(fit):
         found.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=left))
-    return (*found, *outcomes_of_samples(fit.problem))
+    if fit.problem.samples:
+        found.append(note("samples-fitted", samples=fit.problem.samples))
+    return tuple(found)
 
 
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
@@ -155,13 +153,6 @@ def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
 def _left(fit: Fit) -> str:
     """Return what white noise does not explain of what the law leaves, in words; nothing under other errors."""
     return "" if fit.problem.errors else in_words(fit.departures)
-
-
-def outcomes_of_samples(problem: SearchProblem) -> tuple[Outcome, ...]:
-    """Return what to know of a law that was fitted to some of the samples."""
-    if not problem.samples:
-        return ()
-    return (note("samples-fitted", samples=problem.samples),)
 
 
 def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
