@@ -15,7 +15,6 @@ from commonlaw.trials import Trial, Trials
 from commonlaw.trials.headers import parse_unit, registry
 from commonlaw.trials.transformations import Conversion
 
-_ABOUT_ZERO = (OutcomeKind.SCALE, OutcomeKind.START)
 _NOISES = 2
 """Standard deviations of the noise within which a state counts as zero."""
 _ROUNDING = 1e-8
@@ -23,7 +22,7 @@ _ROUNDING = 1e-8
 
 def with_outcomes_of_zero(outcomes: Iterable[Outcome], law: Law, trials: Trials) -> tuple[Outcome, ...]:
     """Return outcomes with those of where zero is as a law and the trials that it was learned from have it."""
-    others = (each for each in outcomes if each.kind not in _ABOUT_ZERO)
+    others = (each for each in outcomes if each.kind not in (OutcomeKind.SCALE, OutcomeKind.START))
     return (*others, *_of_scales(law), *_of_starts(law, trials))
 
 

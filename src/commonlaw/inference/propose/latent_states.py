@@ -9,7 +9,7 @@ Laws of second order may be forced by functions of time whose parameters are fou
 equations that such a forcing would have as a state, and so need none.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -29,14 +29,11 @@ from commonlaw.law.text import structure
 from commonlaw.library import ParametricTerm, Terms, Variables, parse_term
 from commonlaw.library.notation import quoted
 from commonlaw.library.parametric import free_name, parametric_term, terms_of_family
-from commonlaw.outcomes import Outcome, note
+from commonlaw.outcomes import note
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import with_starts
 from commonlaw.trials.trial import property_names
-
-_NAME = "u"
-"""Of the state, unless something else has it."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +89,9 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
     plain = pool.plain
     assert plain is not None
     taken = (*plain.problem.terms.variables.names, *property_names(trials.properties))
-    name, done = free_name(_NAME, taken), list[str]()
-    models = [_LatentStateModel(plain, each, state, name) for each, state in _listed(trials.schema.states)]
+    name, done = free_name("u", taken), list[str]()
+    followed = [(each, state) for each in FAMILIES for state in (trials.schema.states if each.is_of_state else ("",))]
+    models = [_LatentStateModel(plain, each, state, name) for each, state in followed]
 
     def fitted(model: _LatentStateModel) -> Fit:
         done.append(model.words)
@@ -129,18 +127,13 @@ def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Po
         return pool.with_best(replace(without, steps=(step,))).joined(others)
     (model, chosen), *same = alike
     why = f"{model.words}; without it -2 log evidence is {without.score - best.score:.3g} more"
+    alternatives = "; or ".join(f"{'; '.join(_structure(fit))}, in which it {each.words}" for each, fit in same)
     chosen = replace(
         chosen.with_score(best.score),
         steps=(Step(UNMEASURED_STATE, _structure(chosen)[-1], why),),
-        outcomes=(_ambiguous(model.name, same),) if same else (),
+        outcomes=(note("latent-state-not-identifiable", name=model.name, others=alternatives),) if same else (),
     )
     return pool.with_best(without).joined([chosen, *others])
-
-
-def _ambiguous(name: str, same: "Sequence[tuple[_LatentStateModel, Fit]]") -> Outcome:
-    """Return the note on laws that fit equally well."""
-    listed = "; or ".join(f"{'; '.join(_structure(fit))}, in which it {model.words}" for model, fit in same)
-    return note("latent-state-not-identifiable", name=name, others=listed)
 
 
 def _structure(fit: Fit) -> tuple[str, ...]:
@@ -172,13 +165,6 @@ def _deviance(fit: Fit) -> float:
     states = np.concatenate([trial.states for trial in problem.trials])[:, measured]
     scale = 2 * np.isfinite(states).sum(axis=0) @ np.log(problem.noise[measured])
     return float(scale) + sum(each.deviance for each in fit.estimates)
-
-
-def _listed(states: Sequence[str]) -> Iterator[tuple[Family, str]]:
-    """Yield families with the state that each follows; those that follow none with no name."""
-    for each in FAMILIES:
-        for state in states if each.is_of_state else ("",):
-            yield each, state
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +205,7 @@ class _LatentStateModel:
                 problem = self._prepared(trials, few, most_samples)
                 fit = to_scale(polish(problem, few, problem.starts, NO_ERROR))
                 fit = to_scale(with_close_neighbours([fit])[0])
-                if not (fit.is_usable and self._has_effect(fit)):
+                if not fit.is_usable or not fit.supports[:-1, self._has_state].any():
                     return fit.but(Status.WITHOUT_EFFECT)
                 if np.isfinite(fit.score.total) and fit.predicted_decrease < settings.MIN_GAIN * len(fit.estimates):
                     return replace(fit, problem=replace(fit.problem, solver=None), alternatives=())
@@ -230,7 +216,8 @@ class _LatentStateModel:
 
     def _prepared(self, trials: Trials, few: Bools, most_samples: int) -> SearchProblem:
         """Return the problem among all terms, which begins with a fit of few, shape (equations, terms)."""
-        before, known = self.without.problem, self._known
+        before, known, signs = self.without.problem, self._known, np.zeros_like(self._known)
+        signs[:, -1] = -1.0  # The state decays
         problem = prepare(
             trials,
             self.terms,
@@ -238,14 +225,15 @@ class _LatentStateModel:
             noise=np.append(before.first_noise, np.nan) if before.noise_given else None,
             huber_threshold=before.models[0].observation.huber_threshold,
             most_samples=most_samples,
-            guess=np.where(few, self._guess, 0.0),
+            guess=np.where(few, signs, 0.0),
         )
         return replace(problem, known=known, solver=PATH, differentiation=before.differentiation)
 
-    def _has_effect(self, fit: Fit) -> bool:
+    @property
+    def _has_state(self) -> Bools:
+        """Which terms have the state in them, shape (terms,)."""
         column = self.terms.variables.index(self.name)
-        ours = np.array([column in term.columns() for term in self.terms.terms])
-        return bool(fit.supports[:-1, ours].any())
+        return np.array([column in term.columns() for term in self.terms.terms])
 
     @cached_property
     def terms(self) -> Terms:
@@ -273,19 +261,11 @@ class _LatentStateModel:
         objects, equations, count = before.shape
         found = np.zeros((objects, equations + 1, len(self.terms)))
         found[:, :-1, :count] = before
-        column = self.terms.variables.index(self.name)
-        found[:, :-1, [column in term.columns() for term in self.terms.terms]] = np.nan
+        found[:, :-1, self._has_state] = np.nan
         if self.family.found:
             found[:, -1, self._index(self.family.found)] = np.nan
         if self.family.given:
             found[:, -1, self._index(self.family.given)] = 1.0
-        return found
-
-    @property
-    def _guess(self) -> Floats:
-        """Signs: the state decays."""
-        found = np.zeros_like(self._known)
-        found[:, -1] = -1.0
         return found
 
     @property
@@ -296,7 +276,8 @@ class _LatentStateModel:
         """
         free = np.isnan(self._known[0])
         effects = [self._index("{u}")] + ([self._index("{u}*{x}")] if self.family.is_of_state else [])
-        linear = [self.terms.terms.index(parse_term(quoted(x), self.terms.variables)) for x in self._states]
+        states = self.without.problem.terms.variables.states
+        linear = [self.terms.terms.index(parse_term(quoted(x), self.terms.variables)) for x in states]
         found = [np.zeros_like(free), np.zeros_like(free)]
         found[0][:-1, linear] = True
         found[1][:-1, : self.without.supports.shape[1]] = self.without.supports
@@ -304,10 +285,6 @@ class _LatentStateModel:
             each[:-1, effects] = True
             each[-1] = True
         return [each & free for each in found]
-
-    @property
-    def _states(self) -> tuple[str, ...]:
-        return self.without.problem.terms.variables.states
 
 
 UNMEASURED_STATE = "latent state"

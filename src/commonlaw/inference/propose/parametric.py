@@ -7,15 +7,15 @@ curves that are nearer. The law without such terms stays unless the evidence pay
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from commonlaw.inference import settings
 from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.candidate_laws import LawsOfSets, tried_together, without_processes
 from commonlaw.inference.propose.integral_ranking import TermSet, matching_sets
 from commonlaw.inference.propose.rational import matching_ratios
@@ -41,7 +41,9 @@ def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: Progres
         Takes what is being done.
     """
     best = pool.best
-    search = LawsOfSets(best, pool.explored, _base(best), Offer(()))
+    base = replace(best.problem, besides=len(best.problem.terms))  # The terms of a law are not yet among them
+    base = base.under_white_noise if base.errors.of_law else base
+    search = LawsOfSets(best, pool.explored, base, Offer(()))
     rows = search.rows_of_plain()
     for i, offer in enumerate(offers):
         fewest = 2 if i else -1  # The first is tried in any equation, and no ratio has fewer numbers
@@ -103,7 +105,10 @@ def _with_offer(
     search: LawsOfSets, best: Fit, rows: "tuple[TermSet, ...]", progress: ProgressCallback
 ) -> "tuple[LawsOfSets, Fit, tuple[TermSet, ...]]":
     """Return a search with the law of largest evidence, and its terms, on a mesh that is fine enough."""
-    curves = _near(search.plain, search.explored)
+    # States that follow the measurements with the help of the law, but may leave it, and those that were smoothed
+    loose = next((each for each in search.explored if each.model_error >= settings.MODEL_ERRORS[-2]), None)
+    near = ([loose.estimates] if loose else []) + [search.plain.problem.starts]
+    curves = tuple(without_processes(search.plain, each) for each in near)
     if not best.lack_of_fit:  # Its solutions are as near as can be
         curves = (without_processes(best, best.estimates),)
     known = _Known()
@@ -114,12 +119,11 @@ def _with_offer(
         if finer <= search.base.points:
             return search, best, rows
         progress("fitting laws again on a finer mesh")
-        search, near = search.on_finer_mesh(best, finer)
-        curves = (near,)
+        search, estimates = search.on_finer_mesh(best, finer)
+        curves = (estimates,)
 
 
-@dataclass(frozen=True)
-class _Known:
+class _Known(NamedTuple):
     """Sets of terms that were proposed for each equation.
 
     And minus twice the log-evidence of a law that explains what was measured, along whose curves they were.
@@ -127,13 +131,6 @@ class _Known:
 
     sets: tuple[list[list[TermSet]], ...] = ()
     value: float = -np.inf
-
-    def suffice(self, best: Fit) -> bool:
-        """Return whether others would propose the same, as a law that is as likely was along its own curves.
-
-        A finer mesh may show that it is not.
-        """
-        return best.score.total < self.value + settings.MAX_MESH_CHANGE
 
 
 def _searched(
@@ -155,7 +152,8 @@ def _searched(
     for number in range(settings.MAX_SWEEPS):
         before, begun, most = best, rows, _most(best, rows)
         near, *left = left
-        if not known.suffice(best):
+        # A law that is as likely proposed the same along its own curves; a finer mesh may show that it is not
+        if not best.score.total < known.value + settings.MAX_MESH_CHANGE:
             progress(Stage("proposing parametric terms", number / settings.MAX_SWEEPS))
             sets = (*_proposed(search, best, rows, near), *known.sets)
             known = _Known(sets, best.score.total if number > 0 and not best.lack_of_fit else -np.inf)
@@ -192,26 +190,6 @@ def _with_fewer(
             best, rows, list(search.with_one_less(best, rows)), settings.MAX_PROPOSED, near, done
         )
     return best, rows
-
-
-def _base(fit: Fit) -> SearchProblem:
-    """Return the problem of a search without errors of the law, and how many terms are to choose from `besides`.
-
-    These are all: the terms of a law are not yet among them.
-    """
-    problem = replace(fit.problem, besides=len(fit.problem.terms))
-    return problem.under_white_noise if problem.errors.of_law else problem
-
-
-def _near(fit: Fit, explored: Sequence[Fit]) -> tuple[tuple[Estimate, ...], ...]:
-    """Return states near the true ones, in two ways.
-
-    Those that follow the measurements with the help of the law, but may leave it, and those that were smoothed.
-    """
-    loose = next((each for each in explored if each.model_error >= settings.MODEL_ERRORS[-2]), None)
-    smoothed = fit.problem.starts
-    curves = ([loose.estimates] if loose else []) + [smoothed]
-    return tuple(without_processes(fit, each) for each in curves)
 
 
 def _in_turn(proposed: Sequence[Sequence[TermSet]]) -> list[TermSet]:

@@ -131,20 +131,17 @@ def _in_turn(fit: Fit, progress: ProgressCallback) -> Pool:
     """Return errors of a kind with the supports and the levels that are found in turn, and what was explored."""
     kind, explored = fit.errors, list[Fit]()
     for _ in range(settings.ALTERNATIONS):
-        explored = _searched(fit, progress)
+        if fit.has_model_error:
+            explored = [polish(fit.problem, fit.supports, fit.estimates, fit.model_error)]
+        else:
+            fits = sorted(annealed(fit.problem, progress, settings.SCHEDULES[:1]))
+            explored = [each for each in fits if not each.has_model_error]
         others = [each for each in explored if not np.array_equal(each.supports, fit.supports)]
         changed = with_errors_of_kind(others[0], kind) if others else fit
         if not changed < fit:
             break
         fit = changed
     return Pool((fit,), explored)
-
-
-def _searched(fit: Fit, progress: ProgressCallback) -> list[Fit]:
-    if fit.has_model_error:
-        return [polish(fit.problem, fit.supports, fit.estimates, fit.model_error)]
-    fits = sorted(annealed(fit.problem, progress, settings.SCHEDULES[:1]))
-    return [each for each in fits if not each.has_model_error]
 
 
 @unannounced()

@@ -17,8 +17,6 @@ from commonlaw.law.parameters import standard_errors
 from commonlaw.library import with_rates
 from commonlaw.likelihood import variance_of_rates
 
-_BY_SOLUTIONS = "largest evidence without process noise: solutions of the law with it explain whole trials less well"
-
 
 @dataclass(frozen=True, eq=False)
 class Pool:
@@ -89,7 +87,9 @@ class Pool:
     def chosen_by(self) -> str:
         """What the best was chosen by, in the words of the history of a law."""
         kind = self.best.score.kind
-        return _BY_SOLUTIONS if self.is_approximation and kind is Kind.EVIDENCE else kind
+        if self.is_approximation and kind is Kind.EVIDENCE:
+            return f"{kind} without process noise: solutions of the law with it explain whole trials less well"
+        return kind
 
     def proposals(self) -> Iterator[Bools]:
         """Yield the supports of large evidence under the errors of the best, and those on the path of the solver."""

@@ -1,6 +1,6 @@
 """Laws compared: the evidence for each of them, from the same measurements and with the same noise."""
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,7 +18,7 @@ from commonlaw.inference.search.setup import FitSetup, check_one_scale, error_ki
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched
-from commonlaw.library import Order, parse_terms
+from commonlaw.library import parse_terms
 from commonlaw.likelihood import ERRORS
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, check_settings
@@ -97,10 +97,14 @@ def compare(
         with on_cluster(client):
             return compare_by_parts(laws, trials.parts or (trials,), settings, on_terminal())
     refuse_client(client)
-    score = _score_of({law.order for law in laws.values()})
+    # Such that laws of these orders compare
+    several = len({law.order for law in laws.values()}) > 1
+    score: Callable[[Fit], Score] = score_of_order if several else lambda fit: fit.score
     check_one_scale(list(laws.values()))
     same = [written_alike(law, trials.schema) for law in laws.values()]
-    _check_one_unit(same, trials)
+    found = matched(same[0], trials)
+    if any(matched(law, found) is not found for law in same[1:]):
+        raise CommonlawError("laws-in-other-units")
     with threads(n_jobs):
         fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
         finest = max(pool.best.problem.points for pool in fitted)
@@ -160,11 +164,6 @@ def _of_part(laws: Mapping[str, Law], settings: Mapping[str, Any], part: TrialSt
         return compare({name: typical(law, trials.objects) for name, law in laws.items()}, trials, **settings)
 
 
-def _score_of(orders: Set[Order]) -> Callable[[Fit], Score]:
-    """Return what gives minus twice the log-evidence, such that laws of these orders compare."""
-    return score_of_order if len(orders) > 1 else lambda fit: fit.score
-
-
 def written_alike(law: Law, schema: Schema) -> Law:
     """Return a law with no other terms than its own, over all inputs of a schema if its own are some of them."""
     before, used = law.terms.variables, np.any(law.support, axis=0)
@@ -181,14 +180,6 @@ def written_alike(law: Law, schema: Schema) -> Law:
         uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=()),
         provenance=Provenance(),
     )
-
-
-def _check_one_unit(laws: Sequence[Law], trials: Trials) -> None:
-    """Refuse laws in different units: evidence is that of one set of numbers."""
-    found = matched(laws[0], trials)
-    for law in laws[1:]:
-        if matched(law, found) is not found:
-            raise CommonlawError("laws-in-other-units")
 
 
 def _on_mesh(fit: Fit, points: int) -> Pool:

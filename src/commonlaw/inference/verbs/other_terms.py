@@ -1,6 +1,6 @@
 """From the candidates that a law was chosen from to laws: each fitted to the same trials, from few terms to many."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -149,7 +149,7 @@ def _supports(law: Law, most: int) -> list[Bools]:
 def _in_one_equation(law: Law) -> Iterator[Bools]:
     """Yield the supports with another candidate for one of the equations, the best first."""
     known = (
-        [value for name in _MEASURES if (value := _measure(each, name)) is not None]
+        [value for name in _MEASURES if (value := each.measures.get(name)) is not None]
         for each in law.provenance.alternatives
     )
     values = [own[0] if own else 0.0 for own in known]
@@ -187,33 +187,22 @@ class _Rung(NamedTuple):
 def _path(law: Law, left: str) -> list[_Rung]:
     """Return the best candidate of each size of an equation, from the fewest terms to the most."""
     own = [each for each in law.provenance.alternatives if each.equation == left]
-    name = next((name for name in _MEASURES if all(_measure(each, name) is not None for each in own)), "")
+    name = next((name for name in _MEASURES if all(each.measures.get(name) is not None for each in own)), "")
     best: dict[int, Alternative] = {}
-    for each in sorted(own, key=lambda each: (not each.chosen, _measure(each, name) or 0.0)):
+    for each in sorted(own, key=lambda each: (not each.chosen, each.measures.get(name) or 0.0)):
         best.setdefault(len(each.terms), each)
     return [
-        _Rung(np.isin(law.terms.names, best[size].terms), _measure(best[size], name) or 0.0) for size in sorted(best)
+        _Rung(np.isin(law.terms.names, best[size].terms), best[size].measures.get(name) or 0.0) for size in sorted(best)
     ]
-
-
-def _measure(each: Alternative, name: str) -> float | None:
-    return each.measures.get(name)
 
 
 def _evidence(law: Law, support: Bools) -> float | None:
     """Return the sum over equations of how far a support stays behind the most probable one."""
-    terms = np.array(law.terms.names, dtype=object)
-    known = [
-        next(
-            (_measure(each, "2 log B") for each in law.provenance.alternatives if _is_of(each, left, terms[own])), None
-        )
-        for left, own in zip(left_hand_sides(law), support, strict=True)
-    ]
+    terms, listed = np.array(law.terms.names, dtype=object), law.provenance.alternatives
+    measures = {(each.equation, frozenset(each.terms)): each.measures.get("2 log B") for each in reversed(listed)}
+    pairs = zip(left_hand_sides(law), support, strict=True)
+    known = [measures.get((left, frozenset(terms[own]))) for left, own in pairs]
     return None if any(each is None for each in known) else float(sum(each or 0.0 for each in known))
-
-
-def _is_of(each: Alternative, left: str, terms: Sequence[str]) -> bool:
-    return each.equation == left and {*each.terms} == {*terms}
 
 
 def _fitted(law: Law, support: Bools, trials: Trials, own_noise: bool = False) -> Law:
