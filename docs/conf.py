@@ -67,7 +67,8 @@ except commonlaw.CommonlawError:
     nb_execution_excludepatterns = ["tutorials/drops.md"]
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented_params"
 autodoc_class_signature = "separated"
 napoleon_use_rtype = False
 # Names of examples and of other packages, that no page here is about
@@ -102,10 +103,25 @@ def _members(found: type) -> list[tuple[str, object]]:
     return [(name, each) for name, each in own.items() if name[0] != "_" and isinstance(each, kinds) and each.__doc__]
 
 
+_MAX_USES = 8
+"""Pages with examples of a name that its own page lists."""
+
+
+def _used_in(name: str) -> list[str]:
+    """Return links to the pages for users whose code has a public name, as lines of reStructuredText."""
+    folder, uses = Path(__file__).parent, re.compile(rf"\bcl\.(\w+\.)*{name}\b")
+    pages = [each for kind in ("howto/*.md", "tutorials/*.md", "*.md") for each in sorted(folder.glob(kind))]
+    code = {each: re.findall(r"^```.*?^```", each.read_text(), re.DOTALL | re.MULTILINE) for each in pages}
+    named = [each for each in pages if each.stem != "index" and any(map(uses.search, code[each]))]
+    used = [each.relative_to(folder).with_suffix("") for each in named]
+    links = [f":doc:`/{each.as_posix()}`" for each in used[:_MAX_USES]]
+    return [f"Examples: {', '.join(links)}", ""] if links else []
+
+
 def _page(module: str, name: str) -> str:
     """Return the page of a public name."""
     found, full = resolve_name(f"{module}:{name}"), f"{module}.{name}"
-    lines = [name, "=" * len(name), ""]
+    lines = [name, "=" * len(name), "", *_used_in(name)]
     if not isinstance(found, type):
         return "\n".join([*lines, f".. autofunction:: {full}", ""])
     if len(members := _members(found)) > 3:
