@@ -137,16 +137,8 @@ class CandidateSearch:
     def _candidate(self, screened: Screened, followed: Trials, plain: Pool | None, *, richer: bool) -> Candidate:
         """Search for a law with the interpolation of inputs that is chosen.
 
-        Parameters
-        ----------
-        screened
-            What is sought.
-        followed
-            What was measured, as the law follows it.
-        plain
-            The search among plain terms, if it is done, or but for those that were left out and finer meshes.
-        richer
-            Whether terms are sought, too, that are offered besides plain ones.
+        The search among plain terms may be done, but for those that were left out and finer meshes. Richer terms are
+        what is offered besides plain ones.
         """
 
         def begin(trials: Trials, progress: ProgressCallback) -> Pool:

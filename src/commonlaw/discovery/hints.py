@@ -253,10 +253,7 @@ def confounded_variables(
 ) -> tuple[Finding, ...]:
     """Return what trials cannot tell of the variables of a law, see `Trials.check`.
 
-    Raises
-    ------
-    CommonlawError
-        If there is no such order, or the library does not fit the variables.
+    Raises `CommonlawError` if there is no such order, or the library does not fit the variables.
     """
     order = (2 if len(trials.schema.states) == 1 else 1) if order is None else order
     if order not in (0, 1, 2):

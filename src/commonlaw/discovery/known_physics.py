@@ -30,10 +30,7 @@ Numbers = dict[tuple[str, str], dict[str, float]]
 def with_base(library: AbstractLibrary, base: Base, order: Order, trials: Trials) -> tuple[AbstractLibrary, Known]:
     """Return a library with the terms of what is known, and their coefficients.
 
-    Raises
-    ------
-    CommonlawError
-        If what is known cannot be read, is of another order or other states, or lacks a property.
+    Raises `CommonlawError` if what is known cannot be read, is of another order or other states, or lacks a property.
     """
     if isinstance(base, Mapping):
         return library, base
@@ -59,10 +56,7 @@ def with_base(library: AbstractLibrary, base: Base, order: Order, trials: Trials
 def order_of_base(base: str | Law | Callable[..., Any], trials: Trials) -> Order:
     """Return the order of the law that known physics is a part of.
 
-    Raises
-    ------
-    CommonlawError
-        If it does not say that, or cannot be read.
+    Raises `CommonlawError` if it does not say that, or cannot be read.
     """
     if isinstance(base, Law):
         return base.order

@@ -44,10 +44,7 @@ class ModelStructure:
     def terms(self, schema: Schema) -> Terms:
         """Return the candidate terms over the variables of trials of this schema.
 
-        Raises
-        ------
-        CommonlawError
-            If the library names a variable or a term that is not there.
+        Raises `CommonlawError` if the library names a variable or a term that is not there.
         """
         terms = self.library.bind(law_variables(schema, self.order))
         if not len(terms):
@@ -65,10 +62,7 @@ class ModelStructure:
     def known_coefficients(self, schema: Schema, objects: Sequence[str]) -> Floats:
         """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found.
 
-        Raises
-        ------
-        CommonlawError
-            If a term or state is not there, or an object has no coefficient.
+        Raises `CommonlawError` if a term or state is not there, or an object has no coefficient.
         """
         terms = self.terms(schema)
         found = np.full((len(objects), len(schema.states), len(terms)), np.nan)
@@ -84,10 +78,7 @@ class ModelStructure:
     def universal_coefficients(self, schema: Schema) -> Bools:
         """Return which coefficients all objects have in common, shape (equations, terms).
 
-        Raises
-        ------
-        CommonlawError
-            If a term or state is not there.
+        Raises `CommonlawError` if a term or state is not there.
         """
         terms = self.terms(schema)
         found = np.zeros((len(schema.states), len(terms)), dtype=np.bool_)

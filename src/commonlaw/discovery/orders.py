@@ -40,10 +40,7 @@ class Orders(NamedTuple):
 def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
     """Return the orders that each state may have.
 
-    Raises
-    ------
-    CommonlawError
-        If there is no such order, or orders by state do not fit the states.
+    Raises `CommonlawError` if there is no such order, or orders by state do not fit the states.
     """
     if asked == "auto":
         if isinstance(trials, TrialStream):
@@ -111,20 +108,11 @@ def of_best_order(
 ) -> tuple[list[Candidate], list[CommonlawError]]:
     """Return the law of each order that is tried, and why none is found of others.
 
-    Tried are the lowest orders of all states; if that law is not simple the highest, and then from the best those that
-    differ in one state, as long as one of them is better.
+    Each state may have some orders, from low to high. Tried are the lowest of all states; if that law is not simple the
+    highest, and then from the best those that differ in one state, as long as one of them is better. Besides a simple
+    law a coarse mesh may do.
 
-    Parameters
-    ----------
-    find
-        Finds the law of an order; on a coarse mesh, if that may do besides a simple law.
-    possible
-        The orders that each state may have, from low to high.
-
-    Raises
-    ------
-    CommonlawError
-        If no law is found of any: the last reason.
+    Raises `CommonlawError` if no law is found of any: the last reason.
     """
     lowest, highest = tuple(map(min, possible)), tuple(map(max, possible))
     tried, refused = dict[tuple[int, ...], Candidate | None](), list[CommonlawError]()
@@ -168,16 +156,9 @@ def stepped(step: Callable[[Found], Found], given: Sequence[Found]) -> tuple[lis
 
 
 def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Sequence[Exception]) -> Law:
-    """Return a law whose order was chosen, saying so.
+    """Return a law whose order was chosen, of the largest evidence or by whole trials, saying so.
 
-    Parameters
-    ----------
-    law
-        Of the largest evidence, or the one that explains whole trials.
-    others
-        Other orders, and 2 log B of the law against the best ones of these.
-    refused
-        Why no law of other orders was found.
+    Other orders come with 2 log B of the law against their best ones, or with why none was found.
     """
     states = law.schema.states
     named = [(order_in_words(order, states), each) for order, each in others]

@@ -41,21 +41,10 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
 
     Higher orders are tried where a plain law of the lowest may be wrong or could be simpler, and richer terms where the
     best plain law may. All laws have white noise, if that explains what the best of them leaves; else each has the
-    errors of its own largest evidence. An order of which no law can be found is left out.
+    errors of its own largest evidence. Each state may have some orders, whatever that of the structure; one of which no
+    law can be found is left out.
 
-    Parameters
-    ----------
-    search
-        How laws are sought.
-    structure
-        What is sought, whatever its order.
-    possible
-        The orders that each state may have.
-
-    Raises
-    ------
-    CommonlawError
-        If no law of any order can be found: the last reason.
+    Raises `CommonlawError` if no law of any order can be found: the last reason.
     """
     several = any(len(each) > 1 for each in possible)
     candidates, refused = _plain_laws(search, structure, possible)

@@ -259,10 +259,7 @@ def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -
     properties
         Of the objects.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If a covariance is singular.
+    Raises `numpy.linalg.LinAlgError` if a covariance is singular.
 
     Examples
     --------

@@ -195,10 +195,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
         Of each parameter over objects, shape (parameters,): zero for one that all have in common, infinite for one that
         is each object's own, NaN where the objects are to tell. Mixtures are considered where this is NaN for all.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If a covariance is singular.
+    Raises `numpy.linalg.LinAlgError` if a covariance is singular.
     """
     # Means in which objects that say next to nothing hardly count
     units = 1 / np.sqrt(np.mean(1 / np.diagonal(covariances, axis1=1, axis2=2), axis=0))

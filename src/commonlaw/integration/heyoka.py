@@ -41,10 +41,7 @@ class UnsupportedError(Exception):
 def translated(term: Term, variables: Sequence[Any]) -> Any:
     """Return a term as an expression of heyoka in these variables.
 
-    Raises
-    ------
-    UnsupportedError
-        If it holds a function without Taylor series.
+    Raises `UnsupportedError` if it holds a function without Taylor series.
     """
     return evaluate(term.code, variables, _ALGEBRA)
 

@@ -42,18 +42,9 @@ def sensitivities(
 ) -> Floats:
     """Return derivatives of the states by parameters and then by the initial states, shape (n, D, p + D).
 
-    Parameters
-    ----------
-    problem
-        What was integrated, at n times.
-    path
-        Its states, from times of shape (m,) to shape (m, D).
-    knots
-        Times between which the path was a few steps of the integrator, shape (k,).
-    reached
-        At how many of the times the states are known; the derivatives are NaN after these.
-    tolerance
-        Relative error of a step.
+    The path is what was integrated: from times, shape (m,), to states, (m, D), a few steps of the integrator between
+    the knots, shape (k,). It reached so many of the n times; derivatives are NaN after these. The tolerance is the
+    relative error of a step.
     """
     times, width, size = problem.times[:reached], len(problem.initial), len(problem.field.parameters)
     found = np.full((len(problem.times), width, size + width), np.nan)

@@ -64,22 +64,9 @@ def select(
 ) -> tuple[Selection, ...]:
     """Return the selection of every equation among the candidates on the paths of some solvers.
 
-    Parameters
-    ----------
-    data
-        The problems of each object's trials, in segments.
-    known
-        Fixed coefficients, NaN where they are fitted, shape (objects, equations, terms), moved to the left-hand side.
-    solvers
-        Whose paths list the candidates; resamples go to the first.
-    accuracy
-        Of the rows.
-    rule
-        See `choose`.
-    n_resamples, seed
-        Of the stability of the candidates; none by default.
-    scores
-        For each equation from a support to its errors on held-out data; default: residuals.
+    Coefficients that are known, shape (objects, equations, terms), NaN where they are fitted, are moved to the
+    left-hand side. For the rule see `choose`; resamples, for the stability of the candidates, go to the first solver.
+    Scores, one for each equation, take a support to its errors on held-out data; default: residuals.
     """
     given, free = np.nan_to_num(known), np.isnan(known[0])
     rest = data.subtract(given)

@@ -72,10 +72,8 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
     Of states whose measurements have standard deviations of their own it is the median of these, and NaN of latent
     states; None if nothing is known of any state.
 
-    Raises
-    ------
-    CommonlawError
-        If a state has none while others have, or two; a name is not a state, or a value is not positive.
+    Raises `CommonlawError` if a state has none while others have, or two; a name is not a state, or a value is not
+    positive.
     """
     states, columns = trials.schema.states, trials.schema.noise_columns
     if noise is None and not columns:

@@ -57,10 +57,7 @@ def terms_and_rates(
     Parameters inside terms have the values of their coefficients, shape (equations, terms). Samples of which no
     state was measured are left out: smoothed rates know nothing of the moments in which doses are given.
 
-    Raises
-    ------
-    CommonlawError
-        If a term is not finite there; the message names the trial.
+    Raises `CommonlawError` if a term is not finite there; the message names the trial.
     """
     blocks, rates = [], []
     for trial, curve in curves:

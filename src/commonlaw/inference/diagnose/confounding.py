@@ -76,10 +76,7 @@ def stand_ins(trials: Trials, order: Order, library: AbstractLibrary | str | Non
     library
         Their candidate terms. Default: polynomials of degree 3, or of a lower one where trials have few samples.
 
-    Raises
-    ------
-    CommonlawError
-        If the library does not fit the variables.
+    Raises `CommonlawError` if the library does not fit the variables.
     """
     with np.errstate(all="ignore"):
         return _stand_ins(trials, order, parse_library(library) if isinstance(library, str) else library)

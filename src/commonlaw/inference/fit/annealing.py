@@ -38,10 +38,7 @@ LEFT_BY_LAW = "from the residuals of the law"
 def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequence[Bools] = ()) -> list[Fit]:
     """Return what all schedules find, proposals, and what may be as plausible, that of largest evidence first.
 
-    Raises
-    ------
-    CommonlawError
-        If no fit succeeds.
+    Raises `CommonlawError` if no fit succeeds.
     """
     fits = annealed(problem, progress)
     distinct = {each.tobytes(): each for each in proposals}.values()
@@ -102,15 +99,10 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
 def fit_with(
     problem: SearchProblem, supports: Bools, model_error: float, start: Sequence[Estimate] | None = None
 ) -> Fit:
-    """Return the fit of supports at one model error.
+    """Return the fit of supports at one model error, see `fit_supports`.
 
-    Parameters
-    ----------
-    problem, supports, model_error
-        See `fit_supports`.
-    start
-        Estimates that are near; without them larger model errors lead there from the smoothed measurements, or these
-        are near enough, whichever fits better; see `fit_supports` for states that were not measured.
+    It begins at estimates that are near. Without them larger model errors lead there from the smoothed measurements, or
+    these are near enough, whichever fits better.
     """
     if start is None and problem.trials.schema.starts:
         start = problem.starts

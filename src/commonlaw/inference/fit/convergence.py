@@ -30,14 +30,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     A law with a random walk in each step needs no finer mesh, and its levels were found with it. Objects of which
     coefficients are held like those of others stay. The residuals of solutions that no mesh resolves are no noise: of
     exact measurements the estimate of the search is returned, under its smallest noise, and so is one that did not
-    converge.
-
-    Parameters
-    ----------
-    fit
-        As the search left it.
-    least_squares
-        Whether no measurement counts as an outlier. By default outliers do so on very strong evidence.
+    converge. Measurements count as outliers on very strong evidence; by least squares none does.
     """
     shared = any(held_like_others(fit.problem, index).any() for index in range(len(fit.estimates)))
     if fit.has_model_error or shared:

@@ -268,10 +268,7 @@ def errors_to_fit(model_error: float) -> tuple[float, ...]:
 def best_of(fits: Sequence[Fit]) -> Fit:
     """Return the fit of largest evidence.
 
-    Raises
-    ------
-    CommonlawError
-        If none succeeded.
+    Raises `CommonlawError` if none succeeded.
     """
     best = min(fits, default=None)
     if best is None or not best.is_usable:
@@ -312,10 +309,7 @@ def restricted(
 def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
     """Return the evidence by the likelihood linearized about estimates, comparable between model errors.
 
-    Raises
-    ------
-    NotPositiveError
-        If numbers are not finite, or too far apart.
+    Raises `NotPositiveError` if numbers are not finite, or too far apart.
     """
     linear = linearize_each(problem.models, estimates, model_error)
     known = np.nan_to_num(problem.known)

@@ -47,10 +47,7 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
     follow from the equations. Coefficients that are known have the shape (equations, terms), NaN where they are to be
     found.
 
-    Raises
-    ------
-    CommonlawError
-        If nothing tells the scale of a state, or its zero.
+    Raises `CommonlawError` if nothing tells the scale of a state, or its zero.
     """
     schema, started = trials.schema, trials.schema.unmeasured
     if not started.any():
@@ -116,23 +113,9 @@ def begun_at_starts(
     Where several coefficients, shape (equations, terms), fit as well, it begins at those with signs as guessed by which
     unmeasured states change fastest, and of each object at those that are most like the others'.
 
-    Parameters
-    ----------
-    models
-        Of the objects.
-    trials
-        Of the objects, whose starts have standard deviations.
-    curves
-        Through the measurements of each object; those of unmeasured states are NaN.
-    known
-        Coefficients that are known, shape (objects, equations, terms), NaN where they are to be found.
-    guess
-        Coefficients of likely signs, of the same shape; zero where nothing is likely.
-
-    Raises
-    ------
-    CommonlawError
-        If the likelihood cannot be computed from any of them.
+    Starts of trials have standard deviations; curves through the measurements are NaN in unmeasured states. Known
+    coefficients, NaN where they are to be found, and guesses, zero where no sign is likely, have the shape (objects,
+    equations, terms).
     """
     started, free = trials.schema.unmeasured, trials.schema.with_free_start
     objects = [

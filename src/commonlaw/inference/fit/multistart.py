@@ -35,16 +35,8 @@ def best_fits(
 ) -> list[Estimate]:
     """Return the fit of largest likelihood of each object, from any of some coefficients; none if no fit succeeds.
 
-    Parameters
-    ----------
-    problem
-        What was measured, and the terms.
-    estimates
-        States near the true ones, of each object; other processes begin at zero.
-    begun
-        Coefficients, each of shape (objects, equations, terms).
-    way
-        `every_way` or `short_way`.
+    States of the estimates are near the true ones; other processes begin at zero. Coefficients to begin with have the
+    shape (objects, equations, terms), and the way is `every_way` or `short_way`.
     """
     fits = list[Sequence[Estimate]]()
     for coefficients in begun:
@@ -67,22 +59,10 @@ def usual_of_best(fits: Sequence[Estimate]) -> Estimate:
 def drawn_together(
     problem: SearchProblem, free: Sequence[Estimate], begun: Sequence[Floats] = ()
 ) -> tuple[SearchProblem, list[Estimate]]:
-    """Return estimates drawn to what is typical where measurements bear it as well as those that are free.
+    """Return a problem and estimates drawn to what is typical, where measurements bear it as well as free ones.
 
-    Parameters
-    ----------
-    problem
-        What was measured, and the terms.
-    free
-        The fit of each object by itself.
-    begun
-        Coefficients, each of shape (objects, equations, terms), that say what is typical, besides those of these fits.
-        The likeliest say it.
-
-    Returns
-    -------
-    tuple
-        The problem, in which objects that are drawn have a prior, and the estimates of all.
+    Free is the fit of each object by itself. What is typical say these fits, or coefficients to begin with, each of
+    shape (objects, equations, terms), if they are likelier. In the problem, objects that are drawn have a prior.
     """
     best = list(free)
     if len(free) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:

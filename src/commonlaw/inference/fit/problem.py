@@ -325,29 +325,12 @@ def prepare(
 ) -> SearchProblem:
     """Return the problem of finding a law of these trials.
 
-    Parameters
-    ----------
-    trials
-        What was measured.
-    terms
-        The library, over states and the rates of those of second order.
-    known
-        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
-    noise
-        Standard deviation of each state, shape (d,), if it is known, see `known_noise`; by default it is estimated.
-    huber_threshold
-        Beyond how many standard deviations a measurement counts as an outlier, see `ObservationModel`.
-    most_samples
-        Samples that are fitted at most, see `as_many_as_are_carried`; all of them tell the noise.
-    guess
-        Coefficients, shape (objects, equations, terms): what those parameters inside terms begin with that are to be
-        found, and likely signs of those in equations of unmeasured states.
+    Coefficients that are known have the shape (objects, equations, terms), NaN where they are to be found. A guess of
+    that shape says what parameters inside terms begin with, and likely signs in equations of unmeasured states. The
+    noise of each state, shape (d,), see `known_noise`, is estimated by default, from all samples, of which
+    `most_samples` are fitted, see `as_many_as_are_carried`; for the Huber threshold see `ObservationModel`.
 
-    Raises
-    ------
-    CommonlawError
-        If a trial is too short, or a term is not finite on it, the message names the trial; or if the Huber threshold
-        is not above zero.
+    Raises `CommonlawError` if a trial is too short, or a term is not finite on it; the message names the trial.
     """
     trials = with_exact_starts(trials, terms, known[0])
     scale, order = spread_within(trials), terms.variables.order_of(len(trials.schema.states))

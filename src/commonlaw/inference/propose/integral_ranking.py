@@ -84,18 +84,9 @@ def matching_sets(
 ) -> dict[int, list[TermSet]]:
     """Return sets of terms that fit best for how many numbers they have, the most promising first, by equation.
 
-    Parameters
-    ----------
-    problem
-        What was measured, and the plain terms.
-    estimates
-        States near the true ones, of each object.
-    others
-        Terms with parameters inside, or that are not taken together with many plain ones.
-    most
-        How many numbers the sets of an equation have at most, by its index.
-    hopeless
-        Sets that leave so many times the least sum of squares are not kept, but for the best of each size.
+    Estimates are states near the true ones. The others have parameters inside, or are not taken together with many
+    plain ones. Sets have at `most` so many numbers, by equation; those that leave so many times the least sum of
+    squares are `hopeless` and not kept, but for the best of each size.
     """
     courses, found = courses_of(problem, estimates, others), dict[int, list[TermSet]]()
     for equation, numbers in most.items():

@@ -73,19 +73,7 @@ FAMILIES = (
 
 
 def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress: ProgressCallback) -> Pool:
-    """Return a pool with laws that have a latent state.
-
-    Parameters
-    ----------
-    pool
-        Laws of first order without.
-    trials
-        What was measured, as the law follows it.
-    most_samples
-        See `search_supports`.
-    progress
-        Takes what is being done.
-    """
+    """Return a pool of laws of first order with laws that have a latent state, too."""
     plain = pool.plain
     assert plain is not None
     taken = (*plain.problem.terms.variables.names, *property_names(trials.properties))

@@ -162,10 +162,8 @@ def with_parameters_found(
     trials, positive, input_between, noise, huber_threshold, n_jobs, progress
         See `refine`, whose other settings are of no matter here.
 
-    Raises
-    ------
-    CommonlawError
-        If no values make all terms finite, the trials cannot tell coefficients apart, or no fit succeeds.
+    Raises `CommonlawError` if no values make all terms finite, the trials cannot tell coefficients apart, or no fit
+    succeeds.
     """
     if not law.terms.variables.parameters or trials.schema.starts:  # There `known_starts` tries values
         return law

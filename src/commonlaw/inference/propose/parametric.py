@@ -28,17 +28,9 @@ from commonlaw.runtime.progress import ProgressCallback, Stage
 
 
 def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: ProgressCallback) -> Pool:
-    """Return a pool with laws that have some of what is offered.
+    """Return a pool with laws that have some of what is offered besides the law among plain terms.
 
-    Parameters
-    ----------
-    pool
-        The law among plain terms.
-    offers
-        What an equation may have besides. Those after the first are tried where `may_be_simpler`, and pay for what was
-        to choose from before, too.
-    progress
-        Takes what is being done.
+    Offers after the first are tried where `may_be_simpler`, and pay for what was to choose from before, too.
     """
     best = pool.best
     base = replace(best.problem, besides=len(best.problem.terms))  # The terms of a law are not yet among them

@@ -33,21 +33,7 @@ def matching_ratios(
     most: Mapping[int, int],
     hopeless: float = settings.MAX_SQUARES_RATIO,
 ) -> dict[int, list[TermSet]]:
-    """Return ratios that fit best for how many numbers they have, the most promising first, by equation.
-
-    Parameters
-    ----------
-    problem
-        What was measured, and the plain terms.
-    estimates
-        States near the true ones, of each object.
-    offered
-        The ratios among which is chosen.
-    most
-        How many numbers those of an equation have at most, by its index.
-    hopeless
-        Ratios that leave so many times the least sum of squares are not kept, but for the best of each size.
-    """
+    """Return the ratios among those offered that fit best for how many numbers they have, see `matching_sets`."""
     courses = courses_of(problem, estimates, ())
     found = dict[int, list[TermSet]]()
     for equation, numbers in most.items():

@@ -27,21 +27,11 @@ from commonlaw.trials import Trials
 def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> Bools:
     """Return which terms are worth a search, shape (terms,): about forty, or all if there are no more than seventy.
 
-    Parameters
-    ----------
-    trials
-        What was measured.
-    terms
-        The library, over the states of a law of first order, or states and rates of one of second order.
-    known
-        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
-    needed
-        Terms that stay in any case, shape (terms,).
+    Coefficients that are known have the shape (objects, equations, terms), NaN where they are to be found; terms that
+    are `needed`, shape (terms,), stay in any case.
 
-    Raises
-    ------
-    CommonlawError
-        If a trial is too short, a term is not finite on it, or the terms take more memory than there is.
+    Raises `CommonlawError` if a trial is too short, a term is not finite on it, or the terms take more memory than
+    there is.
     """
     if len(terms) <= settings.MAX_SEARCHED_TERMS:
         return np.ones(len(terms), dtype=np.bool_)
@@ -70,15 +60,7 @@ def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) 
 
 
 def missed_terms(fit: Fit, terms: Terms) -> Bools:
-    """Return which terms that were left out would improve the evidence of a law that was found, shape (terms,).
-
-    Parameters
-    ----------
-    fit
-        A law among the terms that were kept, in their order.
-    terms
-        All terms.
-    """
+    """Return which terms that were left out of all, shape (terms,), would improve the evidence of a law."""
     problem, kept = fit.problem, np.isin(terms.names, fit.problem.terms.names)
     if kept.all():
         return np.zeros_like(kept)

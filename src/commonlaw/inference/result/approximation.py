@@ -42,15 +42,7 @@ def approximated(pool: Pool, progress: ProgressCallback, pooled: Callable[[Law],
     The evidence for it must be strong, at the price of its coefficients (BIC), which were fitted to whole trials, and
     it must explain more than a constant for each trial does. Of several the one of largest evidence is taken, but if
     its forecasts of what was left out diverge: then the best forecaster of all, laws of fewer terms among them.
-
-    Parameters
-    ----------
-    pool
-        By `choose_errors`. Nothing is compared if its law has no process noise, or laws without were not fitted.
-    progress
-        Takes what is being done.
-    pooled
-        How coefficients of objects learn from each other in forecasts; none where the terms are given.
+    `pooled` says how coefficients of objects learn from each other in forecasts; none where the terms are given.
     """
     rivals = [each for each in _without_process_noise(pool) if each.size]
     if not pool.best.has_process_noise or not rivals:

@@ -45,22 +45,9 @@ def assemble(
 ) -> Law:
     """Return the law of the best fit: its terms, coefficients, their covariance, and every choice on the way.
 
-    Parameters
-    ----------
-    pool
-        By `begin_search`, `choose_errors` and `resolved`.
-    kinds
-        Of errors that a law may have that forecasts better than that, see `best_forecaster`.
-    covariance
-        How the coefficients' covariance is found, see `covariance.covariances`.
-    universal
-        Returns which coefficients of a law all objects have in common, shape (equations, terms).
-    partial_pooling
-        Whether forecasts draw the others to their means as far as objects are alike, see `commonlaw.law.pool_objects`.
-    seed
-        Of what is drawn.
-    progress
-        Takes what is being done.
+    A law with other kinds of errors takes its place if it forecasts better, see `best_forecaster`. `universal` returns
+    which coefficients of a law all objects have in common, shape (equations, terms); with partial pooling forecasts
+    draw the others to their means as far as objects are alike, see `commonlaw.law.pool_objects`.
     """
 
     def pooled(law: Law) -> Law:
@@ -159,15 +146,7 @@ def compared_terms(pool: Pool) -> list[Compared]:
 
 
 def other_laws(chosen: Fit, law: Law) -> tuple[PlausibleLaw[Law], ...]:
-    """Return what else a law could be that was found, the most probable first.
-
-    Parameters
-    ----------
-    chosen
-        The fit that the law is of.
-    law
-        Whose terms, schema and objects the others have.
-    """
+    """Return what else a law could be that was found, the most probable first, with its schema and objects."""
     (own, _), *others = weighted(chosen)
     kept = [(share, fit) for share, fit in others if share > settings.MIN_PROBABILITY][: settings.MAX_MODELS - 1]
     total = own + sum(share for share, _ in kept)
@@ -178,17 +157,10 @@ def other_laws(chosen: Fit, law: Law) -> tuple[PlausibleLaw[Law], ...]:
 def with_rivals(
     others: Sequence[PlausibleLaw[Law]], law: Law, rivals: Sequence[tuple[float, Fit]]
 ) -> tuple[PlausibleLaw[Law], ...]:
-    """Return what else a law could be, with laws of other terms that were fitted too.
+    """Return what else a law could be, by `other_laws`, with laws of other terms that were fitted too.
 
-    Parameters
-    ----------
-    others
-        What is known already, by `other_laws`.
-    law
-        What the others are no more probable than.
-    rivals
-        By how much -2 log evidence of each is above that of the law, and its fit. Those that measure something else are
-        left out.
+    Rivals have by how much their -2 log evidence is above that of the law, than which they are no more probable. Those
+    that measure something else are left out.
     """
     own = 1.0 - sum(each.probability for each in others)
     found, said = [*others], {each.law.structure for each in others} | {law.structure}

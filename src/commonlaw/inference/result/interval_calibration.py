@@ -106,14 +106,8 @@ def _factor(trials: Sequence[Floats]) -> float:
 def standardized_errors(fit: Fit, pooled: Callable[[Law], Law], *, both_ways: bool = False) -> list[StandardizedErrors]:
     """Return how far forecasts by a law are off, of trials or parts of trials that were left out.
 
-    Parameters
-    ----------
-    fit
-        The law with its errors.
-    pooled
-        How coefficients of objects learn from each other.
-    both_ways
-        Whether the earlier half of trials is forecast, too, by what is fitted to the later one.
+    `pooled` says how coefficients of objects learn from each other. Both ways, the earlier half of trials is forecast,
+    too, by what is fitted to the later one.
     """
     whole, trials = fitted_law(fit.problem.law, fit), fit.problem.trials
     found: dict[tuple[str, str], list[StandardizedErrors]] = {}

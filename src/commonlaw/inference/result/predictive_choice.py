@@ -32,17 +32,7 @@ def best_forecaster(
 
     It is the one of largest evidence where forecasts are as good as they say, or many measurements are explained by a
     law without errors of its own. Laws that evidence prefers to another under the same errors are the rivals of that.
-
-    Parameters
-    ----------
-    pool
-        The largest evidence first.
-    kinds
-        Of errors that laws may have.
-    pooled
-        How coefficients of objects learn from each other.
-    progress
-        Takes what is being done.
+    `pooled` says how coefficients of objects learn from each other.
     """
     own = standardized_errors(pool.best, pooled)
     if not _is_in_doubt(pool.best, own):

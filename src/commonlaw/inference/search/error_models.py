@@ -30,18 +30,9 @@ def choose_errors(
 ) -> Pool:
     """Return a pool with the errors that are chosen.
 
-    Parameters
-    ----------
-    pool
-        By `begin_search`.
-    errors
-        Those besides white noise, ``"auto"`` for the kind of largest evidence where white noise does not explain the
-        measurements.
-    propose
-        Returns supports that are compared too then, shape (equations, terms), if there are any, by the best fit among
-        plain terms.
-    progress
-        Takes what is being done.
+    With ``"auto"`` they are those of largest evidence, where white noise does not explain the measurements. Compared
+    are the supports of the pool, which is by `begin_search`, and those that are proposed by the best fit among plain
+    terms, shape (equations, terms).
     """
     reason = pool.best.reason_for_errors if errors == "auto" else "as asked for"
     if not reason:

@@ -57,31 +57,11 @@ def search_supports(
 ) -> Pool:
     """Search for the supports of largest evidence on the coarsest mesh, see `explained_on_finer_mesh`.
 
-    Parameters
-    ----------
-    trials
-        What was measured.
-    terms
-        The candidates.
-    known
-        Coefficients that are known, NaN where they are to be found, shape (objects, equations, terms).
-    solver, differentiation
-        See `SearchProblem`.
-    noise
-        Standard deviation of each state's measurement noise, shape (states,), if it is known.
-    huber_threshold
-        Standard deviations beyond which a measurement counts as an outlier, infinite for none.
-    kinds
-        Of errors that laws may have: noise is in proportion where that may be and differences show it.
-    most_samples
-        Samples that are fitted at most, see `prepare`.
-    progress
-        Takes what is being done.
+    Coefficients that are known have the shape (objects, equations, terms), NaN where they are to be found. Solver and
+    differentiation are those of a `SearchProblem`, noise, Huber threshold and samples those of `prepare`; noise is in
+    proportion where that is among the kinds of errors and differences show it.
 
-    Raises
-    ------
-    CommonlawError
-        If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
+    Raises `CommonlawError` if a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     progress("estimating noise, smoothing")
 
@@ -121,10 +101,7 @@ def explained_on_finer_mesh(pool: Pool, progress: ProgressCallback) -> Pool:
 def fit_terms(setup: FitSetup) -> Pool:
     """Fit the terms of a law to what was measured, on a mesh that is fine enough.
 
-    Raises
-    ------
-    CommonlawError
-        If a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
+    Raises `CommonlawError` if a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     problem = setup.problem()
     fit = best_of([fit_supports(problem, problem.allowed, ANY_ERROR)])
@@ -142,25 +119,12 @@ def begin_search(
 ) -> tuple[Pool, list[Step]]:
     """Return a search with the interpolation of inputs that is chosen, and what to say of that.
 
-    Parameters
-    ----------
-    begin
-        Searches supports by `search_supports`, or fits those that are given by `fit_terms`.
-    trials
-        What was measured, as the law follows it.
-    input_between
-        The interpolation of inputs between samples, ``"auto"`` for the one of largest evidence.
-    errors
-        Those that `choose_errors` will be asked for.
-    progress
-        Takes what is being done.
-    is_chosen
-        Whether laws of plain terms chose that of the trials: one without lack of fit is needed to choose again.
+    It begins by `search_supports`, or fits terms that are given by `fit_terms`. The interpolation ``"auto"`` is that of
+    largest evidence; if laws of plain terms have chosen that of the trials, only one without lack of fit is taken
+    instead.
 
-    Raises
-    ------
-    CommonlawError
-        If the likelihood cannot be computed, or errors do not go with the trials.
+    Raises `CommonlawError` if the likelihood cannot be computed, or the `errors` that are asked for do not go with the
+    trials.
     """
     error_kinds(errors, trials.schema)
     pool, steps = begin(trials, part(progress, 0.0, 0.75)), list[Step]()
@@ -232,12 +196,7 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
 def few_of(problem: SearchProblem, prepared: Callable[..., SearchProblem]) -> list[SearchProblem]:
     """Return the problems of some of the samples or objects, none where there are few of both.
 
-    Parameters
-    ----------
-    problem
-        Of all.
-    prepared
-        Returns the problem of `most_samples`, see `prepare`.
+    That of so many samples is `prepared`, see `prepare`.
     """
     objects, (size, count) = len(problem.models), settings.OBJECT_GROUPS
     groups = [range(first, objects, objects // size) for first in range(count)] if objects > size * count else []

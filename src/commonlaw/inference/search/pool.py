@@ -33,10 +33,7 @@ class Pool:
     is_approximation
         Whether the best was taken in place of a law with process noise, as its solutions explain more.
 
-    Raises
-    ------
-    CommonlawError
-        If the best fit failed.
+    Raises `CommonlawError` if the best fit failed.
     """
 
     fits: tuple[Fit, ...]

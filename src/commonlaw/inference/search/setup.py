@@ -103,25 +103,13 @@ class FitSetup:
         input_between: str | None = None,
         positive: Sequence[str] | None = None,
     ) -> "FitSetup":
-        """Return the setup for a law and trials as they were given.
+        """Return the setup for a law and trials of any units and objects that go together.
 
-        Parameters
-        ----------
-        law, trials
-            Of any units and objects that go together.
-        noise
-            By state, in the units of the trials.
-        huber_threshold
-            See `FitSetup`.
-        input_between
-            The interpolation of inputs between samples; None for that of the law.
-        positive
-            States that are on a logarithmic scale; None for those of the law.
+        The noise is given by state, in the units of the trials; without them the interpolation of inputs, and the
+        states on a logarithmic scale, are those of the law.
 
-        Raises
-        ------
-        CommonlawError
-            If the law is of discrete time, its objects do not share their terms, or law, trials and noise do not fit.
+        Raises `CommonlawError` if the law is of discrete time, its objects do not share their terms, or law, trials and
+        noise do not fit.
         """
         law = law if positive is None else on_log_scale(law, positive)
         levels = matched_noise(law, trials, noise)
@@ -163,10 +151,7 @@ def _of_objects(law: Law, trials: Trials) -> Law:
 def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[ErrorKind, ...]:
     """Return the kinds of errors that are compared for trials of a schema.
 
-    Raises
-    ------
-    CommonlawError
-        If noise is to grow with the logarithm of a state.
+    Raises `CommonlawError` if noise is to grow with the logarithm of a state.
     """
     grown = [kind for kind, each in ERRORS.items() if isinstance(each, Heteroscedastic)] if schema.logarithmic else []
     if errors in grown:
@@ -188,10 +173,7 @@ def on_log_scale(law: Law, states: Sequence[str]) -> Law:
     above zero, and errors of measurement are shares of the state. As they mean something else then, what is known of
     them goes if the scale changes.
 
-    Raises
-    ------
-    CommonlawError
-        If the law is not of order 1, or has no such state, or it is latent.
+    Raises `CommonlawError` if the law is not of order 1, or has no such state, or it is latent.
     """
     names = tuple(dict.fromkeys(find_name(name, law.schema.states, "state") for name in states))
     if unmeasured := [name for name in names if name in law.schema.starts]:

@@ -36,10 +36,7 @@ def fitted_by_parts(
 
     Noise and other errors are root mean squares over parts, weighted by their samples.
 
-    Raises
-    ------
-    CommonlawError
-        If an object is in two parts.
+    Raises `CommonlawError` if an object is in two parts.
     """
     found = done_in_parts(_fitted, list(zip(fits, parts, strict=True)), "fitting objects", progress)
     laws = [law for law, _ in found]
