@@ -47,7 +47,7 @@ def test_the_method_of_discover_has_all_settings():
 
 def test_discover_has_the_parameters_of_the_estimator():
     ours, estimators = inspect.signature(cl.discover).parameters, inspect.signature(cl.LawDiscovery).parameters
-    assert list(ours) == ["trials", *estimators]
+    assert list(ours) == ["trials", *estimators, "x_dot"]
     assert all(ours[name].default == estimators[name].default for name in estimators)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from commonlaw.discovery.given_derivatives import GivenDerivatives, with_derivatives
 from commonlaw.discovery.hints import outcomes_of_generations, outcomes_of_rivals, outcomes_of_stand_ins
 from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
@@ -90,10 +91,10 @@ class LawDiscovery:
         self.cache = cache
         self.client = client
 
-    def fit(self, trials: Trials | TrialStream | Any, y: None = None) -> Self:
+    def fit(self, trials: Trials | TrialStream | Any, y: GivenDerivatives | None = None) -> Self:
         """Find the law of these trials, or of those that `Trials.from_frame` makes of a table.
 
-        A stream is gone through once.
+        A stream is gone through once. Derivatives y may be given, see `x_dot` of `discover`.
 
         Raises
         ------
@@ -110,17 +111,24 @@ class LawDiscovery:
         question = {name: getattr(self, name) for name in _PARAMETERS if name not in nothing}
         progress = self.progress or on_terminal()
         with on_cluster(self.client):
-            if self.cache and isinstance(trials, Trials):
+            if self.cache and isinstance(trials, Trials) and y is None:
                 self.law_ = found_once(trials, question, lambda: self._found(trials, progress), progress)
             else:
-                self.law_ = self._found(trials, progress)
+                self.law_ = self._found(trials, progress, y)
         return self
 
-    def _found(self, trials: Trials | TrialStream, progress: ProgressCallback) -> Law:
-        method, instead = (self.method, ()) if self.method else _default(trials, self.order)
+    def _found(
+        self, trials: Trials | TrialStream, progress: ProgressCallback, given: GivenDerivatives | None = None
+    ) -> Law:
+        derivatives = None
+        if given is not None:
+            trials, derivatives = with_derivatives(trials, given)
+        usual = (DerivativeRegression(), ()) if derivatives else _default(trials, self.order)
+        method, instead = (self.method, ()) if self.method else usual
         method = with_unmeasured(method, self.unmeasured)
         library = parse_library(self.library) if isinstance(self.library, str) else self.library
-        trials, possible, steps, rates = possible_orders(trials, self.order)
+        order = 1 if derivatives and self.order == "auto" else self.order
+        trials, possible, steps, rates = possible_orders(trials, order)
         known = self.known or {}
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
@@ -134,7 +142,8 @@ class LawDiscovery:
         if isinstance(trials, TrialStream) or not isinstance(method, TrajectoryLikelihood):
             possible, without = _without_evidence(method, possible, isinstance(trials, TrialStream))
             instead = (*instead, *without)
-        structure = ModelStructure(one_order([each[0] for each in possible]), library, known, self.universal)
+        first = one_order([each[0] for each in possible])
+        structure = ModelStructure(first, library, known, self.universal, derivatives)
         copies, resting = tuple[Outcome, ...](), tuple[str, ...]()
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
@@ -155,7 +164,8 @@ class LawDiscovery:
                 assert isinstance(method, TrajectoryLikelihood)
                 assert isinstance(trials, Trials)
                 law = method.find_order(trials, structure, possible, progress)
-        said = isinstance(self.known, Mapping | str | None)  # Laws and functions are no text
+        # Laws, functions and derivatives are no text
+        said = isinstance(self.known, Mapping | str | None) and derivatives is None
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain, outcomes = (
             law.provenance.domain,
@@ -301,6 +311,7 @@ def discover(
     progress: ProgressCallback | None = None,
     cache: bool = True,
     client: "Client | None" = None,
+    x_dot: GivenDerivatives | None = None,
 ) -> Law:
     """Find the law that the objects of these trials share.
 
@@ -341,6 +352,10 @@ def discover(
     client
         A ``distributed.Client``, whose workers read the files of a `TrialStream` and compress them. The law is the same
         for any number of workers, to rounding.
+    x_dot
+        Derivatives of the states at the samples, where they were measured or computed: an array of shape (n, states)
+        for each trial, or by state an array or the name of a column, ``{"x": "speed"}``. `DerivativeRegression`, the
+        default then, takes them in place of its own, for laws of order 1.
 
     Raises
     ------
@@ -358,7 +373,7 @@ def discover(
     with v = x'
     """
     estimator = LawDiscovery(order, library, method, known, universal, unmeasured, progress, cache, client)
-    return estimator.fit(trials).law_
+    return estimator.fit(trials, x_dot).law_
 
 
 def _nested_parameters(name: str, value: object) -> Iterator[tuple[str, object]]:

@@ -31,6 +31,9 @@ class AbstractMethod(ABC):
     takes_noise_columns: ClassVar[bool] = False
     """Whether it heeds standard deviations of single measurements."""
 
+    takes_derivatives: ClassVar[bool] = False
+    """Whether it takes derivatives that are given."""
+
     takes_parameters: ClassVar[bool] = False
     """Whether it finds parameters inside terms."""
 
@@ -65,6 +68,8 @@ def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStrea
         raise CommonlawError("order-of-method", order=order, method=name, alternative=other)
     if isinstance(trials, TrialStream) and not method.takes_streams:
         raise CommonlawError("stream-unsupported", method=name)
+    if structure.derivatives is not None and not (method.takes_derivatives and order == 1):
+        raise CommonlawError("derivatives-unsupported", method=name, order=order)
     inside = [each.text(law_variables(trials.schema, order)) for each in structure.parametric(trials.schema)]
     inside += ["ratios of sums"] if structure.ratios(trials.schema) else []
     others = [] if order == 0 else [Diagnostic("use-trajectory-likelihood")]

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.formulation import law_variables
+from commonlaw.formulation import TrialDerivatives, law_variables
 from commonlaw.law import Law
 from commonlaw.library import AbstractLibrary, Order, ParametricTerm, PolynomialLibrary, Ratios, Terms
 from commonlaw.trials import Schema
@@ -34,12 +34,15 @@ class ModelStructure:
         Coefficients that are known, see `Known`.
     universal
         Terms that have one coefficient for all objects.
+    derivatives
+        Of the states in each trial, if they are given.
     """
 
     order: Order
     library: AbstractLibrary = field(default_factory=lambda: PolynomialLibrary(3))
     known: Known = field(default_factory=dict)
     universal: Sequence[Key] = ()
+    derivatives: TrialDerivatives | None = None
 
     def terms(self, schema: Schema) -> Terms:
         """Return the candidate terms over the variables of trials of this schema.

@@ -19,6 +19,7 @@ from commonlaw.formulation import (
     AbstractFormulation,
     CompressedTrials,
     DiscreteForm,
+    GivenForm,
     ObjectRows,
     StrongForm,
     WeakForm,
@@ -277,6 +278,7 @@ class DerivativeRegression(AbstractRegression):
     orders: ClassVar[tuple[int, ...]] = (1, 2)
     takes_streams: ClassVar[bool] = True
     takes_mixed_orders: ClassVar[bool] = True
+    takes_derivatives: ClassVar[bool] = True
 
     differentiation: AbstractDifferentiator | str | None = field(
         default=None,
@@ -308,7 +310,9 @@ class DerivativeRegression(AbstractRegression):
         object.__setattr__(self, "differentiation", parsed(self.differentiation, parse_differentiation))
         self._form(self.initial_rates(None, 1), 1)  # Refuses states and trims that do not fit
 
-    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> StrongForm:
+    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> StrongForm | GivenForm:
+        if structure.derivatives is not None:
+            return GivenForm(structure.derivatives)
         return self._form(self.initial_rates(trials, structure.order), structure.order)
 
     def initial_rates(self, trials: Trials | TrialStream | None, order: Order) -> AbstractDifferentiator:

@@ -21,7 +21,14 @@ from commonlaw.formulation.least_squares_problem import (
     redrawn,
     redrawn_rows,
 )
-from commonlaw.formulation.sampled import DiscreteForm, StrongForm, differentiation_bias, effective_share
+from commonlaw.formulation.sampled import (
+    DiscreteForm,
+    GivenForm,
+    StrongForm,
+    TrialDerivatives,
+    differentiation_bias,
+    effective_share,
+)
 from commonlaw.formulation.weak import WeakForm, reweight
 
 __all__ = [
@@ -29,9 +36,11 @@ __all__ = [
     "AbstractFormulation",
     "CompressedTrials",
     "DiscreteForm",
+    "GivenForm",
     "LeastSquaresProblem",
     "ObjectRows",
     "StrongForm",
+    "TrialDerivatives",
     "WeakForm",
     "column_scales",
     "differentiation_bias",

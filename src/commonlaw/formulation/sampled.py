@@ -120,6 +120,31 @@ class DiscreteForm(AbstractSampledForm):
             yield start, values[start:stop], trial.states[start + 1 : stop + 1]
 
 
+TrialDerivatives = dict[tuple[str, str], tuple[Floats, Floats]]
+"""Times and derivatives of the states, shape (n, states), by object and name of a trial."""
+
+
+@dataclass(frozen=True, eq=False)
+class GivenForm(AbstractSampledForm):
+    """Rows of ``x' = f(x)``, one for each sample of a trial, with derivatives that are given."""
+
+    derivatives: TrialDerivatives
+
+    @property
+    def takes_missing(self) -> bool:
+        return False
+
+    def span(self, trial: Trial) -> tuple[int, int]:
+        return 0, len(trial)
+
+    def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
+        times, derivatives = self.derivatives[trial.object, trial.name]
+        targets = derivatives[np.searchsorted(times, trial.times)]
+        values = np.concatenate([trial.states, trial.inputs, trial.times[:, np.newaxis]], axis=1)
+        for start, stop in pairwise([0, *cuts, len(trial)]):
+            yield start, values[start:stop], targets[start:stop]
+
+
 SAMPLES = 4096
 """Samples of a trial that are looked at, at most."""
 

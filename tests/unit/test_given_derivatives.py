@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from tests.refusals import refused
+
+TIMES = np.linspace(0, 6, 61)
+NAMES = ["x", "y"]
+TRUE = {"a": 1.0, "b": 0.5, "c": 0.3, "d": 0.8}
+FIT = {"library": "poly:2", "order": 1}
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Return states of two trials, and noisy derivatives."""
+    law, random = cl.Law.from_text("x' = a x - b x y; y' = c x y - d y", TRUE), np.random.default_rng(0)
+    states = [law.simulate(TIMES, start)["object"].states for start in ([1.0, 2.0], [2.0, 1.0])]
+    rates = [np.column_stack([x - 0.5 * x * y, 0.3 * x * y - 0.8 * y]) for x, y in (own.T for own in states)]
+    return states, [own + 0.01 * random.standard_normal(own.shape) for own in rates]
+
+
+def trials_of(states, names=NAMES):
+    return cl.Trials.from_arrays([TIMES] * len(states), states, names=names)
+
+
+def test_derivatives_that_are_given_are_fitted_by_least_squares(measured):
+    states, rates = measured
+    law = cl.discover(trials_of(states), x_dot=rates, **FIT)
+    assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
+    (x, y), (of_x, of_y) = np.concatenate(states).T, np.concatenate(rates).T
+    expected = (
+        np.linalg.lstsq(np.column_stack([x, x * y]), of_x)[0],
+        np.linalg.lstsq(np.column_stack([y, x * y]), of_y)[0],
+    )
+    np.testing.assert_allclose(law.coefficients[0][law.support], np.concatenate(expected), rtol=1e-9)
+
+
+def test_they_are_given_by_state_or_as_columns(measured):
+    states, rates = measured
+    whole = cl.discover(trials_of(states), x_dot=rates, **FIT)
+    by_state = {name: [own[:, j] for own in rates] for j, name in enumerate(NAMES)}
+    both = [np.hstack(pair) for pair in zip(states, rates, strict=True)]
+    columns = cl.discover(trials_of(both, [*NAMES, "u", "w"]), x_dot={"x": "u", "y": "w"}, **FIT)
+    for law in (cl.discover(trials_of(states), x_dot=by_state, **FIT), columns):
+        np.testing.assert_array_equal(law.coefficients, whole.coefficients)
+    assert columns.schema.states == ("x", "y")
+    one, listed = (cl.discover(trials_of(states[:1]), x_dot=each, **FIT) for each in (rates[0], rates[:1]))
+    np.testing.assert_array_equal(one.coefficients, listed.coefficients)
+
+
+def test_derivatives_that_do_not_fit_are_refused(measured):
+    states, rates = measured
+    trials = trials_of(states)
+    for code, given in {
+        "derivatives-of-trials": rates[0],
+        "derivatives-shape": [own[1:] for own in rates],
+        "derivatives-not-finite": [np.where(own == own[5, 0], np.nan, own) for own in rates],
+        "derivatives-missing": {"x": [own[:, 0] for own in rates]},
+    }.items():
+        with refused(code):
+            cl.discover(trials, x_dot=given, **FIT)
+    for method in (cl.TrajectoryLikelihood(), cl.WeakRegression()):
+        with refused("derivatives-unsupported"):
+            cl.discover(trials, x_dot=rates, method=method, **FIT)
+    with refused("derivatives-unsupported", order=2):
+        cl.discover(trials, x_dot=rates, library="poly:2", order=2)
