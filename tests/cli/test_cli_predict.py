@@ -1,9 +1,13 @@
-"""`commonlaw predict` as a user meets it."""
+"""Forecasts, held-out trials and schemas on the command line."""
+
+import json
+import tomllib
 
 import numpy as np
 import pandas as pd
 import pytest
 
+import commonlaw as cl
 from commonlaw.law import Law, Uncertainty
 from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema
@@ -96,3 +100,166 @@ def test_forecasts_begin_at_a_time(run, tmp_path, tank):
 def test_times_without_end_are_refused(run, options, message):
     code, _, err = run("predict", "tank.csv", "law.json", *options)
     assert (code, message in err) == (1, True), err
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Three objects that decay, twice each."""
+    times, noise = np.linspace(0.0, 4.0, 40), np.random.default_rng(5)
+    pairs = [(name, rate) for name, rate in (("a", 0.5), ("b", 0.7), ("c", 1.0)) for _ in range(2)]
+    states = [5 * np.exp(-rate * times) + noise.normal(0, 0.05, 40) for _, rate in pairs]
+    trials = cl.Trials.from_arrays([times] * 6, states, object=[name for name, _ in pairs])
+    trials.to_csv(tmp_path / "decays.csv")
+
+
+def learned(run, *options):
+    """Return what `commonlaw fit` says about the decays with these options."""
+    code, out, err = run("fit", "decays.csv", "x' = -k x", *options, "--json")
+    assert (code, err) == (0, "")
+    document = json.loads(out)
+    trials = {(each["object"], each["trial"]) for each in document["forecast"]["errors"]}
+    return document, trials, sorted(document["law"]["coefficients"])
+
+
+@pytest.mark.usefixtures("table")
+def test_trials_that_are_held_out_are_forecast(run):
+    document, trials, objects = learned(run, "--hold-out", "trial=2")
+    assert document["forecast"]["of"] == "held out"
+    assert trials == {("a", "2"), ("b", "2"), ("c", "2")}
+    assert objects == ["a", "b", "c"]
+    same, *_ = learned(run, "--where", "trial=1")
+    assert same["law"]["coefficients"] == document["law"]["coefficients"]
+
+
+@pytest.mark.usefixtures("table")
+def test_excluded_trials_are_neither_learned_from_nor_forecast(run):
+    _, trials, objects = learned(run, "--exclude", "object=a", "--exclude", "trial=2", "--hold-out", "trial=1")
+    assert trials == {("b", "1"), ("c", "1")}
+    assert objects == ["b", "c"]
+    _, trials, objects = learned(run, "--exclude", "object=a,b")
+    assert trials == {("c", "1"), ("c", "2")}
+    assert objects == ["c"]
+
+
+@pytest.mark.usefixtures("table")
+def test_an_object_can_be_held_out(run):
+    document, trials, objects = learned(run, "--hold-out", "object=a")
+    assert document["forecast"]["of"] == "training"  # Nothing is known of its coefficients
+    assert {name for name, _ in trials} == {"b", "c"} == {*objects}
+
+
+@pytest.mark.usefixtures("table")
+def test_samples_after_a_time_can_be_held_out(run, tmp_path):
+    document, trials, _ = learned(run, "--learn-until", "2")
+    early = cl.Trials.read(tmp_path / "decays.csv").until(2.0)
+    assert max(each.times[-1] for each in early) <= 2 < max(each.times[-1] + 4 / 39 for each in early)
+    law = cl.fit("x' = -k x", early)
+    assert document["law"]["coefficients"]["a"] == law.coefficients[0].tolist()
+    assert len(trials) == 6
+
+
+@pytest.mark.usefixtures("table")
+def test_predict_leaves_trials_out_too(run):
+    assert run("fit", "decays.csv", "x' = -k x", "--save", "law.json")[0] == 0
+    code, out, _ = run("predict", "decays.csv", "law.json", "--exclude", "trial=2", "--json")
+    assert code == 0
+    assert {each["trial"] for each in json.loads(out)["errors"]} == {"1"}
+
+
+@pytest.mark.usefixtures("table")
+def test_the_verdict_is_on_what_was_held_out(run):
+    for option, judged_on in (
+        (("--hold-out", "trial=2"), "held-out trials"),
+        (("--learn-until", "2"), "held-out later samples"),
+        ((), "whole trials"),
+    ):
+        document, *_ = learned(run, *option)
+        verdict = document["verdict"]
+        assert (verdict["judged_on"], verdict["usable"]) == (judged_on, True)
+        first = verdict["sentences"][0]
+        assert first.startswith("This law can be used for forecasts" if option else "Forecasts its training data well")
+    document, *_ = learned(run, "--hold-out", "object=a")
+    assert document["verdict"]["unknown_objects"] == ["a"]
+    code, out, _ = run("discover", "decays.csv", "--library", "poly:1", "--learn-until", "2")
+    assert code == 0
+    assert "\nThis law can be used for forecasts up to" in out
+
+
+READ = ["--object", "who", "--trial", "run", "--time", "s", "--state", 'a "b"', "--property", "mass"]
+
+
+LONG = 'who,run,s,"a ""b"" [m]",u,mass [kg]\n' + "".join(
+    f"{who},{run},{0.1 * i:.1f},{i * i + k}.5,{i},{k + 1}\n"
+    for k, who in enumerate("pq")
+    for run in (1, 2)
+    for i in range(8)
+)
+
+
+LONG_FILE, NAMELESS = "drops.csv", "t,x\n" + "".join(f"{i},{i}.5\n" for i in range(8))
+
+
+RUNS = "run,t,x\n" + "".join(f"{run},{i},{i}.5\n" for run in (1, 2, 3) for i in range(8))
+
+
+WIDE = "t,a,b\n" + "".join(f"{i},{i}.5,{2 * i}.5\n" for i in range(8))
+
+
+def read(run, monkeypatch, *options):
+    """Return the trials that `commonlaw discover` learns from."""
+    learned = []
+
+    def discover(training, **_):
+        learned.append(training)
+        raise cl.CommonlawError("other", text="enough")
+
+    monkeypatch.setattr("commonlaw.discover", discover)
+    _, _, err = run("discover", LONG_FILE, *options)
+    assert "enough" in err
+    return learned[0]
+
+
+@pytest.mark.parametrize(
+    ("table", "options"),
+    [
+        (LONG, READ),
+        (LONG, [*READ, "--unit", "u=V", "--input", "u"]),
+        (RUNS, ["--object", "", "--trial", "run", "--exclude", "run=2"]),
+        (LONG, []),
+        (NAMELESS, []),
+        (NAMELESS.replace("x", "x,sd_x", 1).replace(".5", ".5,0.1"), []),
+        (NAMELESS.replace("x", "x,sd_x", 1).replace(".5", ".5,0.1"), ["--noise-column", "x=sd_x"]),
+        (NAMELESS.replace("x", "x,sd_x", 1).replace(".5", ".5,0.1"), ["--noise-column", ""]),
+        (NAMELESS, ["--object-name", "ball"]),
+        (WIDE, ["--wide", "OD [mm]"]),
+        (WIDE.replace(",", ";").replace(".", ","), ["--decimal", ",", "--wide", "OD"]),
+    ],
+)
+def test_a_schema_gives_the_trials_that_the_options_give(run, tmp_path, monkeypatch, table, options):
+    (tmp_path / LONG_FILE).write_text(table)
+    code, out, err = run("data", "check", LONG_FILE, *options, "--save", "schema.toml")
+    assert (code, "Wrote schema.toml" in out) == (0, True), err
+    by_options = read(run, monkeypatch, *options)
+    kept = options[options.index("--exclude") :] if "--exclude" in options else []
+    by_schema = read(run, monkeypatch, "--schema", "schema.toml", *kept)
+    assert by_schema.schema == by_options.schema
+    assert by_schema.to_frame().equals(by_options.to_frame())
+    assert by_schema.properties == by_options.properties
+
+
+def test_options_win_over_the_schema(run, tmp_path, monkeypatch):
+    (tmp_path / LONG_FILE).write_text(LONG)
+    run("data", "check", LONG_FILE, *READ, "--save", "schema.toml")
+    assert tomllib.loads((tmp_path / "schema.toml").read_text())["states"] == ['a "b"']
+    trials = read(run, monkeypatch, "--schema", "schema.toml", "--state", "u")
+    assert trials.schema.states == ("u",)
+    assert trials.schema.object == "who"
+
+
+@pytest.mark.parametrize("content", [b"object = 1", b"colour = 'red'", b"object", b"\xff", b"a = " + b"[" * 100_000])
+def test_what_is_no_schema_is_refused(run, tmp_path, content):
+    (tmp_path / LONG_FILE).write_text(LONG)
+    (tmp_path / "schema.toml").write_bytes(content)
+    code, out, err = run("discover", LONG_FILE, "--schema", "schema.toml")
+    assert (code, out) == (1, "")
+    assert "help table-schema]" in err

@@ -1,11 +1,15 @@
-"""Files that a command cannot write, or must not, are refused before any work is done."""
+"""What commands print and write."""
 
 import pytest
 
 import commonlaw as cl
 from commonlaw.cli import main
+from commonlaw.cli.output import print_columns
+from commonlaw.runtime import files
 
 COLUMNS = ["--object", "object", "--trial", "trial", "--time", "t", "--state", "x"]
+
+
 COMMANDS = {
     "discover": ["discover", "in.csv", *COLUMNS],
     "fit": ["fit", "in.csv", "x'' = -g - c v", *COLUMNS],
@@ -71,3 +75,136 @@ def test_a_figure_of_a_format_that_there_is_not_is_refused(refused, command):
 @pytest.mark.parametrize("path", ["folder", "absent/law.json", "a" * 300, ""])
 def test_a_file_that_cannot_be_written_is_refused(refused, command, path):
     assert refused(*COMMANDS[command], "--save", path).startswith(f"commonlaw: cannot write {path}: ")
+
+
+def test_a_table_that_is_wider_than_the_terminal_has_a_row_for_each_column_and_nothing_is_cut(capsys):
+    names = [f"ball {i}" for i in range(20)]
+    columns = {"object": names} | {f"coefficient {j}": [(100.0 * i + j, 0.5) for i in range(20)] for j in range(15)}
+    print_columns(columns)
+    wide = capsys.readouterr().out
+    assert "\N{HORIZONTAL ELLIPSIS}" not in wide
+    assert max(map(len, wide.splitlines())) <= 160
+    heads = [line for line in wide.splitlines() if line.startswith(" object")]
+    assert [part.strip() for line in heads for part in line.split("  ") if "ball" in part] == names
+    assert sum(line.startswith(" coefficient 3 ") for line in wide.splitlines()) == len(heads) > 1
+    assert "1903.00 \N{PLUS-MINUS SIGN} 0.50" in wide
+    print_columns({name: columns[name] for name in ("object", "coefficient 1", "coefficient 2")})
+    narrow = capsys.readouterr().out
+    assert len(narrow.splitlines()) == 22
+
+
+def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):
+    cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05).to_csv(tmp_path / "drops.csv")
+    arguments = ("drops.csv", "--order", 2, "--library", "poly:1", "--hold-out", "trial=2")
+    code, out, err = run("discover", *arguments, "--save", "drops.html")
+    assert "Note: columns recognized as time: t; object: object; trial: trial; state: x; prop" in err
+    assert (code, out.splitlines()[-1]) == (0, "Wrote drops.html")
+    page = (tmp_path / "drops.html").read_text()
+    assert "commonlaw discover drops.csv --order 2" in page
+    assert "held-out trials" in page
+    check_page(tmp_path / "drops.html")
+
+    cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}).save(tmp_path / "law.json")
+    code, _, _ = run("report", "drops.csv", "law.json", "--hold-out", "trial=2")
+    saved = (tmp_path / "report.html").read_text()
+    assert code == 0
+    assert "commonlaw report drops.csv law.json" in saved
+    assert "Their standard errors are unknown" in saved
+
+
+def test_a_report_without_a_law_finds_one_as_in_the_last_release(run, tmp_path):
+    cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05).to_csv(tmp_path / "drops.csv")
+    code, _, err = run("report", "drops.csv", "--order", 2, "--library", "poly:1", "--out", "drops.html")
+    assert (code, "report without a law is deprecated" in err) == (0, True)
+    assert (tmp_path / "drops.html").exists()
+
+
+def test_a_page_that_cannot_be_written_is_refused_before_work(run):
+    code, out, err = run("report", "dataset:lorenz", "--save", "absent/report.html")
+    assert code == 1
+    assert "there is no folder 'absent'" in err
+    assert "Traceback" not in out + err
+
+
+QUICK = ["--order", "2", "--library", "poly:1", "--set", "solver=group-stlsq:1.5"]
+
+
+def fails(*_, **__):
+    raise ZeroDivisionError("by accident")
+
+
+@pytest.fixture
+def table(tmp_path):
+    """A table of drops, a law of them, and the same law without any uncertainty."""
+    trials = cl.datasets.linear_drag(noise=0.01, seed=1)
+    trials.to_csv(tmp_path / "drops.csv")
+    method = cl.DerivativeRegression(solver="group-stlsq:1.5")
+    cl.discover(trials, order=2, library="poly:1", method=method).save(tmp_path / "law.json")
+
+
+@pytest.mark.parametrize(
+    ("step", "options", "words"),
+    [
+        ("commonlaw.law.law.Law.explain", ["--explain"], "the coefficients were not explained"),
+        ("commonlaw.verdict.find", [], "the law was not checked"),
+        ("commonlaw.verdict.assessment.judge", [], "the forecast assessment failed"),
+        ("commonlaw.law.law.Law.predict", [], "the law was not checked by forecasts"),
+        ("commonlaw.plots.plot_law", ["--save", "law.svg"], "law.svg was not made"),
+    ],
+)
+@pytest.mark.usefixtures("table")
+def test_a_later_step_that_fails_does_not_cost_the_law(run, tmp_path, monkeypatch, step, options, words):
+    monkeypatch.setattr(step, fails)
+    code, out, err = run("discover", "drops.csv", *QUICK, *options, "--save", "found.json")
+    assert (code, "x'' = a + b v" in out, "Wrote found.json" in out) == (0, True, True)
+    assert f"Note: {words}: ZeroDivisionError: by accident\n" in err
+    assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
+
+
+@pytest.mark.usefixtures("table")
+def test_the_law_is_on_disk_before_the_next_step_begins(run, tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
+        raise SystemExit(130)
+
+    monkeypatch.setattr("commonlaw.verdict.assessment.judge", interrupted)
+    code, _, _ = run("discover", "drops.csv", *QUICK, "--save", "found.json")
+    assert code == 130
+    assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "plot"),
+    [
+        (["check", "drops.csv", "law.json"], "plot_residuals"),
+        (["predict", "drops.csv", "law.json"], "plot_forecast"),
+    ],
+)
+@pytest.mark.usefixtures("table")
+def test_a_figure_that_fails_does_not_cost_the_table(run, tmp_path, monkeypatch, words, plot):
+    monkeypatch.setattr(f"commonlaw.plots.{plot}", fails)
+    code, out, err = run(*words, "--save", "table.csv", "--save", "figure.svg")
+    assert (code, "Wrote table.csv" in out) == (0, True)
+    assert "Note: figure.svg was not made: ZeroDivisionError" in err
+    assert not (tmp_path / "figure.svg").exists()
+    assert (tmp_path / "table.csv").stat().st_size > 100
+
+
+@pytest.mark.usefixtures("table")
+def test_a_law_that_cannot_be_written_is_printed_and_the_command_fails(run, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files, "_stage", full)
+    code, out, err = run("discover", "drops.csv", *QUICK, "--save", "found.json")
+    assert (code, "x'' = a + b v" in out, "Wrote" in out) == (1, True, False)
+    assert "commonlaw: cannot write found.json: No space left on device" in err
+
+
+@pytest.mark.usefixtures("table")
+def test_a_report_that_fails_prints_and_saves_the_law_that_was_found(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("commonlaw.report.law_report", fails)
+    code, out, err = run("discover", "drops.csv", *QUICK, "--save", "found.json", "--save", "report.html")
+    assert (code, "x'' = a + b v" in out) == (0, True)
+    assert "report.html was not made: ZeroDivisionError: by accident" in err
+    assert cl.Law.load(tmp_path / "found.json").support.sum() == 2

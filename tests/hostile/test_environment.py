@@ -1,15 +1,24 @@
-"""Commands in odd surroundings do what they say, or refuse with what to do."""
+"""Folders, names, processes and files that an environment may have."""
 
+import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import commonlaw as cl
+from commonlaw.runtime.reading import read_file
+from tests.refusals import refused
 
 COMMAND = (sys.executable, "-c", "from commonlaw.cli import main; main()")
+
+
 LONG = "a" * 300
 
 
@@ -38,6 +47,8 @@ def test_a_back_end_that_matplotlib_does_not_know_is_refused_before_any_work(fol
 
 
 NOT_WRITTEN = "cannot write new.csv: No such file or directory; choose a folder"
+
+
 GONE = {
     ("data", "check", "drops.csv"): "there is no file 'drops.csv' in '.': check the name",
     ("predict", "drops.csv", "law.json", "--save", "new.csv"): NOT_WRITTEN,
@@ -81,3 +92,79 @@ def test_names_that_are_too_long_are_refused(folder: Path, arguments: tuple[str,
     assert code == 1
     assert said.startswith(f"commonlaw: {message} aaa")
     assert "File name too long; " in said
+
+
+BYTES = "b\udcff"
+
+
+"""As Python has the name of a file that is not text in UTF-8."""
+
+
+QUICK = ["--order", "2", "--library", "poly:1", "--set", "solver=group-stlsq:1.5"]
+
+
+@pytest.mark.parametrize(
+    ("words", "written"),
+    [
+        (["data", "check"], None),
+        (["data", "export", "--save", f"{BYTES}.parquet"], f"{BYTES}.parquet"),
+        (["discover", *QUICK, "--save", f"{BYTES}.json", "--save", f"{BYTES}.svg"], f"{BYTES}.svg"),
+        (["discover", *QUICK, "--json"], None),
+        (["report", *QUICK, "--save", f"{BYTES}.html"], f"{BYTES}.html"),
+        (["discover", *QUICK, "--each", "--save", f"{BYTES}-all.csv"], f"{BYTES}-all.csv"),
+    ],
+)
+def test_a_name_of_a_file_may_be_any_bytes(run, tmp_path, words, written):
+    frame = cl.datasets.linear_drag(drag=(-0.1,), trials=1, noise=0.01).to_frame()
+    frame[["t", "x"]].to_csv(tmp_path / f"{BYTES}.csv", index=False)
+    code, _, err = run(*words, f"{BYTES}.csv")
+    assert (code, "UnicodeEncodeError" in err) == (0, False)
+    assert written is None or (tmp_path / written).stat().st_size
+
+
+WRITING = """
+import os, signal, time
+from joblib import Parallel, delayed
+from commonlaw.runtime.shutdown import put_away_first
+
+signal.signal(signal.{name}, signal.SIG_DFL)  # A shell may have it ignored
+others = Parallel(n_jobs=2, return_as="generator")(delayed(time.sleep)(seconds) for seconds in (0, 1000))
+next(others)
+with put_away_first():
+    signal.raise_signal(signal.{name})
+    print("put away", flush=True)
+print("went on")
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_what_is_begun_is_put_away_where_processes_of_a_pool_are_ended(name: str) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", WRITING.format(name=name)], capture_output=True, text=True, timeout=60
+    )
+    assert (ended.returncode, ended.stdout) == (-getattr(signal, name), "put away\n"), ended.stderr
+
+
+FRAME = pd.DataFrame({"t": [0.0, 1.0, 2.0], "x": [0.0, 1.0, 4.0]})
+
+
+@pytest.fixture
+def pipe(tmp_path: Path) -> Path:
+    """A pipe that nothing writes to."""
+    os.mkfifo(tmp_path / "pipe")
+    return tmp_path / "pipe"
+
+
+def test_pipes_and_devices_are_refused(pipe: Path) -> None:
+    for path in (pipe, Path("/dev/zero")):
+        with refused("file-is-device"):
+            read_file(path)
+
+
+def test_a_pipe_that_a_parquet_file_names_is_not_opened(pipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(pipe.parent)
+    kept = json.dumps({"roles": {"properties": pipe.name}}).encode()
+    pq.write_table(pa.Table.from_pandas(FRAME).replace_schema_metadata({b"commonlaw": kept}), "drops.parquet")
+    for read in (cl.Trials.read, cl.TrialStream.from_parquet):
+        with refused("json-syntax"):
+            read(Path("drops.parquet"))

@@ -1,12 +1,17 @@
-"""A law and trials in different units: converted where they meet, or refused."""
+"""Laws in other units and at other scales, and bounds of absent terms."""
 
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.stats import t
 
 import commonlaw as cl
+from commonlaw.inference import bounds
 from commonlaw.law import average_law
+from commonlaw.law.parameters import named_parameters
+from commonlaw.law.quantiles import upper_bound
 from commonlaw.trials.transformations import Conversion, in_units
 from tests.refusals import refused
 
@@ -147,3 +152,118 @@ def test_logarithms_are_shifted():
 def test_units_without_a_straight_line_between_them_are_refused(given, wanted):
     with refused("units-incompatible"):
         Conversion.between("x", given, wanted)
+
+
+TINY, HUGE = 2.0**-27, 2.0**27
+
+
+"""Eight orders of magnitude down and up; powers of two scale without rounding."""
+
+
+def reacting(scales=(1.0, 1.0, 1.0), seed=0):
+    """C decays into D, of three objects: C' = -k C, D' = 0.6 C, with the scales of t, C and D."""
+    source, times, rows = np.random.default_rng(seed), np.linspace(0, 8, 33), []
+    for name, k in (("a", 0.5), ("b", 0.4), ("c", 0.6)):
+        for trial, start in ((1, 1.0), (2, 2.0)):
+            c = start * np.exp(-k * times)
+            d = 0.6 * (start - c) / k
+            c, d = (own + 0.005 * source.standard_normal(len(times)) for own in (c, d))
+            own = {"object": name, "trial": trial, "t": scales[0] * times, "C": scales[1] * c, "D": scales[2] * d}
+            rows.append(pd.DataFrame(own))
+    return cl.Trials.from_frame(pd.concat(rows), time="t", states=["C", "D"])
+
+
+def discovered(scales):
+    law = cl.discover(reacting(scales), order=1, library="poly:2")
+    return law, law.comparison["score"].to_numpy()
+
+
+@pytest.mark.parametrize("scales", [(1, TINY, HUGE), (1, HUGE, TINY), (TINY, 1, 1), (HUGE, HUGE, HUGE)])
+def test_discovery_is_the_same_over_sixteen_orders_of_magnitude(scales):
+    (law, evidence), (other, other_evidence) = discovered((1, 1, 1)), discovered(scales)
+    assert law.structure == other.structure == ("C' = a C", "D' = b C")
+    np.testing.assert_allclose(other_evidence, evidence, rtol=1e-6, atol=1e-6)
+    time, first, second = scales
+    factors = np.array([1, second / first]) / time
+    expected = law.coefficients[:, law.support].reshape(3, 2) * factors
+    np.testing.assert_allclose(other.coefficients[:, other.support].reshape(3, 2), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [TINY, HUGE])
+def test_a_fit_with_a_constant_inside_is_the_same_whatever_the_scale(scale):
+    times, found = np.linspace(0, 10, 40), []
+    s = [2.0]
+    for _ in range(4000):  # s' = -s/(0.5 + s)
+        s.append(s[-1] - 10 / 4000 * s[-1] / (0.5 + s[-1]))
+    measured = np.interp(times, np.linspace(0, 10, 4001), s) + 0.01 * np.random.default_rng(1).standard_normal(40)
+    for own in (1.0, scale):
+        law = cl.fit("s' = -V s/(K + s)", cl.Trials.from_arrays(times, own * measured, names=["s"]), errors="white")
+        found.append(named_parameters(law).values[0] / own)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [TINY, HUGE])
+def test_a_law_of_second_order_with_an_input_is_the_same_whatever_the_scale(scale):
+    times = np.linspace(0, 12, 60)
+    push = np.sin(0.7 * times)
+    motion = np.zeros(60)
+    rate, place, step = 0.0, 1.0, 12 / 59 / 200
+    for i in range(60):
+        motion[i] = place
+        for j in range(200):
+            rate += step * (np.sin(0.7 * (times[i] + j * step)) - 2 * place - 0.3 * rate)
+            place += step * rate
+    motion += 0.01 * np.random.default_rng(2).standard_normal(60)
+    found = []
+    for own in (1.0, scale):
+        trials = cl.Trials.from_arrays(times, own * motion, inputs=push / own, names=["x", "u"])
+        law = cl.fit("x'' = a u - k x - c v", trials, errors="white")
+        values = dict(zip(named_parameters(law).names, named_parameters(law).values[0], strict=True))
+        found.append([values["a"] / own**2, values["k"], values["c"]])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-6)
+
+
+DROPS = cl.datasets.linear_drag(noise=0.05)
+
+
+def test_a_bound_holds_the_share_that_it_says():
+    found = upper_bound([0.3, -2.0, 0.0], [1.0, 0.5, 2.0], [5.0, np.inf, 30.0], 0.9)
+    for bound, center, scale, degrees in zip(found, (0.3, -2.0, 0.0), (1.0, 0.5, 2.0), (5.0, 1e9, 30.0), strict=True):
+        between = t.cdf([(-bound - center) / scale, (bound - center) / scale], degrees)
+        assert between[1] - between[0] == pytest.approx(0.9, abs=1e-6)
+
+
+def test_a_curvature_is_bounded_as_by_least_squares():
+    """Heights of a falling body with a free start: a jerk term t beside gravity is a cubic in time."""
+    random, times = np.random.default_rng(0), np.linspace(0, 2, 60)
+    heights = 10 - 4.9 * times**2 + 0.1 * random.normal(size=60)
+    trials = cl.Trials.from_arrays([times], [heights], object=["ball"], names=["x"])
+    found = bounds(cl.fit("x'' = -g", trials, noise={"x": 0.1}), trials, ["t"]).bounds[0]
+    columns = np.column_stack([times**3 / 6, np.ones(60), times, times**2 / 2])
+    wanted, *_ = np.linalg.lstsq(columns, heights)
+    assert found.coefficient == pytest.approx(wanted[0], rel=0.02)
+    assert found.error == pytest.approx(0.1 * np.sqrt(np.linalg.inv(columns.T @ columns)[0, 0]), rel=0.02)
+    assert found.effect == pytest.approx(2 * found.at_most)
+
+
+def test_a_term_that_is_there_is_seen():
+    drops = cl.datasets.linear_drag(noise=0.05, quadratic=-0.02)
+    found = bounds(cl.fit("x'' = -g - c v", drops), drops, ["v^2"])
+    assert any(each.seen for each in found.bounds)
+    assert "excludes zero" in str(found)
+    assert len(found.to_frame()) == len(drops.objects)
+
+
+def test_all_absent_terms_of_the_library_are_bounded_by_default():
+    law = cl.discover(DROPS, order=2, library="poly:2")
+    found = bounds(law, DROPS)
+    assert {each.term for each in found.bounds} == {*law.terms.names} - {"1", "v"}
+    assert "Terms that are not in the law" in found._repr_html_()
+
+
+def test_terms_in_the_law_and_terms_that_cannot_be_read_are_refused():
+    law = cl.fit("x'' = -g - c v", DROPS)
+    with refused("limit-of-present-term", term="v"):
+        bounds(law, DROPS, ["v"])
+    with refused("unknown-name"):
+        bounds(law, DROPS, ["w^2"])

@@ -1,19 +1,25 @@
+"""Laws: their text, right-hand sides, trajectories and files, the ranges that they know, and their comparison."""
+
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import sympy
+from scipy.optimize import least_squares
 from sklearn import metrics
 
+import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
-from commonlaw.integration import Event
+from commonlaw.integration import Event, Inputs, VectorField
 from commonlaw.law import Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_frame, to_json, to_sympy
 from commonlaw.law.parameters import coefficient_units
-from commonlaw.library import PolynomialLibrary, Variables, parse_library
+from commonlaw.law.provenance import Domain
+from commonlaw.library import Order, PolynomialLibrary, Variables, parse_library
 from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema, Trial, Trials
+from commonlaw.verdict import find
 from tests.refusals import refused
 
 HEIGHT = Schema(("x",), object="ball", trial="drop", units={"x": "m", "t": "s"})
@@ -273,3 +279,202 @@ def test_laws_are_equal_by_what_they_are(drag, predators):
     assert drag not in (predators, drag.select(["heavy"]), replace(drag, coefficients=drag.coefficients * (1 + 1e-15)))
     averaged = replace(drag, uncertainty=Uncertainty(other_laws=(PlausibleLaw(0.1, drag),)))
     assert averaged == from_json(to_json(averaged)) != drag
+
+
+FREE = np.random.default_rng(1).random((2, 28)) < 0.5
+
+
+RATES = {2: ("v_x", "v_y"), (1, 2): ("v_y",)}
+
+
+"""The rates by order of the law."""
+
+
+ORDERS = [0, 1, *RATES]
+
+
+def field(order: Order, free: np.ndarray | None = None) -> VectorField:
+    terms = PolynomialLibrary(2).bind(Variables(("x", "y", *RATES.get(order, ())), ("u",), "t"))
+    coefficients = np.random.default_rng(0).standard_normal((2, len(terms)))
+    coefficients[:, 3] = 0
+    return VectorField(terms, coefficients, order, Inputs.of(np.array([0.4]), np.sin([[0.4]])), free)
+
+
+def points(order: Order) -> np.ndarray:
+    return np.random.default_rng(2).uniform(-1, 1, (7, 4 + len(RATES.get(order, ()))))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_derivatives_are_sums_of_terms_behind_the_rates(order):
+    found, values = field(order), points(order)
+    highest = found.terms.evaluate(values) @ found.coefficients.T
+    expected = {
+        2: np.hstack([values[:, 2:4], highest]),
+        (1, 2): np.column_stack([highest[:, 0], values[:, 2], highest[:, 1]]),
+    }.get(order, highest)
+    np.testing.assert_allclose(found.derivatives(values), expected, atol=1e-14)
+    np.testing.assert_allclose(found.linearize(values).derivatives, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_the_derivatives_by_the_states_are_those_of_differences(order):
+    found, values = field(order), points(order)
+    by_states = found.linearize(values).by_states
+    for k in range(found.width):
+        step = 1e-6 * np.eye(values.shape[1])[k]
+        numeric = (found.derivatives(values + step) - found.derivatives(values - step)) / 2e-6
+        np.testing.assert_allclose(by_states[:, :, k], numeric, atol=1e-8)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("every", [True, False])
+def test_the_derivatives_by_the_parameters_are_those_of_differences(order, every):
+    plain = field(order)
+    mask = plain.coefficients != 0 if every else FREE[:, : len(plain.terms)]
+    found, values = field(order, None if every else mask), points(order)
+    by_parameters = found.linearize(values).by_parameters
+    assert by_parameters.shape == (7, found.width, mask.sum())
+    assert len(found.parameters) == mask.sum()
+    for i, (j, k) in enumerate(np.argwhere(mask)):
+        changed = plain.coefficients.copy()
+        changed[j, k] += 1.0
+        numeric = VectorField(plain.terms, changed, order).derivatives(values) - plain.derivatives(values)
+        np.testing.assert_allclose(by_parameters[:, :, i], numeric, atol=1e-13)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_one_point_is_a_row_with_the_inputs_at_its_time(order):
+    found, z = field(order), np.array([0.3, -0.7, 0.2, 0.5])[: 2 + len(RATES.get(order, ()))]
+    values = np.concatenate([z, [np.sin(0.4), 0.4]])[np.newaxis]
+    np.testing.assert_array_equal(found.point(0.4, z), values)
+    np.testing.assert_array_equal(found(0.4, z), found.derivatives(values)[0])
+    np.testing.assert_allclose(found.jacobian(0.4, z), found.linearize(values).by_states[0], atol=1e-14)
+
+
+@pytest.fixture(scope="module")
+def drops() -> Trials:
+    """Drops of two balls with masses."""
+    drops = cl.datasets.linear_drag(noise=0.05, drag=(-0.3, -0.5), trials=1)
+    return Trials(drops.trials, drops.schema, {"Ball 1": {"mass": 1.0}, "Ball 2": {"mass": 2.0}})
+
+
+@pytest.fixture(scope="module")
+def law(drops: Trials) -> Law:
+    """The law of these drops."""
+    return cl.fit("x'' = -g - c v", drops)
+
+
+def test_a_law_knows_the_ranges_of_what_it_was_learned_from_and_keeps_them(law: Law, drops: Trials) -> None:
+    again = from_json(to_json(law))
+    table = again.provenance.domain.to_frame(again.schema.units).set_index("variable")
+    heights = np.concatenate([each.states for each in drops])
+    assert table.loc["x", ["low", "high"]].tolist() == [heights.min(), heights.max()]
+    assert table.loc["v", "low"] == pytest.approx(-19.7, abs=1.0)
+    assert table.loc["mass"].tolist() == [1.0, 2.0, ""]
+    assert table.loc["x", "unit"] == "m"
+
+
+def test_forecasts_that_leave_what_was_visited_say_so(law: Law, drops: Trials) -> None:
+    assert law.predict(drops).trials.notes == drops.notes
+    beyond = law.predict(drops, times=[10.0]).trials.notes[-1]
+    assert "forecasts extrapolate beyond the training data" in beyond
+    assert "x reaches -" in beyond
+    assert "in Ball 1, trial 1 and 1 more (training range " in beyond
+    heavier = Trials(drops.trials, drops.schema, {"Ball 1": {"mass": 9.0}})
+    assert "mass reaches 9 in Ball 1, trial 1 (training range 1 to 2)" in law.predict(heavier).trials.notes[-1]
+
+
+def test_forecasts_beyond_the_horizon_say_so(law: Law, drops: Trials) -> None:
+    found = find(law, drops, drops.until(2.0))
+    judged, verdict = found.law, found.verdict
+    assert verdict is not None
+    assert judged.provenance.domain.horizon == verdict.horizon
+    notes = judged.predict(drops, times=[8.0]).trials.notes
+    assert f"forecasts go 4.8 s ahead; reliable forecast horizon: {verdict.horizon:.3g} s" in notes
+    assert "ahead" not in str(judged.predict(drops, times=[4.0]).trials.notes)
+
+
+def test_rates_and_states_on_a_logarithmic_scale_are_told_as_measured() -> None:
+    times = np.linspace(0.0, 2.0, 30)
+    trials = Trials.from_arrays(times, 3 * np.exp(-times) * np.exp(0.01 * np.sin(50 * times)), names=["x"])
+    law = cl.fit("x' = -k x", trials, positive=["x"])
+    heights = trials[0].states
+    assert law.provenance.domain.to_frame(law.schema.units).iloc[0, 1:3].tolist() == pytest.approx(
+        [heights.min(), heights.max()]
+    )
+
+
+def test_rates_of_long_trials_are_told_by_segments_of_them() -> None:
+    times = 0.02 * np.arange(20_000)
+    states = np.sin(times) + 1e-3 * np.random.default_rng(0).standard_normal(20_000)
+    visited = Domain.of(Trials.from_arrays(times, states), [("x", "v")]).visited
+    assert visited["x"] == (states.min(), states.max())
+    assert visited["v"] == pytest.approx((-1.0, 1.0), abs=0.02)
+
+
+@pytest.fixture(scope="module")
+def decays():
+    """Three objects that decay exponentially, in white noise."""
+    times, noise = np.linspace(0.0, 4.0, 40), np.random.default_rng(2)
+    states = [5 * np.exp(-rate * times) + noise.normal(0, 0.05, 40) for rate in (0.5, 0.7, 1.0)]
+    return cl.Trials.from_arrays([times] * 3, states, object=["a", "b", "c"])
+
+
+def test_evidence_is_for_the_law_that_made_the_measurements(decays):
+    texts = "x' = -k x^2", "x' = -k x", "x' = a - k x"
+    found = cl.compare({text: cl.fit(text, decays) for text in texts}, decays)
+    assert found["law"].tolist() == ["x' = -k x", "x' = a - k x", "x' = -k x^2"]
+    assert found["coefficients"].tolist() == [1, 2, 1]
+    assert found["2 log B"].iloc[2] > 50
+    assert found["probability"].sum() == pytest.approx(1)
+
+
+def test_a_coefficient_that_is_known_costs_nothing(decays):
+    one = decays.select(object="a")
+    laws = {name: cl.fit(text, one) for name, text in (("known", "x' = -0.5 x"), ("free", "x' = -k x"))}
+    found = cl.compare(laws, one, noise={"x": 0.05}).set_index("law")
+    assert found.loc["known", "coefficients"] == 0
+    # One free number costs log 40 and the bit of its factor, and gains a chi-squared of one degree of freedom
+    assert 0 < found.loc["free", "2 log B"] < np.log(40) + 2 * np.log(2)
+
+
+def test_laws_of_different_measurements_are_refused(decays):
+    pair = cl.Law.from_text("x' = y; y' = -k x", {"k": 1.0})
+    with refused("laws-of-other-states"):
+        cl.compare([cl.fit("x' = -k x", decays), pair], decays)
+
+
+def test_laws_of_different_orders_are_compared(decays):
+    laws = {text: cl.fit(text, decays) for text in ("x' = -k x", "x'' = -k v", "x'' = -k x")}
+    found = cl.compare(laws, decays).set_index("law")["2 log B"]
+    assert list(found.index) == ["x' = -k x", "x'' = -k v", "x'' = -k x"]
+    assert 6 < found["x'' = -k v"] < found["x'' = -k x"]  # Of second order, rates at starts are found besides
+
+
+def test_laws_without_coefficients_are_compared(decays):
+    texts = "x' = 0", "x' = -0.7 x", "x' = -k x"
+    laws = {text: cl.fit(text, decays) for text in texts}
+    found = cl.compare(laws, decays)
+    assert found["law"].tolist() == list(texts[::-1])
+    assert found["coefficients"].tolist() == [1, 0, 0]
+    assert str(laws["x' = 0"]).splitlines()[0] == "x' = 0"
+    assert from_json(to_json(laws["x' = 0"])).structure == ("x' = 0",)
+    assert np.array_equal(cl.Law.from_text("x' = 0").simulate([0.0, 1.0], [2.0])["object"].states[:, 0], [2.0, 2.0])
+
+
+def test_the_residuals_of_all_objects_tell_the_noise_of_few_samples_each():
+    times, generator = np.array([0.0, 1.0, 2.0, 4.0, 7.0, 10.0]), np.random.default_rng(5)
+    states = [a / (1 + 0.5 * a * times) + 0.03 * generator.standard_normal(6) for a in np.linspace(1.5, 4, 8)]
+    vials = cl.Trials.from_arrays([times] * 8, states, object=list("abcdefgh"))
+    laws = {"first": cl.fit("x' = -k x", vials), "second": cl.fit("x' = -k x^2", vials)}
+    table = cl.compare(laws, vials).set_index("law")["2 log B"]
+
+    def left(curve):
+        """The sum of squares that a curve of two parameters leaves of all vials, by least squares."""
+        fits = (least_squares(lambda p, own=own: curve(*p) - own, [own[0], 0.3]) for own in states)
+        return 2 * sum(each.cost for each in fits)
+
+    ratio = left(lambda a, k: a * np.exp(-k * times)) / left(lambda a, k: a / (1 + a * k * times))
+    # With the noise integrated out, of 48 measurements and 16 parameters
+    assert (48 - 16) * np.log(ratio) < table["first"] < 48 * np.log(ratio)
+    assert table["second"] == 0

@@ -1,21 +1,43 @@
-"""What a release says of itself agrees, and what forges are asked to run is there."""
+"""The package as a whole: versions, public names, what modules import, extras, and systems without POSIX."""
 
+import ast
+import math
 import re
 import shlex
 import subprocess
 import sys
 import tomllib
+from operator import attrgetter
 from pathlib import Path
 
+import grimp
+import openpyxl
 import pytest
 import yaml
 
 import commonlaw
+import commonlaw as cl
+from commonlaw.app import serve
+from commonlaw.law import to_sympy
+from commonlaw.library import Variables, parse_term
+from commonlaw.report.document import Report
+from commonlaw.report.write import to_html
+from commonlaw.runtime.cluster import connected
+from commonlaw.runtime.packages import optional_import
+from tests.refusals import refused
 
 ROOT = Path(__file__).parents[2]
+
+
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
 MAKEFILE = (ROOT / "Makefile").read_text()
+
+
 FORGES = {name: yaml.safe_load((ROOT / name).read_text()) for name in (".github/workflows/tests.yml", ".gitlab-ci.yml")}
+
+
 SYSTEMS = ("linux", "macos", "windows")
 
 
@@ -84,3 +106,268 @@ def test_packages_are_pinned_once_each_in_plain_lines() -> None:
     needed = [each for few in (PROJECT["project"]["dependencies"], *extras) for each in few]
     wanted = {re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", each)[0]).lower() for each in needed} - {"commonlaw"}
     assert wanted <= set(names)
+
+
+HEAVY = {"click", "dask", "distributed", "matplotlib", "pandas", "pint", "pyarrow", "rich", "scipy", "sympy"}
+
+
+def test_importing_commonlaw_imports_nothing_heavy() -> None:
+    loaded = subprocess.run(
+        [sys.executable, "-c", "import sys, commonlaw; print(*sys.modules)"], check=True, capture_output=True, text=True
+    ).stdout.split()
+    assert "commonlaw" in loaded
+    assert HEAVY.isdisjoint(loaded), sorted(HEAVY.intersection(loaded))
+
+
+def test_public_names_are_given_once() -> None:
+    assert len(set(dir(commonlaw))) == len(dir(commonlaw)) > 0
+
+
+@pytest.mark.parametrize("name", dir(commonlaw))
+def test_every_public_name_is_there_and_documented(name: str) -> None:
+    text = getattr(commonlaw, name).__doc__
+    assert text, f"{name} has no docstring"
+    assert not text.startswith(f"{name}("), f"{name} has only the signature that dataclasses write"
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no_such_name"):
+        attrgetter("no_such_name")(commonlaw)
+
+
+@pytest.mark.parametrize(("old", "new"), vars(commonlaw)["RENAMED"].items())
+def test_a_name_of_the_last_release_says_where_it_is_now(old: str, new: str) -> None:
+    assert old not in dir(commonlaw)
+    with pytest.warns(DeprecationWarning, match=new):
+        assert attrgetter(old)(commonlaw) is attrgetter(new)(commonlaw)
+
+
+def test_the_package_runs_as_the_command() -> None:
+    shown = subprocess.run([sys.executable, "-m", "commonlaw", "--version"], capture_output=True, text=True, check=True)
+    assert shown.stdout.startswith("commonlaw")
+
+
+SOURCES = Path(commonlaw.__file__).parent
+
+
+CHANGES_DISK = {
+    "chmod", "hardlink_to", "makedirs", "mkdir", "open", "remove", "rename", "rmdir", "symlink_to", "tofile", "touch",
+    "unlink", "write_bytes", "write_text",
+}  # fmt: skip
+
+
+"""Methods, and functions of modules, that change files or can."""
+
+
+READS_DISK = {"fromfile", "genfromtxt", "loadtxt", "memmap", "open", "read_bytes", "read_excel", "read_text"}
+
+
+"""What takes bytes out of a file by itself."""
+
+
+MAKES_FILES = {"fcntl", "msvcrt", "shutil", "tempfile"}
+
+
+"""Modules for that."""
+
+
+TALKS = {"cli/output.py", "runtime/progress.py", "trials/workbook_process.py"}
+
+
+"""What writes to standard output or standard error: what people are shown, and what another process reads."""
+
+
+def reached(imports, start):
+    """Return the modules that are imported from one on, directly or through others."""
+    found, left = set(), [start]
+    while left:
+        new = imports[left.pop()] - found
+        found |= new
+        left += new
+    return found
+
+
+def test_no_files_import_each_other_in_a_circle():
+    graph = grimp.build_graph("commonlaw", cache_dir=None)
+    imports = {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
+    reach = {module: reached(imports, module) for module in imports}
+    circles = {frozenset(other for other in reach[module] if module in reach[other]) for module in reach}
+    named = [" <-> ".join(sorted(circle)) for circle in circles if circle]
+    assert not named, "import circles:\n" + "\n".join(named)
+
+
+def changes_of_disk(module):
+    """Yield the line and the name of whatever changes files in a module."""
+    for node in ast.walk(ast.parse(module.read_text())):
+        if isinstance(node, ast.Call):
+            used = {getattr(node.func, "attr", "")} & CHANGES_DISK | {getattr(node.func, "id", "")} & {"open"}
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            used = {getattr(node, "module", None), *(each.name for each in node.names)} & MAKES_FILES
+        else:
+            continue
+        yield from (f"{module.relative_to(SOURCES)}:{node.lineno}: {each}" for each in used)
+
+
+def test_one_module_changes_what_is_on_disk():
+    changes = [each for module in SOURCES.rglob("*.py") for each in changes_of_disk(module)]
+    assert [each for each in changes if not each.startswith(("runtime/files.py:", "cli/output.py:"))] == [], (
+        "write by commonlaw.runtime.files"
+    )
+
+
+def test_one_module_reads_what_is_on_disk():
+    modules = [
+        each
+        for each in SOURCES.rglob("*.py")
+        if each.name not in ("diagnostics.py", "reading.py", "files.py", "output.py")
+        and str(each.relative_to(SOURCES)) != "kernel/__init__.py"
+    ]
+    calls = [node for each in modules for node in ast.walk(ast.parse(each.read_text())) if isinstance(node, ast.Call)]
+    names = {getattr(call.func, "attr", getattr(call.func, "id", "")) for call in calls}
+    assert not names & READS_DISK, "read by commonlaw.runtime.reading, within its limits"
+
+
+def test_one_module_shows_people_what_there_is_to_say():
+    talk = re.compile(r"click\.s?echo\b|^ *print\(|sys\.std(out|err)\.\w*write|\bConsole\(", re.MULTILINE)
+    talking = {str(each.relative_to(SOURCES)) for each in SOURCES.rglob("*.py") if talk.search(each.read_text())}
+    assert talking == TALKS, "say it by commonlaw.cli.output"
+
+
+OPTIONAL = {
+    "pyarrow": "parquet",
+    "sympy": "symbolic",
+    "python_calamine": "excel",
+    "jinja2": "report",
+    "markdown_it": "report",
+    "mdit_py_plugins": "report",
+    "latex2mathml": "report",
+    "starlette": "app",
+    "uvicorn": "app",
+    "distributed": "cluster",
+}
+
+
+WITHOUT_EXTRAS = """
+import sys
+sys.modules.update(dict.fromkeys([*{optional}, "heyoka"]))
+import numpy as np, pandas as pd, polars as pl
+import commonlaw as cl
+
+for name in cl.__all__:
+    getattr(cl, name)
+drops = cl.datasets.linear_drag(noise=0.01, trials=1)
+drops.to_csv("drops.csv")
+for read in (
+    cl.Trials.read("drops.csv"),
+    cl.Trials.from_frame(drops.to_frame()),
+    cl.Trials.from_frame(pl.DataFrame({{name: column.to_list() for name, column in drops.to_frame().items()}})),
+):
+    for one, other in zip(read, drops, strict=True):
+        assert one.label == other.label
+        np.testing.assert_array_equal(one.states, other.states)
+law = cl.Law.load("law.json")
+assert r"\\left|" in law.to_latex(law.objects[0]), law.to_latex(law.objects[0])
+law.predict(drops).errors()
+assert all("<svg" in each._repr_html_() for each in (law, drops, law.predict(drops)))
+assert not [name for name in {optional} if sys.modules[name]]
+"""
+
+
+@pytest.fixture(scope="module")
+def law_file(tmp_path_factory):
+    law = cl.fit("x'' = a + b v abs(v)", cl.datasets.linear_drag(noise=0.01, trials=1))
+    law.save(path := tmp_path_factory.mktemp("laws") / "law.json")
+    return path
+
+
+def test_text_frames_and_laws_need_no_extra(law_file):
+    code = WITHOUT_EXTRAS.format(optional=list(OPTIONAL))
+    ended = subprocess.run([sys.executable, "-c", code], cwd=law_file.parent, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+
+
+@pytest.fixture
+def missing(monkeypatch):
+    def take_away(module):
+        for name in [name for name in sys.modules if name.split(".")[0] == module]:
+            monkeypatch.delitem(sys.modules, name)
+        monkeypatch.setitem(sys.modules, module, None)
+
+    return take_away
+
+
+def a_page(_folder):
+    return to_html(Report("Balls", "What was found.", ()), {})
+
+
+FEATURES = {
+    "reading Parquet": ("pyarrow", lambda folder: cl.Trials.read(folder / "a.parquet")),
+    "writing Parquet": ("pyarrow", lambda folder: cl.Trials.from_arrays([0], [1]).to_parquet(folder / "b.parquet")),
+    "streaming Parquet": ("pyarrow", lambda folder: cl.TrialStream.from_parquet(folder / "a.parquet")),
+    "reading workbooks": ("python_calamine", lambda folder: cl.Trials.read(folder / "a.xlsx")),
+    "the SymPy form of a law": ("sympy", lambda folder: to_sympy(cl.Law.load(folder / "law.json"), "Ball 1")),
+    "the SymPy form of a term": ("sympy", lambda _: parse_term("abs(x)", Variables(("x",))).sympy(["x", "t"])),
+    "work on a cluster": ("distributed", lambda _: connected("local:1").__enter__()),
+    **{f"the app without {name}": (name, lambda _: serve()) for name, extra in OPTIONAL.items() if extra == "app"},
+    **{f"making a report without {name}": (name, a_page) for name, extra in OPTIONAL.items() if extra == "report"},
+}
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_a_feature_names_the_package_and_the_extra_that_it_needs(feature, missing, law_file):
+    (module, use), what = FEATURES[feature], feature.split(" without")[0]
+    folder = law_file.parent
+    cl.Trials.from_arrays([0, 1], [1, 2]).to_parquet(folder / "a.parquet")
+    book = openpyxl.Workbook()
+    book.active.append(["t", "x"])
+    book.save(folder / "a.xlsx")
+    missing(module)
+    package, extra = module.replace("_", "-"), OPTIONAL[module]
+    with refused("extra-missing", package=package, extra=extra) as raised:
+        use(folder)
+    assert what in raised.value.parameters["feature"]
+
+
+def test_an_error_within_a_package_is_not_taken_for_its_absence(monkeypatch, tmp_path):
+    (tmp_path / "half_there.py").write_text("import not_there_at_all")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModuleNotFoundError, match="not_there_at_all"):
+        optional_import("half_there", "this test", "none")
+
+
+SCRIPT = """
+import os, sys
+
+for name in ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog"):
+    sys.modules[name] = None
+for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_NOCTTY", "set_blocking", "fork", "killpg"):
+    delattr(os, name)
+
+from commonlaw.cli import main
+
+for line in (
+    "data export decays.csv --save copy.csv",
+    "discover copy.csv --library poly:1 --method derivative-regression --save law.json",
+    "predict copy.csv law.json --save forecast.csv",
+    "report copy.csv law.json --save report.html",
+):
+    sys.argv = ["commonlaw", *line.split()]
+    try:
+        main()
+    except SystemExit as ended:
+        if ended.code:
+            sys.exit(f"{line}: {ended.code}")
+"""
+
+
+def test_laws_are_found_saved_and_reported_without_modules_of_posix(tmp_path):
+    rows = [
+        f"{each},{t},{each * math.exp(-t / each) + 1e-3 * math.sin(37 * t * each)}"
+        for each in (1, 2)
+        for t in range(15)
+    ]
+    (tmp_path / "decays.csv").write_text("\n".join(["object,t,x", *rows]))
+    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    written = {"decays.csv", "copy.csv", "law.json", "forecast.csv", "report.html"}
+    assert {each.name for each in tmp_path.iterdir()} == written
