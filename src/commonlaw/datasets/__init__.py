@@ -9,10 +9,8 @@ from commonlaw.datasets import sphere_drag
 from commonlaw.datasets.ball_drops import ball_drops
 from commonlaw.datasets.dataset import Dataset
 from commonlaw.datasets.linear_drag import linear_drag
-from commonlaw.datasets.lorenz import lorenz
-from commonlaw.datasets.lotka_volterra import lotka_volterra
-from commonlaw.datasets.nonlinear_oscillator import nonlinear_oscillator
 from commonlaw.datasets.reynolds_drag import PRINTED_VISCOSITY, reynolds_drag
+from commonlaw.datasets.systems import lorenz, lotka_volterra, nonlinear_oscillator
 from commonlaw.errors import unknown
 from commonlaw.runtime.arguments import parse_spec
 from commonlaw.trials import Trials
