@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.law import to_latex
 from commonlaw.plots import plot_trials, render
 
 CLEAR = "\x1b[2J\x1b]0;title\x07"
@@ -64,7 +65,7 @@ def test_json_holds_the_names_as_they_are(run):
 
 
 def test_a_law_that_is_printed_in_python_is_harmless_too(named):
-    for text in (str(named), named.to_latex("b")):
+    for text in (str(named), to_latex(named, "b")):
         assert CONTROLS.findall(text) == []
         assert "\nNote: all is well" not in text
     with pytest.raises(cl.CommonlawError) as refused:

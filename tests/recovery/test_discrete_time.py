@@ -5,6 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery.hints import _about_means, outcomes_of_generations
+from commonlaw.law import to_latex
 from tests.refusals import refused
 
 
@@ -27,7 +28,7 @@ def test_a_law_in_discrete_time(populations, tmp_path):
     )
     assert law.structure == ("x[k+1] = a x + b x^2",)
     assert law.equations("fast") == ("x[k+1] = 3.9 x - 3.9 x^2",)
-    assert law.to_latex("slow") == "\\begin{aligned}\nx_{k+1} &= 2.6\\, x - 2.6\\, x^{2}\n\\end{aligned}"
+    assert to_latex(law, "slow") == "\\begin{aligned}\nx_{k+1} &= 2.6\\, x - 2.6\\, x^{2}\n\\end{aligned}"
     law.save(tmp_path / "law.json")
     assert cl.Law.load(tmp_path / "law.json").equations("even") == law.equations("even")
 

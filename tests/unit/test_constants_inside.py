@@ -15,7 +15,7 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference import settings
 from commonlaw.inference.fit.parameter_grid import combined
-from commonlaw.law import from_json, relations_frame, to_json, to_script, to_sympy
+from commonlaw.law import from_json, relations_frame, to_json, to_latex, to_script, to_sympy
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.text import with_error
@@ -168,7 +168,7 @@ def test_constants_are_written_where_they_stand(fitted):
     points = np.array([[0.5, 0.0], [2.0, 0.0]])
     np.testing.assert_allclose(stated.rhs("object", points), fitted.rhs("b", points), rtol=1e-3)
     assert fitted.equations("b")[0].endswith(f"s/({with_error(values['K'][1], errors['K'][1], bracket=True)} + s)")
-    block = fitted.to_latex("b", errors=False)
+    block = to_latex(fitted, "b", errors=False)
     assert r"\frac{V s}{K + s}" in block
     assert f"K &= {values['K'][1]:.4g}" in block
     ((_, right),) = to_sympy(fitted, "b").items()

@@ -5,6 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.law import to_latex
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from tests.refusals import refused
@@ -104,7 +105,7 @@ def test_a_coefficient_without_a_value_is_refused():
 def test_a_sum_stands_in_parentheses_behind_its_coefficient():
     law = cl.Law.from_text("T' = -k (T - 20)", {"k": 0.1})
     assert law.equations() == ("T' = -0.1 (T - 20)",)
-    assert r"-k \left(T - 20\right) \\" in law.to_latex()
+    assert r"-k \left(T - 20\right) \\" in to_latex(law)
 
 
 def test_a_coefficient_may_divide():

@@ -15,15 +15,13 @@ from commonlaw.forecast.population import with_objects_of, with_pooled_forecasts
 from commonlaw.hierarchy import PropertyTable, RelationKind, explain, informative, shrink
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 from commonlaw.hierarchy.relation import dimensions_of, exponent_sets
-from commonlaw.law import average_law, from_json, pool_objects, relations_frame, to_json
+from commonlaw.law import average_law, from_json, pool_objects, relations_frame, to_json, to_latex
 from commonlaw.law.parameters import coefficient_units, standard_errors
 from commonlaw.library import PolynomialLibrary, Variables
 from tests.refusals import refused
 from tests.unit.estimates import measured
 
 OBJECTS = tuple(f"ball {i}" for i in range(1, 9))
-
-
 UNITS = {"x": "m", "t": "s", "diameter": "m", "mass": "kg"}
 
 
@@ -55,7 +53,7 @@ def test_a_law_says_what_is_universal_and_what_follows_properties():
     law = falling().explain()
     assert law.equations(errors=False) == ("x'' = -9.934 + 0.2523 diameter^2/mass v^2",)
     assert str(law).splitlines()[0] == "x'' = -9.934 ± 0.069 + (0.2523 ± 0.0018) diameter^2/mass v^2"
-    assert r"0.2523\, \frac{\mathrm{diameter}^{2}}{\mathrm{mass}}\, v^{2}" in law.to_latex(errors=False)
+    assert r"0.2523\, \frac{\mathrm{diameter}^{2}}{\mathrm{mass}}\, v^{2}" in to_latex(law, errors=False)
     table = relations_frame(law).set_index("term")
     assert table["kind"].to_dict() == {"1": "universal", "v^2": "power law"}
     assert table["unit"].to_dict() == {"1": "m/s²", "v^2": "kg/m³"}

@@ -7,7 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law import from_json, to_frame, to_json
+from commonlaw.law import from_json, to_frame, to_json, to_latex
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.tables import coefficient_rows
@@ -176,7 +176,7 @@ def test_letters_of_equations_are_in_every_form_of_the_law(law):
         assert to_frame(each).columns.tolist() == ["k", "a"]
         np.testing.assert_array_equal(coefficient_rows(each)["value"], table["estimate"])
         np.testing.assert_array_equal(to_frame(each, errors=True)["a ±"], errors[:, 1])
-        assert each.to_latex("cup").splitlines()[1:4] == [
+        assert to_latex(each, "cup").splitlines()[1:4] == [
             r"\dot{T} &= -k \left(T - a\right) \\",
             *(rf"{name} &= {with_error(*pair).replace('±', chr(92) + 'pm')}{end}"
               for name, pair, end in zip("ka", zip(values[0], errors[0], strict=True), (r" \\", ""), strict=True)),

@@ -13,7 +13,7 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
 from commonlaw.integration import Event, Inputs, VectorField
-from commonlaw.law import Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_frame, to_json, to_sympy
+from commonlaw.law import Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_frame, to_json, to_latex, to_sympy
 from commonlaw.law.parameters import coefficient_units
 from commonlaw.law.provenance import Domain
 from commonlaw.library import Order, PolynomialLibrary, Variables, parse_library
@@ -86,8 +86,8 @@ def test_the_frame_has_a_row_for_each_object_and_a_column_for_each_term(drag, pr
 
 
 def test_latex(drag, predators):
-    assert drag.to_latex("heavy") == "\\begin{aligned}\n\\ddot{x} &= -9.8 - 0.5\\, v\n\\end{aligned}"
-    assert "\\dot{y} &= -2\\, y + 0.25\\, x y" in predators.to_latex()
+    assert to_latex(drag, "heavy") == "\\begin{aligned}\n\\ddot{x} &= -9.8 - 0.5\\, v\n\\end{aligned}"
+    assert "\\dot{y} &= -2\\, y + 0.25\\, x y" in to_latex(predators)
 
 
 def test_sympy(predators):
@@ -282,13 +282,8 @@ def test_laws_are_equal_by_what_they_are(drag, predators):
 
 
 FREE = np.random.default_rng(1).random((2, 28)) < 0.5
-
-
 RATES = {2: ("v_x", "v_y"), (1, 2): ("v_y",)}
-
-
 """The rates by order of the law."""
-
 
 ORDERS = [0, 1, *RATES]
 

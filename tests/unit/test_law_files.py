@@ -12,11 +12,11 @@ import commonlaw as cl
 from commonlaw.cli.artifacts import LaterSteps
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import parse_differentiation
-from commonlaw.law import Alternative, Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_json
+from commonlaw.law import Alternative, Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_json, to_latex
 from commonlaw.law.io import law_bytes
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.uncertainty import Widening
-from commonlaw.trials.export import parquet_bytes, parquet_columns
+from commonlaw.trials.files import parquet_bytes, parquet_columns
 from tests.refusals import refused
 
 LAW = cl.datasets.linear_drag.truth()
@@ -68,7 +68,7 @@ def test_a_law_of_enormous_errors_comes_back_and_is_shown():
     found = Uncertainty(covariance=enormous, noise=np.ones(1))
     law = from_json(to_json(Law(LAW.terms, LAW.schema, 2, LAW.objects, LAW.coefficients, found)))
     np.testing.assert_array_equal(law.uncertainty.covariance, enormous)
-    assert "10^{77}" in law.to_latex("Ball 1")
+    assert "10^{77}" in to_latex(law, "Ball 1")
 
 
 @pytest.fixture(scope="module")
@@ -212,8 +212,6 @@ def test_measurements_in_parquet_are_no_law(tmp_path):
 
 
 SAVED = Path(__file__).parent / "laws"
-
-
 """A law of two balls as version 2 wrote it; in version 1 laws knew neither their uncertainty nor their history."""
 
 

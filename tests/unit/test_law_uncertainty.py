@@ -12,7 +12,18 @@ from hypothesis import given, strategies as st
 from scipy.stats import norm
 
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law import History, Law, Provenance, Step, Uncertainty, average_law, from_json, to_frame, to_json
+from commonlaw.law import (
+    History,
+    Law,
+    Provenance,
+    Step,
+    Uncertainty,
+    average_law,
+    from_json,
+    to_frame,
+    to_json,
+    to_latex,
+)
 from commonlaw.law.deprecated import DEPRECATED
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.tables import readable
@@ -132,9 +143,9 @@ def test_print_shows_errors_of_one_object_and_in_the_table_of_several(drag, pred
 
 
 def test_latex_shows_errors(drag):
-    text = drag.to_latex("heavy")
+    text = to_latex(drag, "heavy")
     assert r"\ddot{x} &= -9.44 \pm 0.12 - \left(0.480 \pm 0.020\right)\, v" in text
-    assert r"\pm" not in drag.to_latex("heavy", errors=False)
+    assert r"\pm" not in to_latex(drag, "heavy", errors=False)
 
 
 def test_standard_errors_are_zero_where_known_and_nan_where_there_is_nothing(drag):
@@ -175,7 +186,7 @@ def test_what_is_not_known_is_not_made_up(drag):
     for ask in (
         bare.conf_int,
         lambda: bare.equations("heavy", errors=True),
-        lambda: bare.to_latex("heavy", errors=True),
+        lambda: to_latex(bare, "heavy", errors=True),
         lambda: to_frame(bare, errors=True),
     ):
         with refused("uncertainty-unknown"):

@@ -30,7 +30,7 @@ from commonlaw.app.sessions import Search, Sessions
 from commonlaw.app.working import prepare
 from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law, to_json, to_script
+from commonlaw.law import Law, to_json, to_latex, to_script
 from commonlaw.law.law import shares_terms
 from commonlaw.law.script import Source
 from commonlaw.law.tables import coefficient_rows, to_frame
@@ -392,7 +392,7 @@ _LIGHT = (_first, _message, _laws, _equations, _settings, _question, _state, _fo
 _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {
     "law.json": lambda found, _: to_json(found.law),
     "law.py": _script,
-    "law.tex": lambda found, _: found.law.to_latex(found.law.objects[0]),
+    "law.tex": lambda found, _: to_latex(found.law, found.law.objects[0]),
     "coefficients.tsv": lambda found, _: _wide(found.law).to_csv(sep="\t", lineterminator="\n"),
     "coefficients.xlsx": _workbook,
     "coefficients.csv": lambda found, _: coefficient_rows(found.law).to_csv(index=False, lineterminator="\n"),

@@ -30,7 +30,7 @@ from commonlaw.cli.source import (
     with_cluster,
     with_table,
 )
-from commonlaw.law import average_law, relations_frame, to_json
+from commonlaw.law import average_law, relations_frame, to_json, to_latex
 from commonlaw.runtime.progress import part
 from commonlaw.text import in_line
 
@@ -77,10 +77,10 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
             print_history(law)
         return
     if law.uncertainty.explanation is not None and len(law.objects) > 1:
-        say(law.to_latex())
+        say(to_latex(law))
         return
     for each in law.objects:
-        say(f"% {in_line(each)}\n{law.to_latex(each)}")
+        say(f"% {in_line(each)}\n{to_latex(law, each)}")
 
 
 @command
@@ -141,7 +141,7 @@ def explain(
         relations = relations_frame(law).to_dict(orient="records")
         print_json({"law": json.loads(to_json(law)), "equations": list(law.equations()), "relations": relations})
     elif latex:
-        say(law.to_latex())
+        say(to_latex(law))
     else:
         say(f"{law}\n")
         shown = relations_frame(law).dropna(axis=1, how="all").replace({"kind": _KINDS})

@@ -9,6 +9,7 @@ from .law import (
 from .pooling import pool_objects as pool_objects
 from .printing import (
     relations_frame as relations_frame,
+    to_latex as to_latex,
     to_sympy as to_sympy,
 )
 from .provenance import (

@@ -188,10 +188,6 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         return cast(tuple[str, ...], _call("law.printing:equations", self, name, digits, errors))
 
-    def to_latex(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
-        """Return `equations`, with the same arguments and errors, as an ``aligned`` block of LaTeX without dollars."""
-        return cast(str, _call("law.printing:latex", self, name, digits, errors))
-
     def __repr__(self) -> str:
         form = self.structure if self._shares_terms else ("each object with its own terms",)
         few = self.objects if len(self.objects) <= text.MANY else (counted(len(self.objects), "object"),)

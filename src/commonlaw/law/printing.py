@@ -82,8 +82,8 @@ def latex_lefts(law: Law) -> tuple[str, ...]:
     return (*lefts, *(latex_name(each.removesuffix("(0)")) + "(0)" * each.endswith("(0)") for each in observed))
 
 
-def latex(law: Law, name: str | None, digits: int, errors: bool | None) -> str:
-    """Return the equations of one object in LaTeX, see `Law.to_latex`."""
+def to_latex(law: Law, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
+    """Return `Law.equations`, with the same arguments and errors, as an ``aligned`` block of LaTeX without dollars."""
     lefts = text.latex_left_hand_sides(law.schema.states, law.order)
     terms = law.terms.latex_factors(law.terms.variables.names)
     parameters = [latex_name(each) for each in law.terms.variables.parameters]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element, fromstring, tostring
 
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law
+from commonlaw.law import Law, to_latex
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.printing import latex_lefts, latex_structure
@@ -57,7 +57,7 @@ def parts_of(latex: str) -> list[list[str]]:
 
 
 def _latex(law: Law) -> str:
-    return law.to_latex() if _has_numbers(law) else _structure_latex(law)
+    return to_latex(law) if _has_numbers(law) else aligned(zip(latex_lefts(law), latex_structure(law), strict=True))
 
 
 def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
@@ -76,15 +76,10 @@ def _has_numbers(law: Law) -> bool:
     return len(law.objects) == 1 or law.uncertainty.explanation is not None
 
 
-def _structure_latex(law: Law) -> str:
-    """Return the form of the equations, with letters for coefficients, as LaTeX; see `Law.structure`."""
-    return aligned(zip(latex_lefts(law), latex_structure(law), strict=True))
-
-
 def _own(law: Law) -> Iterator[str]:
     """Yield the equations of the first objects, each with terms of its own."""
     for name in law.objects[:_MAX_OBJECTS]:
-        yield f"\n\n**{literal(name)}**" + _displayed(_broken(_spelled(law.to_latex(name))), law.equations(name))
+        yield f"\n\n**{literal(name)}**" + _displayed(_broken(_spelled(to_latex(law, name))), law.equations(name))
     if len(law.objects) > _MAX_OBJECTS:
         yield f"\n\nand {len(law.objects) - _MAX_OBJECTS} more objects with terms of their own."
 
