@@ -206,7 +206,10 @@ def standard_streams() -> Iterator[None]:
     CommonlawError
         If standard output is closed, or what it goes to is full.
     """
-    _open_closed()
+    # Closed streams are opened, so that no file gets their numbers; nothing can be written to them
+    for name, mode in _STREAMS.items():
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDONLY), mode))
     register_error("commonlaw", _shown)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
@@ -226,13 +229,6 @@ def silence(stream: TextIO) -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
-
-
-def _open_closed() -> None:
-    """Open streams that are closed, so that no file gets their numbers; nothing can be written to them."""
-    for name, mode in _STREAMS.items():
-        if getattr(sys, name) is None:
-            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDONLY), mode))
 
 
 def _shown(error: UnicodeError) -> tuple[str, int]:

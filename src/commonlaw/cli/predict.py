@@ -1,6 +1,6 @@
 """`commonlaw predict`: forecast trials with a saved law."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any, Literal
@@ -111,7 +111,10 @@ def predict(
         given: dict[str, object] = {f"--save {each}": each for each in save if not is_of_kind(each, "table")}
         given |= {"--discrepancy": discrepancy, "--input-between": input_between}
         given |= {"--until": grid["until"], "--step": grid["step"]}
-        _check_stream(source, given)
+        source.check_streams()
+        if refused := [name for name, value in given.items() if value]:
+            names = ", ".join(refused)
+            raise click.UsageError(f"{names} with a stream of files: leave it out, or forecast single files")
         how = {"start": start, "from_time": from_time}
         _forecast_stream(law, source, folder, save, as_json, cluster, how)
         return
@@ -141,13 +144,6 @@ def predict(
         say(f"{counted(len(forecast.trials), 'forecast')}, {begin}: {r_squared(forecast.score())}\n")
         print_frame(errors.dropna(axis=1, how="all"))
     later.end((*forecast.trials.notes, *forecast.outcomes), silent=as_json)
-
-
-def _check_stream(source: Source, given: Mapping[str, object]) -> None:
-    """Refuse what does not go with files that are streamed."""
-    source.check_streams()
-    if refused := [name for name, value in given.items() if value]:
-        raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out, or forecast single files")
 
 
 def _forecast_stream(

@@ -481,17 +481,13 @@ def _moments(parts: Sequence[Part], trial: int, weights: Floats) -> tuple[Trajec
     """Return the median trajectory of a trial and the standard deviation about it, shape (n, width)."""
     kept = [(share, each.forecast) for share, each in zip(weights, parts, strict=True) if share]
     states = np.array([each.trajectories[trial].states for _, each in kept])
-    median = _weighted_median(states, weights[weights > 0])
+    # The least of the values up to which half of the weight lies
+    order = np.argsort(states, axis=0)
+    reached = np.cumsum(weights[weights > 0][order], axis=0) >= 0.5 * (1 - 1e-12)
+    found = np.take_along_axis(order, reached.argmax(axis=0)[np.newaxis], axis=0)
+    median = np.take_along_axis(states, found, axis=0)[0]
     variance = np.zeros_like(median)
     for (share, each), own in zip(kept, states, strict=True):
         with np.errstate(invalid="ignore"):
             variance += share * ((0.0 if each.std is None else each.std[trial]) ** 2 + (own - median) ** 2)
     return replace(kept[0][1].trajectories[trial], states=median), np.sqrt(variance)
-
-
-def _weighted_median(values: Floats, weights: Floats) -> Floats:
-    """Return the least of the values, shape (k, ...), up to which half of the weight lies; shape (...)."""
-    order = np.argsort(values, axis=0)
-    reached = np.cumsum(weights[order], axis=0) >= 0.5 * (1 - 1e-12)
-    found = np.take_along_axis(order, reached.argmax(axis=0)[np.newaxis], axis=0)
-    return np.asarray(np.take_along_axis(values, found, axis=0)[0])

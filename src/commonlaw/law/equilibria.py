@@ -128,7 +128,9 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
     reach
         Standard errors from the estimate to the ends of intervals.
     """
-    if not _is_autonomous(law):
+    variables, used = law.terms.variables, np.flatnonzero(law.support.any(axis=0)).tolist()
+    outer = {variables.index(name) for name in (*variables.inputs, variables.time)}
+    if any(law.terms.terms[k].columns() & outer for k in used):
         return
     system = _System(law)
     for point, eigenvalues in _fixed_points(system, system.coefficients(parameters), *_box(law)):
@@ -181,12 +183,6 @@ def _fixed_points(
 def _leading(system: "_System", parameters: Floats, point: Floats) -> float:
     """Return the largest real part of the eigenvalues at a point."""
     return float(system.eigenvalues(system.coefficients(parameters), point).real.max())
-
-
-def _is_autonomous(law: Law) -> bool:
-    variables, used = law.terms.variables, np.flatnonzero(law.support.any(axis=0)).tolist()
-    outer = {variables.index(name) for name in (*variables.inputs, variables.time)}
-    return not any(law.terms.terms[k].columns() & outer for k in used)
 
 
 def _box(law: Law) -> tuple[Floats, Floats]:

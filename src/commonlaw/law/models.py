@@ -175,12 +175,10 @@ class NamedModels(dict[str, NamedModel]):
         return "\n".join(f"{name}: {'; '.join(model.without_bounds)}" for name, model in self.items())
 
 
-def _read() -> NamedModels:
-    tables = tomllib.loads(read_file(Path(__file__).with_name("models.toml")).decode())
-    return NamedModels({name: msgspec.convert({"name": name, **table}, NamedModel) for name, table in tables.items()})
-
-
-named_models = _read()
+_tables = tomllib.loads(read_file(Path(__file__).with_name("models.toml")).decode())
+named_models = NamedModels(
+    {name: msgspec.convert({"name": name, **table}, NamedModel) for name, table in _tables.items()}
+)
 
 
 def model_named(text: str | Sequence[str]) -> tuple[NamedModel, dict[str, str]] | None:

@@ -25,7 +25,11 @@ def two_sided(level: float, degrees_of_freedom: ArrayLike = np.inf) -> Floats:
     """
     if not 0 < level < 1:
         raise CommonlawError("level-range", level=level)
-    return _quantile((1 + level) / 2, np.asarray(degrees_of_freedom, dtype=np.float64))
+    from scipy.special import ndtri, stdtrit
+
+    degrees, share = np.asarray(degrees_of_freedom, dtype=np.float64), (1 + level) / 2
+    finite = np.where(np.isfinite(degrees), degrees, 1.0)
+    return np.asarray(np.where(np.isfinite(degrees), stdtrit(finite, share), ndtri(share)))
 
 
 def mixture_interval(
@@ -92,13 +96,6 @@ def _bisected(below: Callable[[Floats], Floats], low: Floats, high: Floats, want
         less = below(middle) < wanted
         low, high = np.where(less, middle, low), np.where(less, high, middle)
     return np.asarray((low + high) / 2)
-
-
-def _quantile(share: float, degrees: Floats) -> Floats:
-    from scipy.special import ndtri, stdtrit
-
-    finite = np.where(np.isfinite(degrees), degrees, 1.0)
-    return np.asarray(np.where(np.isfinite(degrees), stdtrit(finite, share), ndtri(share)))
 
 
 def _cumulative(values: Floats, degrees: Floats) -> Floats:

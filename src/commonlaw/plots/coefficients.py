@@ -415,7 +415,10 @@ class HeatMaps:
                     style = {"ha": "center", "va": "center", "fontsize": 9, "color": color}
                     panel.text(k + 0.5, i + 0.5, number_text(values[i, k], 3), **style)
             if self.truth is not None:
-                self._frame_truth(panel, self.truth, j)
+                names = [name for name, shown in zip(self.law.terms.names, self.shown, strict=True) if shown]
+                true = np.transpose([true_values(self.law, self.truth, j, name) for name in names])
+                for i, k in np.argwhere(np.isfinite(true)):
+                    panel.add_patch(Rectangle((k, i), 1, 1, fill=False, edgecolor=COLORS[1], linewidth=2))
         if self.law.support.any():
             add_color_bar(figure, mesh, list(panels), self.width)
 
@@ -425,12 +428,6 @@ class HeatMaps:
             return []
         frame = {"marker": "s", "markersize": 9, "markerfacecolor": "none", "markeredgewidth": 2, "linestyle": ""}
         return [key("true term", color=COLORS[1], **frame)]
-
-    def _frame_truth(self, panel: Axes, truth: Law, equation: int) -> None:
-        names = [name for name, shown in zip(self.law.terms.names, self.shown, strict=True) if shown]
-        true = np.transpose([true_values(self.law, truth, equation, name) for name in names])
-        for i, k in np.argwhere(np.isfinite(true)):
-            panel.add_patch(Rectangle((k, i), 1, 1, fill=False, edgecolor=COLORS[1], linewidth=2))
 
 
 def true_values(law: Law, truth: Law, equation: int, term: str) -> Floats:

@@ -125,16 +125,13 @@ def _memory(panel: Axes, residuals: Residuals, j: int) -> None:
 def _quantiles(panel: Axes, own: Floats) -> None:
     ordered = np.sort(own[np.isfinite(own)])
     normal = [NormalDist().inv_cdf((i + 0.5) / len(ordered)) for i in range(len(ordered))]
-    some = np.unique(np.concatenate([np.arange(len(ordered))[part] for part in _parts(len(ordered))]))
+    step = -(-len(ordered) // _MAX_POINTS) or 1
+    parts = slice(_AT_ENDS), slice(None, None, step), slice(-_AT_ENDS, None)  # All at the ends, and some between
+    some = np.unique(np.concatenate([np.arange(len(ordered))[part] for part in parts]))
     panel.plot(np.array(normal)[some], ordered[some], ".", color=COLORS[0], markersize=2)
     panel.axline((0.0, 0.0), slope=1.0, color="black", linewidth=0.8)
     panel.set_xlabel("normal quantile")
     panel.set_ylabel("residual / noise")
-
-
-def _parts(count: int) -> tuple[slice, slice, slice]:
-    """Return which of many sorted values are drawn: all at the ends, and some between."""
-    return slice(_AT_ENDS), slice(None, None, -(-count // _MAX_POINTS) or 1), slice(-_AT_ENDS, None)
 
 
 _MAX_ERROR_POINTS = 1500

@@ -30,9 +30,10 @@ def fit(case: LawCase) -> Section:
             "a law in discrete time has forecasts only, see below" if case.law.order == 0 else "see the forecasts below"
         )
         return Section("fit", title, (Text(f"No fitted curves: {why}."),))
+    training = "of the training data" if case.law.provenance.is_learned else "compared with it"
     diverged = f" {len(fit.outcomes)} of them diverge." if fit.outcomes else ""
     intro = (
-        f"Fit of {counted(len(fit.trials), 'trial')} {_training(case)}, initial conditions estimated from all samples: "
+        f"Fit of {counted(len(fit.trials), 'trial')} {training}, initial conditions estimated from all samples: "
         f"{_score(fit)} (1: perfect; 0: the mean of each trial).{diverged} Points: measurements. Lines: fit. Below: "
         f"residuals, measured minus fitted."
         f"{_legend(fit)}"
@@ -52,10 +53,6 @@ def forecasts(case: LawCase) -> Section:
         f"{diverged} Below: errors, forecast minus measured.{_legend(forecast)}"
     )
     return Section("forecasts", title, (Text(intro), *Curves(forecast, "forecast").blocks()))
-
-
-def _training(case: LawCase) -> str:
-    return "of the training data" if case.law.provenance.is_learned else "compared with it"
 
 
 def _score(forecast: Forecast) -> str:

@@ -155,15 +155,12 @@ def again(case: LawCase, command: str, table: str | Source) -> Section:
         is_whole = case.findings.training is case.trials or is_said
         some = "" if is_whole else ", which uses all trials of the table"
         text += f"In Python{some}:{code(to_script(case.law, table), 'python')}"
-    made_with = ", ".join([f"Python {platform.python_version()}", *_versions()])
-    return Section("again", "Reproduction", (Text(f"{text}Made with {made_with}."),))
-
-
-def _versions() -> Iterator[str]:
-    yield f"commonlaw {__version__}"
+    versions = [f"Python {platform.python_version()}", f"commonlaw {__version__}"]
     for name in _PACKAGES:
         with suppress(PackageNotFoundError):
-            yield f"{name} {version(name)}"
+            versions.append(f"{name} {version(name)}")
+    made_with = ", ".join(versions)
+    return Section("again", "Reproduction", (Text(f"{text}Made with {made_with}."),))
 
 
 _MAX_OBJECTS = 100

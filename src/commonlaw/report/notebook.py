@@ -61,7 +61,8 @@ def notebook_html(
             few = value.select(object=list(value.objects[:_OBJECTS]))
             return _joined(repr(value), _table(frame), _drawn(lambda: plot_trials(few)))
         case _:
-            return _forecast(value)
+            objects = list(value.trials.objects[:_OBJECTS])
+            return _joined(repr(value), _table(value.errors()), _drawn(lambda: plot_forecast(value, objects)))
 
 
 def _page(title: str, sentences: Sequence[str], of_table: str, table: pd.DataFrame) -> str:
@@ -82,11 +83,6 @@ def _law(law: Law) -> str:
     drawn = _drawn(lambda: plot_intervals(law.select(law.objects[:_OBJECTS]))) if law.support.any() else ""
     wide = "".join(f'<div class="commonlaw-law">{each}</div>' for each in (shown, _table(table)))
     return _joined(repr(law), _STYLE + wide + notes, drawn)
-
-
-def _forecast(forecast: Forecast) -> str:
-    names = list(forecast.trials.objects[:_OBJECTS])
-    return _joined(repr(forecast), _table(forecast.errors()), _drawn(lambda: plot_forecast(forecast, names)))
 
 
 def _table(frame: pd.DataFrame) -> str:

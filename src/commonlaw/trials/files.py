@@ -3,21 +3,46 @@
 A sheet with a value in its last cell would take all memory.
 """
 
+import io
+import json
 import os
 import pickle
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
+import numpy as np
+
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.runtime.files import write_whole
 from commonlaw.runtime.packages import optional_import
-from commonlaw.runtime.reading import BYTE_ORDER_MARK, check_size, read_file, unpacked
+from commonlaw.runtime.reading import (
+    BYTE_ORDER_MARK,
+    LARGEST_FILE,
+    MOST_CELLS,
+    check_size,
+    checked_file,
+    read_file,
+    read_json,
+    unpacked,
+)
 from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.trials import workbook_process
-from commonlaw.trials.columns import Table, column_of, filled_table
-from commonlaw.trials.export import parquet_table
+from commonlaw.trials.columns import Column, Table, column_of, filled_table, frame_table
+from commonlaw.trials.headers import check_unit, join_header
 from commonlaw.trials.text import text_table
+from commonlaw.trials.trial import Property, Trial, TrialData, property_names
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
 
 _SECONDS = 30
 """What reading a workbook may take."""
@@ -108,3 +133,224 @@ def name_of_table(path: str | os.PathLike[str]) -> str:
     """
     file = Path(path)
     return (Path(file.stem) if file.suffix.casefold() in (".gz", ".bz2", ".xz") else file).stem
+
+
+_METADATA = b"commonlaw"  # the key under which a file keeps the roles of its columns
+
+_BATCH = 65_536
+"""Rows that are unpacked at a time."""
+
+
+class _Roles(TypedDict, total=False):
+    """Names of columns by role."""
+
+    object: str
+    trial: str
+    time: str
+    states: list[str]
+    inputs: list[str]
+    noise_columns: dict[str, str]
+    properties: list[str]
+
+
+class _Kept(TypedDict, total=False):
+    """What a file says of its columns itself."""
+
+    roles: _Roles
+    notes: tuple[str, ...]
+
+
+def parquet_table(source: str, content: bytes) -> Table:
+    """Return the table in a Parquet file, without columns of lists and bytes."""
+    with _whole(source):
+        file, data = _unpacked(source, content)
+        kept = _kept(source, file.schema_arrow.metadata)
+        roles: dict[str, Any] = dict(kept.get("roles", {}))
+        return replace(frame_table(data, source), roles=roles, notes=kept.get("notes", ()))
+
+
+def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, Any]]:
+    """Return a Parquet file to read batches of rows from, and the names of its columns by role."""
+    arrow, _ = _arrow("streaming Parquet files")
+    try:
+        file = _file(checked_file(path, np.inf))
+    except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise CommonlawError("not-parquet", path=path, error=error) from None
+    check_size(str(path), 1, file.metadata.num_columns)
+    return file, dict(_kept(str(path), file.schema_arrow.metadata).get("roles", {}))
+
+
+def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
+    """Yield the tables in so many rows of a Parquet file after the other, or in fewer, as memory allows."""
+    arrow, _ = _arrow("streaming Parquet files")
+    with _whole(str(path)):
+        file, _ = opened(path)
+        for batch in _batches(file, min(rows, MOST_CELLS // max(1, file.metadata.num_columns))):
+            yield frame_table(arrow.Table.from_batches([batch]))
+
+
+def write_parquet(
+    path: str | os.PathLike[str], columns: Mapping[str, Column], roles: Mapping[str, object], notes: Sequence[str]
+) -> None:
+    """Write columns, empty where they are NaN or None, with their roles and notes."""
+    kept = json.dumps({"roles": roles, "notes": notes}).encode()
+    write_whole(path, parquet_bytes(columns, {_METADATA: kept}))
+
+
+def parquet_bytes(columns: Mapping[str, Column | Sequence[object]], metadata: Mapping[bytes, bytes]) -> bytes:
+    """Return a Parquet file of columns, empty where they are NaN or None."""
+    arrow, parquet = _arrow("writing Parquet files")
+    table = arrow.table({name: arrow.array(column, from_pandas=True) for name, column in columns.items()})
+    content = io.BytesIO()
+    parquet.write_table(table.replace_schema_metadata(dict(metadata)), content)
+    return content.getvalue()
+
+
+def parquet_columns(source: str, content: bytes) -> tuple[dict[str, list[Any]], dict[bytes, bytes]]:
+    """Return the cells of a Parquet file by column, None where they are empty, and its metadata."""
+    with _whole(source):
+        file, data = _unpacked(source, content)
+        columns = {name: column.to_pylist() for name, column in zip(data.column_names, data.columns, strict=True)}
+        return columns, dict(file.schema_arrow.metadata or {})
+
+
+def _arrow(feature: str) -> tuple[Any, Any]:
+    return optional_import("pyarrow", feature, "parquet"), optional_import("pyarrow.parquet", feature, "parquet")
+
+
+@contextmanager
+def _whole(source: str) -> Iterator[None]:
+    """Refuse a file that turns out to be damaged while it is read."""
+    arrow, _ = _arrow("reading Parquet files")
+    try:
+        yield
+    except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise CommonlawError("parquet-damaged", source=source, error=error) from error
+
+
+def _file(where: Any) -> "pq.ParquetFile":
+    """Return a Parquet file whose texts are read as dictionaries: a few bytes can stand for a text in every row."""
+    _, parquet = _arrow("reading Parquet files")
+    file = parquet.ParquetFile(where)
+    columns = map(file.schema.column, range(len(file.schema)))
+    texts = [each.path for each in columns if each.physical_type == "BYTE_ARRAY"]
+    return parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts)
+
+
+def _flat(file: "pq.ParquetFile") -> list["pa.Field[Any]"]:
+    """Return the columns of a file that hold neither lists nor bytes, which a few bytes can stand for without end."""
+    types = _arrow("reading Parquet files")[0].types
+    return [
+        each for each in file.schema_arrow if not (types.is_nested(each.type) or types.is_fixed_size_binary(each.type))
+    ]
+
+
+def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
+    """Yield so many rows after the other."""
+    found = 0
+    for batch in file.iter_batches(batch_size=rows, columns=[field.name for field in _flat(file)]):
+        batch.validate(full=True)  # Texts may be numbers of entries that a damaged dictionary does not have
+        found += len(batch)
+        yield batch
+    if found != file.metadata.num_rows:
+        raise OSError(f"{found} of {file.metadata.num_rows} rows are there")
+
+
+def _unpacked(source: str, content: bytes) -> tuple["pq.ParquetFile", "pa.Table"]:
+    """Return a file and its rows, as far as memory holds them."""
+    arrow, _ = _arrow("reading Parquet files")
+    file, batches, size = _file(arrow.BufferReader(content)), [], 0
+    check_size(source, file.metadata.num_rows, file.metadata.num_columns)
+    for batch in _batches(file, _BATCH):
+        size += batch.nbytes
+        if size > LARGEST_FILE:
+            raise CommonlawError("parquet-too-large", source=source, limit=LARGEST_FILE)
+        batches.append(batch)
+    return file, arrow.Table.from_batches(batches, arrow.schema(_flat(file)))
+
+
+def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:
+    try:
+        return read_json((metadata or {}).get(_METADATA, b"{}"), _Kept)
+    except CommonlawError as error:
+        raise CommonlawError("parquet-metadata", where=source, metadata=_METADATA.decode(), error=error) from None
+
+
+def to_frame(data: TrialData) -> "pd.DataFrame":
+    """Return a frame with a row for each sample, see `Trials.to_frame`."""
+    import pandas as pd
+
+    return pd.DataFrame({name: pd.Series(column).infer_objects() for name, column in _columns(data).items()})
+
+
+def to_csv(data: TrialData, path: str | os.PathLike[str]) -> None:
+    """Write a CSV file, see `Trials.to_csv`."""
+    columns = _with_units(data)
+    cells = []
+    for column in columns.values():  # Text in quotes, numbers with all their digits, nothing if empty
+        if column.dtype == object:
+            cells.append(["" if value is None else _quoted(value) for value in column])
+        else:
+            cells.append(["" if value != value else repr(value) for value in column.tolist()])
+    lines = [",".join(map(_quoted, columns)), *map(",".join, zip(*cells, strict=True)), ""]
+    write_whole(path, "\n".join(lines).encode())
+
+
+def to_parquet(data: TrialData, path: str | os.PathLike[str]) -> None:
+    """Write a Parquet file, see `Trials.to_parquet`."""
+    schema = data.schema
+    roles = {
+        "object": schema.object,
+        "trial": schema.trial,
+        "time": schema.time,
+        "states": schema.states,
+        "inputs": schema.inputs,
+        "noise_columns": schema.noise_columns,
+        "properties": property_names(data.properties),
+    }
+    write_parquet(path, _with_units(data), roles, data.notes)
+
+
+def _columns(data: TrialData) -> dict[str, Column]:
+    """Return the columns of all samples; a missing state or property is NaN among numbers and None among texts."""
+    trials, schema, properties = data.trials, data.schema, data.properties
+    rows = [_rows(trial) for trial in trials]
+    row_trials = np.repeat(np.arange(len(trials)), [len(times) for times, *_ in rows])
+    times, states, inputs, noise = (np.concatenate(each) for each in zip(*rows, strict=True))
+
+    def per_trial(values: Sequence[Property | None]) -> Column:
+        is_text = any(isinstance(value, str) for value in values)
+        return np.array(values, dtype=object if is_text else np.float64)[row_trials]
+
+    columns = {
+        schema.object: per_trial([trial.object for trial in trials]),
+        schema.trial: per_trial([trial.name for trial in trials]),
+        schema.time: times,
+    }
+    values = np.hstack([states, inputs])
+    columns |= dict(zip((*schema.states, *schema.inputs), values.T, strict=True))
+    columns |= {name: noise[:, schema.states.index(state)] for state, name in schema.noise_columns.items()}
+    for name in property_names(data.properties):
+        columns[name] = per_trial([properties.get(trial.object, {}).get(name) for trial in trials])
+    return columns
+
+
+def _rows(trial: Trial) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return times, states, inputs and noise of a trial, from its first input before its first sample on."""
+    own = trial.times, trial.states, trial.inputs, trial.noise
+    if not len(trial.earlier):
+        return own
+    unknown = np.full((len(trial.earlier), trial.states.shape[1]), np.nan)
+    before = trial.earlier[:, 0], unknown, trial.earlier[:, 1:], unknown
+    times, states, inputs, noise = (np.concatenate(pair) for pair in zip(before, own, strict=True))
+    return times, states, inputs, noise
+
+
+def _with_units(data: TrialData) -> dict[str, Column]:
+    """Return the columns with units in their names."""
+    units = {name: check_unit(unit, f"column {name!r}") for name, unit in data.schema.units.items() if unit.strip()}
+    return {join_header(name, units.get(name, "")): column for name, column in _columns(data).items()}
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"'

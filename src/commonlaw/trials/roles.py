@@ -12,7 +12,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.trials.cells import DecimalMark, Notation
-from commonlaw.trials.columns import Codes, Column, Table
+from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.dates import DateOrder
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import find_name, split_header
@@ -273,7 +273,8 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         states = take(alike)
     begun = np.cumsum(np.diff(times, prepend=times[:1]) < 0) if roles.get("restarts") == "trials" else runs
     order = np.lexsort((times, begun, runs, owners))
-    trials = np.split(order, _ends(owners[order], runs[order], np.asarray(begun)[order]))
+    changes = np.any([np.diff(each[order]) != 0 for each in (owners, runs, np.asarray(begun))], axis=0)
+    trials = np.split(order, np.flatnonzero(changes) + 1)
     left_out: tuple[str, ...] = ()
     if not (wide and "wide" in roles) and "states" not in roles:
         left_out = take(other_clocks(table, numbers, times, owners * len(table) + runs))
@@ -318,11 +319,6 @@ def _labels(
         others = [name for name in free if name != owner]
         trial = trial_column(table, times, others, owners, named=owner is not None)
     return owner, owners, trial, one if trial is None else object_codes(table, trial, "trial")[0]
-
-
-def _ends(*codes: Column) -> Codes:
-    """Return the indices at which another trial begins, of rows in order of codes such as that of their object."""
-    return np.flatnonzero(np.any([np.diff(each) != 0 for each in codes], axis=0)) + 1
 
 
 def _label_column(table: Table, roles: Roles, role: Literal["object", "trial", "time"]) -> str | None:

@@ -18,7 +18,7 @@ from commonlaw.runtime.reading import MOST_CELLS
 from commonlaw.text import counted
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import refuse_dates
-from commonlaw.trials.export import batch_tables, opened
+from commonlaw.trials.files import batch_tables, opened
 from commonlaw.trials.repeats import joined
 from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows

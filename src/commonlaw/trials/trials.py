@@ -15,7 +15,7 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
 from commonlaw.trials.check import Report, check, clipped
-from commonlaw.trials.export import to_csv, to_frame, to_parquet
+from commonlaw.trials.files import to_csv, to_frame, to_parquet
 from commonlaw.trials.headers import label
 from commonlaw.trials.roles import Reading
 from commonlaw.trials.tables import read_trials, trials_from_arrays, trials_from_frame
