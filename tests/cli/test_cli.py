@@ -11,7 +11,6 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law import Step, from_json, to_frame
-from commonlaw.law.parameters import standard_errors
 
 DROPS = ["--object", "ball", "--trial", "drop", "--time", "t", "--state", "height"]
 SETTINGS = [
@@ -106,29 +105,6 @@ def test_a_law_by_rates_is_refined(run, tmp_path):
     np.testing.assert_array_equal(refined.support, law.support)
     assert refined.uncertainty.noise == pytest.approx([0.01])
     assert run(*arguments, "height=much")[0] == 2
-
-
-@pytest.mark.usefixtures("table")
-def test_errors_by_bootstrap_and_objects_alone_can_be_asked_for(run, tmp_path):
-    for name, options in (
-        ("law", ()),
-        ("drawn", ("--set", "covariance=bootstrap")),
-        (
-            "alone",
-            (
-                "--set",
-                "partial_pooling=false",
-            ),
-        ),
-    ):
-        code, _, _ = run(
-            "discover", "drops.csv", *DROPS, "--order", "2", "--library", "poly:1", *options, "--save", f"{name}.json"
-        )
-        assert code == 0
-    law, drawn, alone = (cl.Law.load(tmp_path / f"{name}.json") for name in ("law", "drawn", "alone"))
-    assert law.uncertainty.pooled is not None
-    assert alone.uncertainty.pooled is None
-    assert np.nanmax(np.abs(standard_errors(drawn) - standard_errors(law))) > 0
 
 
 @pytest.mark.usefixtures("table")

@@ -208,8 +208,6 @@ def test_a_law_is_saved_as_a_program_by_its_ending(run, tmp_path):
 
 
 EQUATIONS = "theta'' = -a sin(theta) - b theta' + k i; i' = -r i - m theta'"
-
-
 OPTIONS = ["--library", "poly:1 + terms:sin(theta)"]
 
 

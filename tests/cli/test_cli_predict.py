@@ -187,7 +187,6 @@ def test_the_verdict_is_on_what_was_held_out(run):
 
 READ = ["--object", "who", "--trial", "run", "--time", "s", "--state", 'a "b"', "--property", "mass"]
 
-
 LONG = 'who,run,s,"a ""b"" [m]",u,mass [kg]\n' + "".join(
     f"{who},{run},{0.1 * i:.1f},{i * i + k}.5,{i},{k + 1}\n"
     for k, who in enumerate("pq")
@@ -195,13 +194,8 @@ LONG = 'who,run,s,"a ""b"" [m]",u,mass [kg]\n' + "".join(
     for i in range(8)
 )
 
-
 LONG_FILE, NAMELESS = "drops.csv", "t,x\n" + "".join(f"{i},{i}.5\n" for i in range(8))
-
-
 RUNS = "run,t,x\n" + "".join(f"{run},{i},{i}.5\n" for run in (1, 2, 3) for i in range(8))
-
-
 WIDE = "t,a,b\n" + "".join(f"{i},{i}.5,{2 * i}.5\n" for i in range(8))
 
 

@@ -88,7 +88,11 @@ def test_what_names_a_file_says_whether_it_is_read_or_written():
     assert [pair for pair in files if not isinstance(pair[1].type, ReadFile | WrittenFile)] == []
 
 
-@pytest.mark.parametrize(("words", "option"), OPTIONS, ids=named(OPTIONS))
+EACH_OPTION = [*{(*option.opts, option.multiple): (words, option) for words, option in OPTIONS}.values()]
+"""Every option once, as the rule is that of the class of commands."""
+
+
+@pytest.mark.parametrize(("words", "option"), EACH_OPTION, ids=named(EACH_OPTION))
 def test_an_option_counts_each_time_or_is_refused(run, tmp_path, monkeypatch, words, option):
     for name in ("x.json", "y.csv"):
         (tmp_path / name).write_text("t,x\n")
@@ -112,9 +116,9 @@ READ_AND_WRITTEN = [
 ]
 
 
-@pytest.mark.parametrize("link", [None, os.symlink, os.link])
 @pytest.mark.parametrize(
-    ("words", "read", "written"), READ_AND_WRITTEN, ids=[f"{w} {r.name} {o.name}" for w, r, o in READ_AND_WRITTEN]
+    ("words", "read", "written", "link"),
+    [*((*each, None) for each in READ_AND_WRITTEN), *((*READ_AND_WRITTEN[0], each) for each in (os.symlink, os.link))],
 )
 def test_what_is_read_is_never_written_over(run, tmp_path, monkeypatch, words, read, written, link):
     for name in ("x.json", "y.csv"):

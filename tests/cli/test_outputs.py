@@ -9,7 +9,6 @@ from commonlaw.runtime import files
 
 COLUMNS = ["--object", "object", "--trial", "trial", "--time", "t", "--state", "x"]
 
-
 COMMANDS = {
     "discover": ["discover", "in.csv", *COLUMNS],
     "fit": ["fit", "in.csv", "x'' = -g - c v", *COLUMNS],

@@ -17,8 +17,6 @@ from commonlaw.runtime.reading import read_file
 from tests.refusals import refused
 
 COMMAND = (sys.executable, "-c", "from commonlaw.cli import main; main()")
-
-
 LONG = "a" * 300
 
 
@@ -47,7 +45,6 @@ def test_a_back_end_that_matplotlib_does_not_know_is_refused_before_any_work(fol
 
 
 NOT_WRITTEN = "cannot write new.csv: No such file or directory; choose a folder"
-
 
 GONE = {
     ("data", "check", "drops.csv"): "there is no file 'drops.csv' in '.': check the name",
@@ -95,10 +92,7 @@ def test_names_that_are_too_long_are_refused(folder: Path, arguments: tuple[str,
 
 
 BYTES = "b\udcff"
-
-
 """As Python has the name of a file that is not text in UTF-8."""
-
 
 QUICK = ["--order", "2", "--library", "poly:1", "--set", "solver=group-stlsq:1.5"]
 

@@ -155,8 +155,6 @@ def test_units_without_a_straight_line_between_them_are_refused(given, wanted):
 
 
 TINY, HUGE = 2.0**-27, 2.0**27
-
-
 """Eight orders of magnitude down and up; powers of two scale without rounding."""
 
 

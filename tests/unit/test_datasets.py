@@ -1,8 +1,5 @@
 """Data sets: exact simulations, their laws, noise by seed, the measured drops, and the drag of spheres."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pooch
 import pytest
@@ -238,12 +235,6 @@ def test_the_law_behind_a_data_set_follows_those_options_that_it_depends_on():
     assert datasets.truth_of("ball-drops:folder=nowhere") is None
     with refused("spec-syntax"):
         datasets.truth_of("linear-drag:nois=3")
-
-
-def test_importing_data_sets_costs_no_heavy_import():
-    heavy = "scipy", "pandas", "pyarrow", "pooch", "sympy", "pint", "matplotlib", "commonlaw.law"
-    code = f"import sys, commonlaw.datasets; print([each for each in {heavy} if each in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
 def test_the_measured_drops_are_20_clipped_at_their_last_irregular_frame(ball_drops_folder):

@@ -1,7 +1,5 @@
 """Differentiation methods as texts."""
 
-import subprocess
-import sys
 from dataclasses import dataclass
 
 import pytest
@@ -89,9 +87,3 @@ def test_a_method_of_the_users_own_has_no_text(method):
 def test_a_text_that_does_not_fit_is_refused_with_the_way_out(text, message):
     with refused(message):
         parse_differentiation(text)
-
-
-def test_importing_the_methods_loads_nothing_of_scipy():
-    code = "import sys, commonlaw.differentiation; print([m for m in sys.modules if m.startswith('scipy')])"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "[]"

@@ -31,8 +31,6 @@ def decays(disturb, samples: int = 60) -> Trials:
 
 
 DECAY = Law.from_text("x' = -k x", {"k": 1.0})
-
-
 WHITE = replace(DECAY, uncertainty=replace(DECAY.uncertainty, noise=[0.01]))
 
 

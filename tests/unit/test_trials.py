@@ -39,15 +39,6 @@ def labels(trials):
     return [(trial.object, trial.name) for trial in trials]
 
 
-def test_importing_trials_loads_no_library_for_tables_or_units():
-    code = (
-        "import sys, commonlaw.trials; "
-        "print([m for m in ('pandas', 'pyarrow', 'narwhals', 'pint', 'python_calamine') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
 def test_selection_by_names_takes_numbers_for_labels(trials):
     assert labels(trials.select(object="golf", trial=2)) == [("golf", "2")]
     assert labels(trials.select(object=["golf", "wiffle"], trial=1.0)) == [("golf", "1"), ("wiffle", "1")]
@@ -568,8 +559,6 @@ def test_which_object_of_several_is_not_guessed():
 
 
 TIMES = np.array([0.0, 5.0, 12.0, 20.0, 35.0, 60.0, 90.0])
-
-
 COUNTS = np.array([3, 2, 3, 1, 4, 2, 3])
 
 

@@ -316,11 +316,7 @@ def test_what_pandas_has_for_a_missing_cell_is_one(missing, column, row):
 
 
 TIMES = np.linspace(0.0, 2.0, 21)
-
-
 X, Y = np.exp(-TIMES), np.cos(TIMES)
-
-
 UNITS = pint.UnitRegistry()
 
 
@@ -425,8 +421,6 @@ def test_a_table_is_fitted_as_the_trials_in_it_are():
 
 
 METHODS = (cl.TrajectoryLikelihood, cl.DerivativeRegression, cl.WeakRegression, cl.DiscreteTimeRegression)
-
-
 NUMBERS = [(method, each.name) for method in METHODS for each in fields(method) if type(each.default) in (int, float)]
 
 
