@@ -64,3 +64,24 @@ def test_derivatives_that_do_not_fit_are_refused(measured):
             cl.discover(trials, x_dot=rates, method=method, **FIT)
     with refused("derivatives-unsupported", order=2):
         cl.discover(trials, x_dot=rates, library="poly:2", order=2)
+
+
+def test_each_equation_may_have_its_own_library(measured):
+    states, rates = measured
+    libraries = {"x": "poly:1", "y": cl.library.ExpressionLibrary("y", "x*y", "sin(x)")}
+    law = cl.discover(
+        trials_of(states), library=libraries, method=cl.DerivativeRegression(solver="stlsq:0"), x_dot=rates
+    )
+    (x, y), targets = np.concatenate(states).T, np.concatenate(rates).T
+    for j, columns in enumerate(({"1": x**0, "x": x, "y": y}, {"y": y, "x y": x * y, "sin(x)": np.sin(x)})):
+        expected = dict(zip(columns, np.linalg.lstsq(np.column_stack([*columns.values()]), targets[j])[0], strict=True))
+        for k, name in enumerate(law.terms.names):
+            assert law.coefficients[0, j, k] == pytest.approx(expected.get(name, 0.0), rel=1e-9)
+
+
+def test_libraries_of_equations_that_do_not_fit_are_refused(measured):
+    trials = trials_of(measured[0])
+    with refused("library-of-equation-missing", states=["y"]):
+        cl.discover(trials, library={"x": "poly:2"})
+    with refused("library-of-equation-parametric", state="y"):
+        cl.discover(trials, library={"x": "poly:2", "y": "poly:1 + saturating"})

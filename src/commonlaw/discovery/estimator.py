@@ -12,7 +12,7 @@ from commonlaw.discovery.hints import outcomes_of_generations, outcomes_of_rival
 from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.method import AbstractMethod
-from commonlaw.discovery.model_structure import Key, ModelStructure
+from commonlaw.discovery.model_structure import Key, Known, ModelStructure, of_each_equation
 from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_unmeasured
@@ -72,7 +72,7 @@ class LawDiscovery:
     def __init__(
         self,
         order: AskedOrder = "auto",
-        library: AbstractLibrary | str = "auto",
+        library: AbstractLibrary | str | Mapping[str, AbstractLibrary | str] = "auto",
         method: AbstractMethod | None = None,
         known: Base | None = None,
         universal: Sequence[Key] = (),
@@ -126,16 +126,22 @@ class LawDiscovery:
         usual = (DerivativeRegression(), ()) if derivatives else _default(trials, self.order)
         method, instead = (self.method, ()) if self.method else usual
         method = with_unmeasured(method, self.unmeasured)
-        library = parse_library(self.library) if isinstance(self.library, str) else self.library
-        order = 1 if derivatives and self.order == "auto" else self.order
+        by_equation = isinstance(self.library, Mapping)
+        order = 1 if (derivatives or by_equation) and self.order == "auto" else self.order
         trials, possible, steps, rates = possible_orders(trials, order)
+        absent: Known = {}
+        if isinstance(self.library, Mapping):
+            first = one_order([each[0] for each in possible])
+            library, absent = of_each_equation(self.library, trials.schema, first)
+        else:
+            library = parse_library(self.library) if isinstance(self.library, str) else self.library
         known = self.known or {}
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
                 raise CommonlawError("known-of-stream")
             if isinstance(known, Law) and known.schema.states == trials.schema.states:
                 trials = matched(known, trials, inputs="any")
-            if self.order == "auto":
+            if self.order == "auto" and not by_equation:
                 own = order_of_base(known, trials)
                 possible = tuple((each,) for each in order_of_each(own, len(trials.schema.states)))
             library, known = with_base(library, known, one_order([each[0] for each in possible]), trials)
@@ -143,7 +149,7 @@ class LawDiscovery:
             possible, without = _without_evidence(method, possible, isinstance(trials, TrialStream))
             instead = (*instead, *without)
         first = one_order([each[0] for each in possible])
-        structure = ModelStructure(first, library, known, self.universal, derivatives)
+        structure = ModelStructure(first, library, {**absent, **known}, self.universal, derivatives)
         copies, resting = tuple[Outcome, ...](), tuple[str, ...]()
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
@@ -303,7 +309,7 @@ def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
 def discover(
     trials: Trials | TrialStream | Any,
     order: AskedOrder = "auto",
-    library: AbstractLibrary | str = "auto",
+    library: AbstractLibrary | str | Mapping[str, AbstractLibrary | str] = "auto",
     method: AbstractMethod | None = None,
     known: Base | None = None,
     universal: Sequence[Key] = (),
@@ -329,7 +335,8 @@ def discover(
         but not by the law.
     library
         Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, see
-        `parse_library`. ``"auto"``: polynomials of degree 3, and richer terms where these show lack of fit, see
+        `parse_library`; or plain terms by state, ``{"x": "poly:2", "y": "poly:1"}``, for laws of order 1 unless another
+        is named. ``"auto"``: polynomials of degree 3, and richer terms where these show lack of fit, see
         `AutoLibrary`; in streams and regressions only polynomials.
     method
         The way from trials to a law: `TrajectoryLikelihood`, `DerivativeRegression`, `WeakRegression`, or

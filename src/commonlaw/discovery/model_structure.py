@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from itertools import product
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -10,7 +13,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import TrialDerivatives, law_variables
 from commonlaw.law import Law
-from commonlaw.library import AbstractLibrary, Order, ParametricTerm, PolynomialLibrary, Ratios, Terms
+from commonlaw.library import AbstractLibrary, Order, ParametricTerm, PolynomialLibrary, Ratios, Terms, parse_library
 from commonlaw.trials import Schema
 
 Key = str | tuple[str, str]
@@ -96,6 +99,32 @@ class ModelStructure:
         universal = np.pad(universal, ((0, len(law.schema.states) - len(universal)), (0, 0)))
         columns = {name: universal[:, k] for k, name in enumerate(names)}
         return np.column_stack([columns.get(name, np.zeros(len(universal), dtype=bool)) for name in law.terms.names])
+
+
+def of_each_equation(
+    libraries: Mapping[str, AbstractLibrary | str], schema: Schema, order: Order
+) -> tuple[AbstractLibrary, Known]:
+    """Return the library of all equations, and which coefficients are zero as an equation has other terms.
+
+    Raises
+    ------
+    CommonlawError
+        If a state has no library, or one has terms with nonlinear parameters, which are offered to all equations.
+    """
+    for name in libraries:
+        check_choice("state", name, schema.states)
+    if missing := [name for name in schema.states if name not in libraries]:
+        raise CommonlawError("library-of-equation-missing", states=missing)
+    variables, parsed = law_variables(schema, order), list[AbstractLibrary]()
+    for name in schema.states:
+        library = libraries[name]
+        parsed.append(parse_library(library) if isinstance(library, str) else library)
+        if library == "auto" or parsed[-1].parametric(variables) or parsed[-1].ratios(variables):
+            raise CommonlawError("library-of-equation-parametric", state=name)
+    whole = reduce(add, parsed)
+    terms, own = whole.bind(variables), [{*each.bind(variables).terms} for each in parsed]
+    pairs = product(zip(schema.states, own, strict=True), zip(terms.names, terms.terms, strict=True))
+    return whole, {(state, name): 0.0 for (state, offered), (name, term) in pairs if term not in offered}
 
 
 def _number(key: Key, value: Any) -> float:
