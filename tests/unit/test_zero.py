@@ -98,6 +98,19 @@ def test_growth_from_below_the_noise_leaves_zero_by_its_law():
     assert said(fitted("x' = a x + b x^2", course(grown)), OutcomeKind.START) == []
 
 
+def test_growth_from_a_start_near_the_noise_is_not_said_to_rest():
+    grown = 5 / (1 + 17 * np.exp(-1.5 * TIMES)) + 0.1 * np.random.default_rng(1).standard_normal(len(TIMES))
+    grown[0] = 0.1
+    assert said(fitted("x' = a x + b x^2", course(grown)), OutcomeKind.START) == []
+
+
+def test_a_start_at_zero_that_the_law_has_to_miss_is_said():
+    rising = RISING + 0.02 * np.random.default_rng(2).standard_normal(len(TIMES))
+    rising[0] = 0.0
+    (text,) = said(fitted("x' = a x + b x^2", course(rising)), OutcomeKind.START)
+    assert "1 trial" in text
+
+
 def test_refining_says_it_once():
     trials = course(COOLING, "degC")
     law = cl.refine(fitted("x' = a + b x^3", trials), trials, errors="white", noise={"x": 0.1})

@@ -17,6 +17,8 @@ from commonlaw.trials.transformations import Conversion
 
 _NOISES = 2
 """Standard deviations of the noise within which a state counts as zero."""
+_MAX_MISFIT = 3
+"""Standard deviations of the noise between a measured and a fitted initial value that agree."""
 _ROUNDING = 1e-8
 
 
@@ -80,7 +82,7 @@ def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
         return  # Rates and states that are not measured may set it going
     noise = np.zeros(len(law.schema.states)) if law.uncertainty.noise is None else law.uncertainty.noise
     starting = [trial for trial in trials if _leaves_zero(trial, noise) and _rests(law, trial)]
-    starting = [trial for trial in starting if not _starts_near_zero(law, trials.with_trials([trial]), noise)]
+    starting = [trial for trial in starting if not _starts_as_measured(law, trials.with_trials([trial]), noise)]
     if starting:
         names = " or ".join(law.schema.states)
         began = f"initial values of {counted(len(starting), 'trial')} are zero within the noise"
@@ -93,16 +95,16 @@ def _leaves_zero(trial: Trial, noise: Floats) -> bool:
     return bool(begins.all() and np.any(np.abs(trial.states) > 5 * _NOISES * trial.std(noise)))
 
 
-def _starts_near_zero(law: Law, trial: Trials, noise: Floats) -> bool:
-    """Return whether the initial condition that is fitted to the whole trial is zero within the noise, too.
+def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
+    """Return whether the initial condition that is fitted to the whole trial agrees with its first sample.
 
-    Exponential growth, for instance, is below the noise at first, and leaves it by the law.
+    Exponential growth, for instance, is near the noise at first, and leaves it by the law.
     """
     if law.order == 0:
         return False
     with suppress(CommonlawError):
         begins = law.predict(trial, start="all", averaged=False).trajectories[0].states[0]
-        return bool(np.all(np.abs(begins) <= _NOISES * trial[0].std(noise)[:1]))
+        return bool(np.all(np.abs(begins - trial[0].states[0]) <= _MAX_MISFIT * trial[0].std(noise)[0]))
     return False
 
 
