@@ -232,6 +232,18 @@ _LAW_OPTIONS = (
         help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
     ),
     _law(
+        "--observe",
+        metavar="EQUATION",
+        multiple=True,
+        help='What a column measures in place of a state, "y = s (x + z) + b"; repeat for more.',
+    ),
+    _law(
+        "--latent",
+        metavar="NAME",
+        multiple=True,
+        help="A state without a column, one for each --observe: z; repeat for more.",
+    ),
+    _law(
         "--explain",
         is_flag=True,
         help="Say what in the law is universal, what follows the objects' properties, and what is each object's own.",
@@ -248,6 +260,8 @@ class Question:
     library: str
     known: tuple[str, ...]
     universal: tuple[str, ...]
+    observe: tuple[str, ...]
+    latent: tuple[str, ...]
     explain: bool
     no_cache: bool
     method: "AbstractMethod | None"
@@ -263,6 +277,8 @@ class Question:
             method=self.method,
             known=_known_physics(self.known),
             universal=[_key(name) for name in self.universal],
+            observe=dict(pairs("--observe", self.observe)),
+            latent=self.latent,
             progress=show,
             cache=not self.no_cache,
         )

@@ -13,6 +13,7 @@ from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.method import AbstractMethod
 from commonlaw.discovery.model_structure import Key, Known, ModelStructure, of_each_equation
+from commonlaw.discovery.observed import discover_observed
 from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_unmeasured
@@ -28,6 +29,7 @@ from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, CappedLibrary, one_order, order_of_each, parse_library
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.cluster import on_cluster, refuse_client
+from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.runtime.parallel import one_blas_thread
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.text import shown
@@ -48,7 +50,7 @@ class LawDiscovery:
 
     Parameters
     ----------
-    order, library, method, known, universal, unmeasured, progress, cache, client
+    order, library, method, known, universal, unmeasured, observe, latent, progress, cache, client
         See `discover`.
 
     Attributes
@@ -77,6 +79,8 @@ class LawDiscovery:
         known: Base | None = None,
         universal: Sequence[Key] = (),
         unmeasured: int = 0,
+        observe: Mapping[str, str] | None = None,
+        latent: str | Sequence[str] = (),
         progress: ProgressCallback | None = None,
         cache: bool = True,
         client: "Client | None" = None,
@@ -87,6 +91,8 @@ class LawDiscovery:
         self.known = known
         self.universal = universal
         self.unmeasured = unmeasured
+        self.observe = observe
+        self.latent = latent
         self.progress = progress
         self.cache = cache
         self.client = client
@@ -117,9 +123,47 @@ class LawDiscovery:
                 self.law_ = self._found(trials, progress, y)
         return self
 
+    def _observed(
+        self,
+        trials: Trials | TrialStream,
+        observe: Mapping[str, str],
+        progress: ProgressCallback,
+        derivatives: GivenDerivatives | None,
+    ) -> Law:
+        """Return the law of states that observation equations determine."""
+        if isinstance(trials, TrialStream):
+            raise CommonlawError("not-for-streams")
+        given = self.get_params(deep=False)
+        refused = [name for name in ("known", "universal", "unmeasured") if given[name]]
+        refused += ["x_dot"] * (derivatives is not None)
+        settings = dict[str, Any]()
+        if isinstance(self.method, TrajectoryLikelihood):
+            settings = changed_settings("discover", vars(self.method))
+        refused += ["method"] * (self.method is not None and not isinstance(self.method, TrajectoryLikelihood))
+        refused += ["order"] * (self.order not in ("auto", 1))
+        refused += [name for name in settings if name not in ("noise", "seed", "n_jobs")]
+        library = self.library
+        if refused or isinstance(library, Mapping):
+            given_too = ["library"] if isinstance(library, Mapping) else []
+            raise CommonlawError("not-with-observation", settings=[*refused, *given_too])
+        own = parse_library(library) if isinstance(library, str) else library
+        with one_blas_thread():
+            return discover_observed(
+                trials,
+                observe,
+                (self.latent,) if isinstance(self.latent, str) else tuple(self.latent),
+                None if library == "auto" else own,
+                noise=settings.get("noise"),
+                seed=settings.get("seed", 0),
+                progress=progress,
+                calls=(call(LawDiscovery, given, "cl.discover", "trials"),),
+            )
+
     def _found(
         self, trials: Trials | TrialStream, progress: ProgressCallback, given: GivenDerivatives | None = None
     ) -> Law:
+        if self.observe or self.latent:
+            return self._observed(trials, self.observe or {}, progress, given)
         derivatives = None
         if given is not None:
             trials, derivatives = with_derivatives(trials, given)
@@ -314,6 +358,8 @@ def discover(
     known: Base | None = None,
     universal: Sequence[Key] = (),
     unmeasured: int = 0,
+    observe: Mapping[str, str] | None = None,
+    latent: str | Sequence[str] = (),
     progress: ProgressCallback | None = None,
     cache: bool = True,
     client: "Client | None" = None,
@@ -351,6 +397,13 @@ def discover(
         Terms that have one coefficient for all objects, such as gravity: ``("1",)``; named as in `known`.
     unmeasured
         1 to look for a latent state, too, see `TrajectoryLikelihood`.
+    observe, latent
+        What was measured in place of states, by column, as expressions of states, inputs and parameters, and the names
+        of states without a column: ``observe={"y": "s (x + z) + b"}, latent="z"`` in a table of x and y. There have to
+        be as many states as measured quantities. Parameters of observations are estimated with the law, of first
+        order, and are the same for all objects; what the law does not determine, such as the scale of a state that is
+        seen through ``"s x"`` alone, is an error that names it. Of `TrajectoryLikelihood` noise and seed go with it;
+        ``"auto"`` as the library is polynomials of degree 2, and of degree 3 where these show lack of fit.
     progress
         Takes the text of each step. Default: it is written to the terminal after two seconds.
     cache
@@ -379,7 +432,9 @@ def discover(
     <BLANKLINE>
     with v = x'
     """
-    estimator = LawDiscovery(order, library, method, known, universal, unmeasured, progress, cache, client)
+    estimator = LawDiscovery(
+        order, library, method, known, universal, unmeasured, observe, latent, progress, cache, client
+    )
     return estimator.fit(trials, x_dot).law_
 
 

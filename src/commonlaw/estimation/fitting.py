@@ -86,11 +86,16 @@ def fit_model(
     seed: int,
     progress: ProgressCallback,
     calls: tuple[str, ...],
+    first: Mapping[str, float] | None = None,
 ) -> Law:
-    """Return the law of largest likelihood, see `commonlaw.fit`."""
+    """Return the law of largest likelihood, see `commonlaw.fit`; from one first value by label, if these are given."""
     begun = begin(text, trials, starts, starts_at, universal, guesses, priors, positive, noise)
     model, unknowns, problem, bounds = begun.model, begun.unknowns, begun.problem, begun.bounds
-    optimum = maximize(problem, begun.first, begun.guessed, bounds, None, seed, progress)
+    if first is None:
+        optimum = maximize(problem, begun.first, begun.guessed, bounds, None, seed, progress)
+    else:
+        sizes = np.array([first[label] for label in unknowns.labels])
+        optimum = maximize(problem, sizes, begun.guessed, bounds, None, seed, progress, draws=1)
     lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
     if len(lost):
         raise CommonlawError("parameters-not-identified", names=[unknowns.labels[i] for i in lost[:8]])

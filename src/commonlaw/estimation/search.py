@@ -242,8 +242,9 @@ def maximize(
     noise: Floats | None,
     seed: int,
     progress: Callable[[str], None],
+    draws: int = _DRAWS,
 ) -> Optimum:
-    """Return where the likelihood is largest.
+    """Return where the likelihood is largest, from the given first values and as many more as make up the draws.
 
     Raises
     ------
@@ -252,9 +253,7 @@ def maximize(
     """
     given = noise is not None
     noise = rough_noise(problem) if noise is None else noise
-    starts = first_values(sizes, guessed, bounds, seed)
-    if not problem.unknowns:
-        starts = starts[:1]
+    starts = first_values(sizes, guessed, bounds, seed)[: draws if problem.unknowns else 1]
     progress(f"computing the likelihood of {len(starts)} first values")
     coarse = replace(problem, tolerance=_ROUGH_TOLERANCE)
     costs = np.array([_cost(coarse, each, noise) for each in starts])

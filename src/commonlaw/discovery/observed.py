@@ -1,0 +1,429 @@
+"""Laws of states that are seen through observation equations of known form ``y = g(x; p)``.
+
+There are as many measured quantities as states, so that parameters p determine the states. ``y' = (dg/dx) f(x)`` is
+linear in the coefficients of f, and residuals of its weak form (Messenger and Bortz 2021), whitened by their covariance
+(Bortz, Messenger and Dukic 2023), have a sum of squares that does not depend on p where f has all terms of a library
+that is closed under changes of p. The p is sought with which most terms cost nothing to leave out, and the best few
+laws are fitted to the trials by maximum likelihood.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation import SmoothingSpline, noise_level
+from commonlaw.errors import CommonlawError
+from commonlaw.estimation.fitting import Beginning, begin, fit_model
+from commonlaw.estimation.model import ModelText
+from commonlaw.estimation.problem import TrialData
+from commonlaw.estimation.search import first_values
+from commonlaw.formulation.compact_test_functions import CompactTestFunctions, corner_radius
+from commonlaw.law import Law, Step
+from commonlaw.law.text import free_letters
+from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
+from commonlaw.library.notation import quoted
+from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.trials import Trials
+from commonlaw.trials.trial import property_names
+
+_STARTS = 12
+"""From how many values parameters of observations are sought, the likeliest of those that are drawn."""
+_NEIGHBOUR = 2.0
+"""Factor within which values lead to the same end."""
+_SAME = 0.01
+"""Difference of sums of logarithms below which two ends of this search are one."""
+_SOUGHT, _FITTED = 4, 3
+"""How many ends are followed by leaving out terms, and how many laws are fitted to the trials."""
+_NEAR = 20.0
+"""Laws whose scores are worse than the best by as much are not fitted to trials: twice what is very strong evidence."""
+_LACK_OF_FIT = 1.5
+"""Sum of squares with all terms, in its degrees of freedom, from which on terms are missing."""
+_SWEEPS = 3
+"""How often rows are whitened anew."""
+_ROUNDS, _CONVERGED = 30, 1e-9
+"""Most steps of Newton's method to the states, and their relative length that ends them."""
+_NARROWEST, _SHORTEST = 3, 15
+"""Samples in the radius of the narrowest test function, and in the shortest trial."""
+_LEAST_NOISE = 1e-6
+"""Noise of a quantity that is measured exactly, in its range: that of quadrature."""
+_RIDGE = 1e-11
+"""Share of its diagonal that is added to a Gram matrix, so that terms which are combinations of others have none."""
+_INFINITE = 1e300
+"""In place of an infinite value, which a simplex does not take."""
+_STEP = 1e-4
+"""Differences by which rates are differentiated, in the range of a measured quantity."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """One trial: smoothed values of n samples and m quantities, and the weak form of their rates on k test functions.
+
+    The targets have shape (k, m), `tested` integrates samples against test functions, and `response` is how targets
+    follow from the noise of samples, shape (k, n) both.
+    """
+
+    data: TrialData
+    times: Floats
+    values: Floats
+    inputs: Floats
+    noise: Floats
+    tested: Floats
+    targets: Floats
+    response: Floats
+
+    @classmethod
+    def of(cls, data: TrialData) -> "_Rows":
+        trial = data.trial
+        rows = np.isfinite(trial.states).all(axis=1)
+        if rows.sum() < _SHORTEST:
+            raise CommonlawError("observed-trial-short", trial=trial.label, samples=int(rows.sum()), least=_SHORTEST)
+        times, states = trial.times[rows], trial.states[rows]
+        known = trial.noise[rows]
+        with np.errstate(invalid="ignore"):
+            noise = np.where(np.isfinite(known).all(axis=0), known.mean(axis=0), noise_level(times, states))
+        noise = np.maximum(noise, _LEAST_NOISE * np.ptp(states, axis=0))
+        tests = CompactTestFunctions.over(times, corner_radius(times, states, noise), _NARROWEST)
+        tested, slopes = (each.toarray() for each in tests.weights(times, 1))
+        smooth = SmoothingSpline().differentiate(times, states, 1).states
+        return cls(data, times, smooth, trial.inputs[rows], noise, tested, -slopes @ states, -slopes)
+
+    def whitened(self, slopes: Floats) -> tuple[Floats, Floats]:
+        """Return what makes white rows of rates, shape (k m, m n), and white targets, shape (k m,).
+
+        `slopes` are the derivatives of the rates by the measured values, shape (n, m, m).
+        """
+        from scipy.linalg import block_diag, solve_triangular
+
+        size = self.values.shape[1]
+        blocks = [
+            [(self.response * (i == j) - self.tested * slopes[:, i, j]) * self.noise[j] for j in range(size)]
+            for i in range(size)
+        ]
+        response = np.block(blocks)
+        covariance = response @ response.T
+        covariance[np.diag_indices_from(covariance)] *= 1 + 1e-10
+        factor = np.linalg.cholesky(covariance)
+        rows = solve_triangular(factor, block_diag(*[self.tested] * size), lower=True)
+        return rows, solve_triangular(factor, self.targets.T.ravel(), lower=True)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A support, shape (d terms,), the parameters of observations that fit best with it, and the score."""
+
+    support: tuple[bool, ...]
+    parameters: tuple[float, ...]
+    score: float
+
+
+class _WeakSearch:
+    """The weak form of all trials as a function of the parameters of observations."""
+
+    def __init__(self, begun: Beginning, trials: Trials, library: AbstractLibrary) -> None:
+        self.model, self.problem = begun.model, begun.problem
+        self.terms: Terms = library.bind(replace(begun.model.variables, parameters=()))
+        owners = {name: i for i, name in enumerate(trials.objects)}
+        self.owners = [owners[each.trial.object] for each in begun.problem.trials]
+        self.rows = [_Rows.of(each) for each in begun.problem.trials]
+        self.lengths = [len(each.times) for each in self.rows]
+        ends = np.cumsum([0, *self.lengths]).tolist()
+        self.parts = [slice(first, last) for first, last in pairwise(ends)]
+        self.values = np.concatenate([each.values for each in self.rows])
+        self.given = np.concatenate([np.column_stack([each.inputs, each.times]) for each in self.rows])
+        self.ranges = np.ptp(self.values, axis=0)
+        self.objects, self.width = len(owners), self.model.width * len(self.terms)
+        self.free = sorted({int(i) for each in begun.problem.trials for i in each.parameter if i >= 0})
+        samples = np.bincount(self.owners, [each.values.size for each in self.rows])
+        self.price = float(np.log(samples).sum())
+        self.scale, self.white = 1.0, list[tuple[Floats, Floats]]()
+        self.last: tuple[bytes, tuple[Floats, Floats, float]] | None = None
+
+    def states(self, values: Floats, p: Floats) -> tuple[Floats, Floats]:
+        """Return the states at measured values, by Newton's method, in all variables, and dg/dx, shape (n, m, d)."""
+        model, width = self.model, self.model.width
+        unknowns = np.zeros(self.problem.unknowns)
+        unknowns[self.free] = p
+        parameters = [np.tile(each.data.parameters(unknowns), (len(each.times), 1)) for each in self.rows]
+        point = np.hstack([np.tile(self.problem.sizes[:width], (len(values), 1)), self.given, np.vstack(parameters)])
+        for j, name in enumerate(model.schema.states):
+            if name in model.observables and name not in model.text.observed:
+                point[:, j] = values[:, model.observables.index(name)]
+        for _ in range(_ROUNDS):
+            slopes = model.outputs.jacobian(point)[:, :, :width]
+            gap = values - model.outputs.evaluate(point)
+            if not np.any(np.abs(gap) > _CONVERGED * self.ranges):  # Nor where they are not finite
+                break
+            try:
+                point[:, :width] += np.linalg.solve(slopes, gap[:, :, np.newaxis])[:, :, 0]
+            except np.linalg.LinAlgError:
+                point[:, :width] = np.nan
+        else:
+            point[:, :width] = np.nan
+        return point, slopes
+
+    def columns(self, values: Floats, p: Floats) -> Floats:
+        """Return the rates of measured values by coefficient of the law, shape (n, m, d, terms)."""
+        with np.errstate(all="ignore"):
+            point, slopes = self.states(values, p)
+            library = self.terms.evaluate(point[:, : self.model.first_parameter])
+            return np.asarray(slopes[:, :, :, np.newaxis] * library[:, np.newaxis, np.newaxis, :])
+
+    def whiten(self, p: Floats) -> bool:
+        """Whiten rows by their covariance at the law with all terms; return whether rates are finite there."""
+        size = len(self.model.observables)
+        self.white = [each.whitened(np.zeros((len(each.values), size, size))) for each in self.rows]
+        whole = np.ones(self.width, dtype=np.bool_)
+        for _ in range(_SWEEPS):
+            self.last = None
+            squares, coefficients, _ = self.fitted(p, whole)
+            if not np.isfinite(squares):
+                return False
+            own = np.repeat(coefficients.reshape(self.objects, self.model.width, -1)[self.owners], self.lengths, axis=0)
+            slopes = np.empty((len(self.values), size, size))
+            for k, step in enumerate(_STEP * self.ranges):
+                low, high = (
+                    np.einsum("nmdt,ndt->nm", self.columns(self.values + side * step * np.eye(size)[k], p), own)
+                    for side in (-1, 1)
+                )
+                slopes[:, :, k] = (high - low) / (2 * step)
+            self.white = [each.whitened(slopes[part]) for each, part in zip(self.rows, self.parts, strict=True)]
+        self.last = None
+        freedom = sum(len(target) for _, target in self.white) - self.objects * self.width
+        self.scale = max(1.0, self.fitted(p, whole)[0] / max(freedom, 1))
+        return True
+
+    def normal(self, p: Floats) -> tuple[Floats, Floats, float]:
+        """Return Gram matrices of the white rows, their products with targets, by object, and the targets' squares."""
+        if self.last is None or self.last[0] != p.tobytes():
+            gram, right = np.zeros((self.objects, self.width, self.width)), np.zeros((self.objects, self.width))
+            total = 0.0
+            columns = self.columns(self.values, p)
+            for owner, part, (white, target) in zip(self.owners, self.parts, self.white, strict=True):
+                rows = white @ columns[part].transpose(1, 0, 2, 3).reshape(-1, self.width)
+                gram[owner] += rows.T @ rows
+                right[owner] += rows.T @ target
+                total += float(target @ target)
+            self.last = p.tobytes(), (gram, right, total)
+        return self.last[1]
+
+    def fitted(self, p: Floats, support: Bools) -> tuple[float, Floats, Floats]:
+        """Return the sum of squares, coefficients by object, and how it grows without each of the terms, shape (k,)."""
+        gram, right, total = self.normal(p)
+        gram, right = gram[:, support][:, :, support], right[:, support]
+        found, count = np.zeros((self.objects, self.width)), int(support.sum())
+        if not np.isfinite(gram).all():
+            return np.inf, found, np.zeros(count)
+        with np.errstate(divide="ignore"):
+            scale = np.nan_to_num(1 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2)), posinf=0.0)
+        gram = gram * scale[:, :, np.newaxis] * scale[:, np.newaxis]
+        inverse = np.linalg.inv(gram + _RIDGE * np.eye(count))
+        unit = np.einsum("oij,oj->oi", inverse, right * scale)
+        found[:, support] = unit * scale
+        growth = (unit**2 / np.diagonal(inverse, axis1=1, axis2=2)).sum(axis=0)
+        return total - float((found[:, support] * right).sum()), found, growth
+
+    def steps(self, p: Floats) -> float:
+        """Return the sum of ``log(1 + a)`` over steps that leave out one term after another, a being their cost.
+
+        It is that of the term whose loss costs least, in what a term has to be worth. Terms too many cost nothing, so
+        parameters with the fewest terms have the least sum, and near them it decreases toward them.
+        """
+        support, total = np.ones(self.width, dtype=np.bool_), 0.0
+        while support.any():
+            squares, _, growth = self.fitted(p, support)
+            if not np.isfinite(squares):
+                return _INFINITE
+            total += float(np.log1p(max(growth.min(), 0.0) / self.scale / self.price))
+            support[np.flatnonzero(support)[np.argmin(growth)]] = False
+        return total
+
+    def score(self, p: Floats, support: Bools) -> float:
+        """Return the sum of squares with the price of terms, as in the Bayesian information criterion."""
+        return self.fitted(p, support)[0] / self.scale + self.price * int(support.sum())
+
+    def path(self, p: Floats) -> list[Bools]:
+        """Return supports from all terms to none, each without the term whose loss costs least."""
+        found = [np.ones(self.width, dtype=np.bool_)]
+        while found[-1].any():
+            support = found[-1].copy()
+            growth = self.fitted(p, support)[2]
+            support[np.flatnonzero(support)[int(np.argmin(growth))]] = False
+            found.append(support)
+        return found
+
+    def candidates(self, starts: Floats, sizes: Floats) -> list[_Candidate]:
+        """Return supports with their parameters, the best first."""
+        ends = list[tuple[float, Floats]]()
+        if starts.shape[1]:
+            for each in _apart(sorted(starts, key=self.steps))[:_STARTS]:
+                ends.append(_least(self.steps, each, sizes))
+            ends.sort(key=lambda end: end[0])
+        else:
+            ends.append((0.0, starts[0]))
+        apart = [end for i, end in enumerate(ends) if not i or end[0] - ends[i - 1][0] > _SAME][:_SOUGHT]
+        found = dict[tuple[bool, ...], _Candidate]()
+
+        def add(p: Floats, support: Bools) -> _Candidate:
+            """Return the law with these terms, its parameters improved."""
+            key = tuple(support.tolist())
+            if len(p):
+                p = _least(lambda q: self.score(q, support), p, sizes)[1]
+            own = _Candidate(key, tuple(p.tolist()), self.score(p, support))
+            if key not in found or own.score < found[key].score:
+                found[key] = own
+            return own
+
+        for _, p in apart:
+            best = add(p, min(self.path(p), key=lambda support: self.score(p, support)))
+            while any(best.support):
+                # What is left out may change the parameters, so each is tried
+                fewer = [add(np.array(best.parameters), each) for each in _without_one(np.array(best.support))]
+                less = min(fewer, key=lambda each: each.score)
+                if less.score >= best.score:
+                    break
+                best = less
+        return sorted(found.values(), key=lambda each: each.score)
+
+
+def _apart(starts: Sequence[Floats]) -> list[Floats]:
+    """Return starts without those near to one before, each number within a factor."""
+    found = list[Floats]()
+    for start in starts:
+        if not any(np.all((start / each > 1 / _NEIGHBOUR) & (start / each < _NEIGHBOUR)) for each in found):
+            found.append(start)
+    return found
+
+
+def _without_one(support: Bools) -> list[Bools]:
+    """Return supports without each of the terms."""
+    return [support & (np.arange(len(support)) != i) for i in np.flatnonzero(support)]
+
+
+def _least(function: Callable[[Floats], float], start: Floats, sizes: Floats) -> tuple[float, Floats]:
+    """Return the least value of a function, from a start, by the simplex of Nelder and Mead, and where it is."""
+    from scipy.optimize import minimize
+
+    def scaled(unit: Floats) -> float:
+        return function(unit * sizes)
+
+    options: Any = {"xatol": 1e-6, "fatol": 1e-3, "maxfev": 100 * len(start)}
+    found = minimize(scaled, start / sizes, method="Nelder-Mead", options=options)
+    return float(found.fun), np.asarray(found.x * sizes)
+
+
+def discover_observed(
+    trials: Trials,
+    observe: Mapping[str, str],
+    latent: Sequence[str],
+    library: AbstractLibrary | None,
+    *,
+    noise: Mapping[str, float] | None,
+    seed: int,
+    progress: ProgressCallback,
+    calls: tuple[str, ...],
+) -> Law:
+    """Return the law of first order of states that are measured and latent ones, see `commonlaw.discover`.
+
+    Without a library polynomials of degree 2 are its terms, and of degree 3 where these show lack of fit. Raises
+    `CommonlawError` if there are not as many states as measured quantities, if no parameters give finite states, or if
+    the best laws cannot be fitted.
+    """
+    states = (*(name for name in trials.schema.states if name not in observe), *latent)
+    if len(set(states)) != len(trials.schema.states):
+        raise CommonlawError("observed-states", states=states, measured=trials.schema.states)
+    begun = _begun(trials, observe, states, noise)
+    for each in (PolynomialLibrary(2), PolynomialLibrary(3)) if library is None else (library,):
+        search = _WeakSearch(begun, trials, each)
+        starts = first_values(begun.first, begun.guessed, begun.bounds, seed)[:, search.free]
+        progress("looking for parameters of observations with which the law has few terms")
+        if not any(search.whiten(start) for start in starts):
+            raise CommonlawError("observation-not-invertible", observations=[f"{k} = {v}" for k, v in observe.items()])
+        if search.scale < _LACK_OF_FIT:
+            break
+    found = search.candidates(starts, np.abs(begun.first[search.free]))
+    near = [each for each in found[:_FITTED] if each.score - found[0].score < _NEAR]
+    laws, refused = list[tuple[float, Law]](), list[CommonlawError]()
+    for i, candidate in enumerate(near):
+        progress(f"fitting law {i + 1} of {len(near)}")
+        try:
+            law = _exact(
+                search, begun, trials, observe, candidate, noise=noise, seed=seed, progress=progress, calls=calls
+            )
+        except CommonlawError as error:
+            refused.append(error)
+            continue
+        assert law.observation is not None
+        laws.append((-2 * law.observation.log_likelihood + search.price * sum(candidate.support), law))
+    if not laws:
+        raise refused[0]
+    law = min(laws, key=lambda pair: pair[0])[1]
+    others = [each for each in found if each.support != found[0].support]
+    apart = f"; the score of the next law is {others[0].score - found[0].score:.3g} larger" if others else ""
+    step = Step(
+        "terms", f"{sum(found[0].support)} of {search.width}", f"the fewest for any parameters of observations{apart}"
+    )
+    return replace(law, provenance=replace(law.provenance, history=(step, *law.history)))
+
+
+def _begun(
+    trials: Trials, observe: Mapping[str, str], states: Sequence[str], noise: Mapping[str, float] | None
+) -> Beginning:
+    """Return observations alone, of states that rest, with parameters that all objects share."""
+    text = ModelText.of("; ".join(f"{quoted(name)}' = 0" for name in states), observe)
+    apart = begin(text, trials, {}, noise=noise or {})
+    properties = property_names(trials.properties)
+    shared = [name for name in apart.model.parameters if name not in properties]
+    return begin(text, trials, {}, universal=shared, noise=noise or {})
+
+
+def _exact(
+    search: _WeakSearch,
+    begun: Beginning,
+    trials: Trials,
+    observe: Mapping[str, str],
+    found: _Candidate,
+    noise: Mapping[str, float] | None,
+    seed: int,
+    progress: ProgressCallback,
+    calls: tuple[str, ...],
+) -> Law:
+    """Return the law of a candidate with the largest likelihood, searched from what is known of it."""
+    p, support = np.array(found.parameters), np.array(found.support)
+    variables, shared = search.terms.variables, [begun.unknowns.names[i] for i in search.free]
+    names = [quoted(each) for each in variables.names]
+    used = (*variables.names, *begun.model.parameters, *trials.schema.states, *property_names(trials.properties))
+    letters = free_letters(int(support.sum()), used)
+    coefficients, rates = search.fitted(p, support)[1][:, support], dict[int, str]()
+    signs = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0)
+    places = np.argwhere(support.reshape(search.model.width, -1)).tolist()
+    for (j, term), letter, sign in zip(places, letters, signs, strict=True):
+        rates[j] = f"{rates.get(j, '')} {'-' if sign < 0 else '+'} {letter} {search.terms.terms[term].text(names)}"
+    states = search.model.schema.states
+    text = "; ".join(f"{quoted(name)}' = {rates.get(j, '0').removeprefix(' + ')}" for j, name in enumerate(states))
+    first = dict(zip(shared, p.tolist(), strict=True))
+    for owner, values in zip(trials.objects, signs * coefficients, strict=True):
+        for letter, value in zip(letters, values.tolist(), strict=True):
+            first[letter if len(trials.objects) == 1 else f"{letter} of {owner}"] = value
+    point, _ = search.states(search.values, p)
+    for each, part in zip(search.rows, search.parts, strict=True):
+        label = each.data.trial.label
+        first |= {f"{name}(0) of {label}": float(point[part.start, j]) for j, name in enumerate(states)}
+    return fit_model(
+        ModelText.of(text, observe),
+        trials,
+        starts={},
+        starts_at=None,
+        universal=shared,
+        guesses=None,
+        priors=None,
+        positive=(),
+        noise=noise,
+        seed=seed,
+        progress=progress,
+        calls=calls,
+        first=first,
+    )

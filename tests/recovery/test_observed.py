@@ -1,0 +1,104 @@
+"""Laws of states that are seen through observation equations."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+from commonlaw.discovery.observed import _begun, _WeakSearch
+from commonlaw.law.parameters import named_parameters
+from commonlaw.library import PolynomialLibrary
+from tests.refusals import refused
+
+SCALE, OFFSET = 1.7, 0.4
+OBSERVE = {"y": "s (x + z) + b"}
+
+
+def rates(_, state, k):
+    x, z = state
+    return k[0] * x - k[1] * x * z, k[2] * x * z - k[3] * z
+
+
+def table(noise=0.01, samples=60, objects=4, seed=3):
+    """Return prey x and the number y of all animals, predators z among them, with the coefficients of each object."""
+    rng = np.random.default_rng(seed)
+    rows, truth = [], []
+    for number in range(objects):
+        k = rng.uniform((0.7, 0.7, 0.5, 0.6), (1.3, 1.3, 1.0, 1.2))
+        truth.append(k)
+        times = np.linspace(0, 12, samples)
+        first = rng.uniform(0.5, 1.5, 2)
+        solution = solve_ivp(rates, (0, 12), first, t_eval=times, args=(k,), rtol=1e-9, atol=1e-11)
+        x, z = solution.y
+        y = SCALE * (x + z) + OFFSET
+        x, y = (each + noise * each.std() * rng.standard_normal(samples) for each in (x, y))
+        rows.append(pd.DataFrame({"lake": f"lake {number}", "trial": "1", "t": times, "x": x, "y": y}))
+    return pd.concat(rows, ignore_index=True), np.array(truth)
+
+
+@pytest.fixture(scope="module")
+def lakes():
+    frame, truth = table()
+    return cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"]), truth
+
+
+def test_the_law_of_a_latent_state_is_found_with_the_parameters_of_what_was_measured(lakes):
+    trials, truth = lakes
+    law = cl.discover(trials, observe=OBSERVE, latent="z", cache=False)
+    assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+fxz"]
+    named = named_parameters(law)
+    expected = np.column_stack([truth[:, [0, 1, 3, 2]], np.tile([SCALE, OFFSET], (len(truth), 1))])
+    places = [named.names.index(name) for name in ("a", "c", "d", "f", "s", "b")]
+    z = (named.values[:, places] - expected) / named.errors[:, places]
+    assert np.abs(z).max() < 4
+    assert np.sqrt(np.mean(z**2)) < 1.7
+
+
+def test_squares_with_all_terms_are_those_of_noise_for_any_parameters(lakes):
+    trials, _ = lakes
+    search = _WeakSearch(_begun(trials, OBSERVE, ("x", "z"), None), trials, PolynomialLibrary(2))
+    assert search.whiten(np.array([SCALE, OFFSET]))
+    whole = np.ones(search.width, dtype=bool)
+    rows = sum(len(target) for _, target in search.white) - search.objects * search.width
+    squares = [search.fitted(np.array(p), whole)[0] for p in ([SCALE, OFFSET], [1.1, 0.0], [2.5, 0.9])]
+    np.testing.assert_allclose(squares, squares[0], rtol=1e-3)
+    assert squares[0] / rows == pytest.approx(1, abs=4 * np.sqrt(2 / rows))
+
+
+def test_states_follow_from_a_nonlinear_observation(lakes):
+    trials, _ = lakes
+    search = _WeakSearch(_begun(trials, {"y": "s (x + z + z^2)"}, ("x", "z"), None), trials, PolynomialLibrary(2))
+    point, slopes = search.states(search.values, np.array([2.0]))
+    x, z = point[:, :2].T
+    np.testing.assert_allclose(np.column_stack([x, 2 * (x + z + z**2)]), search.values, rtol=1e-8)
+    np.testing.assert_allclose(slopes[:, 1, 1], 2 * (1 + 2 * z), rtol=1e-12)
+
+
+def test_what_the_law_does_not_determine_is_named(lakes):
+    trials, _ = lakes
+    with refused("parameters-not-identified"):
+        cl.discover(trials, observe={"y": "s z"}, latent="z", library="poly:1", cache=False)
+
+
+def test_what_does_not_fit_is_refused(lakes):
+    trials, _ = lakes
+    with refused("observed-states", measured=("x", "y")):
+        cl.discover(trials, observe=OBSERVE, cache=False)
+    with refused("not-with-observation", settings=["order"]):
+        cl.discover(trials, order=2, observe=OBSERVE, latent="z", cache=False)
+    with refused("observation-not-invertible"):
+        cl.discover(trials, observe={"y": "s sqrt(x) + b"}, latent="z", cache=False)
+    short = cl.Trials.from_frame(table(samples=10)[0], object="lake", trial="trial", time="t", states=["x", "y"])
+    with refused("observed-trial-short", samples=10):
+        cl.discover(short, observe=OBSERVE, latent="z", cache=False)
+
+
+def test_the_command_takes_observations_and_latent_states(tmp_path, run):
+    table()[0].to_csv(tmp_path / "lakes.csv", index=False)
+    columns = ["--object", "lake", "--trial", "trial", "--time", "t", "--state", "x", "--state", "y"]
+    code, out, err = run(
+        "discover", str(tmp_path / "lakes.csv"), *columns, "--observe", "y = s (x + z) + b", "--latent", "z"
+    )
+    assert code in (0, 1), err
+    assert "y = s (x + z) + b" in out
