@@ -13,7 +13,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.trials import export, stream
+from commonlaw.trials import files, stream
 from tests.refusals import refused
 
 FRAME = pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0, 4.0], "x": [0.0, 1.0, 4.0, 9.0, 16.0]})
@@ -90,7 +90,7 @@ def test_a_text_that_is_in_every_row_of_a_parquet_file_is_in_memory_once(tmp_pat
 
 
 def test_a_parquet_file_that_unpacks_to_more_than_memory_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(export, "LARGEST_FILE", 2**16)
+    monkeypatch.setattr(files, "LARGEST_FILE", 2**16)
     texts = [f"{i:0100}" for i in range(1000)]
     pq.write_table(pa.table({"t": range(1000), "x": texts}), tmp_path / "texts.parquet")
     with refused("parquet-too-large", source="texts.parquet", limit=65536):
