@@ -2,7 +2,9 @@
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any
 from unicodedata import category
 
 _LETS_BE = frozenset("\n\t\u200c\u200d")
@@ -92,3 +94,28 @@ def r_squared(score: float) -> str:
     """
     text = f"{score:.5g}"
     return "R^2 > 0.99999" if text == "1" else f"R^2 = {text}"
+
+
+def json_text(document: Mapping[str, Any]) -> str:
+    """Return nested results, which may have arrays, as JSON; numbers that are not finite become null.
+
+    >>> print(json_text({"score": float("nan"), "states": ("x", "y")}))
+    {
+     "score": null,
+     "states": [
+      "x",
+      "y"
+     ]
+    }
+    """
+    return json.dumps(_plain(document), indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if hasattr(value, "tolist"):  # An array or number of NumPy, which is not loaded for text
+        return _plain(value.tolist())
+    return None if isinstance(value, float) and not isfinite(value) else value

@@ -1,7 +1,6 @@
 """What commands print, and the streams that take it."""
 
 import errno
-import json
 import os
 import sys
 from bisect import bisect_right
@@ -10,13 +9,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
 from itertools import accumulate
-from math import isfinite
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TextIO
 
 from commonlaw.cli.options import in_options
 from commonlaw.errors import CommonlawError
-from commonlaw.text import escaped, in_line, visible
+from commonlaw.text import escaped, in_line, json_text, visible
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -153,7 +151,7 @@ def print_history(law: "Law") -> None:
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print a document as JSON; numbers that are not finite (a forecast that diverged) become null."""
-    say(json.dumps(_finite(document), indent=1, ensure_ascii=False, allow_nan=False))
+    say(json_text(document))
 
 
 def print_notes(notes: Iterable[object]) -> None:
@@ -176,16 +174,6 @@ def changing_line(words: Callable[[], str]) -> Iterator[None]:
     with console.status(Words()):
         console.show_cursor()  # which would stay hidden if a signal ended the process
         yield
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    return value
 
 
 _STREAMS = {"stdin": "r", "stdout": "w", "stderr": "w"}

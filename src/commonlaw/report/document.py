@@ -1,15 +1,14 @@
 """What a report is made of: sections of text, tables, pictures and numbers."""
 
-import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.text import json_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,19 +58,7 @@ def is_number(text: str) -> bool:
 
 def to_json(document: Mapping[str, Any]) -> bytes:
     """Return nested results as JSON; numbers that are not finite become null."""
-    return (json.dumps(_plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    return value
+    return f"{json_text(document)}\n".encode()
 
 
 KINDS = ("reproduced", "reproduced with correction", "differs", "beyond the paper", "left out")
