@@ -342,6 +342,19 @@ def test_names_that_are_no_factors_are_constants_of_their_terms(text, parameters
         ("x' = k (x - a) + k^-1 x^2", lambda x, k, a: k * (x - a) + x**2 / k, {"k": 2.0, "a": -1.0}),
         ("x' = b 2^-q exp(q x) + q", lambda x, b, q: b * 2**-q * np.exp(q * x) + q, {"b": 3.0, "q": 0.3}),
         ("x' = a x^2 + a", lambda x, a: a * x**2 + a, {"a": 2.0}),
+        ("x' = r x (1 - x/K)", lambda x, r, K: r * x * (1 - x / K), {"r": 0.5, "K": 8.0}),
+        (
+            "x' = r x (1 - x/K) (1 - x/L)",
+            lambda x, r, K, L: r * x * (1 - x / K) * (1 - x / L),
+            {"r": -0.5, "K": 1.0, "L": 4.0},
+        ),
+        ("x' = -k (x - 20 - a)", lambda x, k, a: -k * (x - 20 - a), {"k": 0.5, "a": 3.0}),
+        ("x' = x/(2 tau) + c/tau x^2", lambda x, tau, c: x / (2 * tau) + c / tau * x**2, {"tau": 4.0, "c": -3.0}),
+        (
+            "x' = q (1 + s (x - 2 u x^2))",
+            lambda x, q, s, u: q * (1 + s * (x - 2 * u * x**2)),
+            {"q": 2.0, "s": -1.5, "u": 0.7},
+        ),
     ],
 )
 def test_a_law_of_constants_is_the_function_that_is_written(text, function, values):

@@ -61,32 +61,6 @@ def test_a_law_prints_saves_and_states_the_coefficients_of_its_text(law):
 
 
 @pytest.mark.parametrize(
-    ("text", "function", "values"),
-    [
-        ("x' = r x (1 - x/K)", lambda x, r, K: r * x * (1 - x / K), {"r": 0.5, "K": 8.0}),
-        (
-            "x' = r x (1 - x/K) (1 - x/L)",
-            lambda x, r, K, L: r * x * (1 - x / K) * (1 - x / L),
-            {"r": -0.5, "K": 1.0, "L": 4.0},
-        ),
-        ("x' = -k (x - 20 - a)", lambda x, k, a: -k * (x - 20 - a), {"k": 0.5, "a": 3.0}),
-        ("x' = x/(2 tau) + c/tau x^2", lambda x, tau, c: x / (2 * tau) + c / tau * x**2, {"tau": 4.0, "c": -3.0}),
-        (
-            "x' = q (1 + s (x - 2 u x^2))",
-            lambda x, q, s, u: q * (1 + s * (x - 2 * u * x**2)),
-            {"q": 2.0, "s": -1.5, "u": 0.7},
-        ),
-    ],
-)
-def test_what_is_multiplied_out_is_the_same_function_and_gives_its_coefficients_back(text, function, values):
-    law, points = cl.Law.from_text(text, values), np.linspace(0.5, 5.0, 7)
-    found = law.rhs("object", np.column_stack([points, 0 * points]))[:, 0]
-    np.testing.assert_allclose(found, function(points, **values))
-    parameters = named_parameters(law)
-    np.testing.assert_allclose(parameters.values[0], [values[name] for name in parameters.names])
-
-
-@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("x' = (k + m) (x - 20)", Diagnostic("term-twice", {"term": "x - 20"})),

@@ -395,15 +395,20 @@ def test_forecasts_begin_where_the_trial_does_whatever_it_is_called():
     assert law.predict(other).to_frame()["x forecast"].iloc[0] == pytest.approx(7, rel=0.02)
 
 
+def heated(noise, seed):
+    """Return a trial of x' = (0.6 u - x)/80 with held inputs, exactly but for the noise."""
+    times, x = np.arange(0.0, 600.0, 10.0), [0.0]
+    u = 20.0 * (times >= 50) - 10.0 * (times >= 300)
+    for each in u[:-1]:
+        x.append(0.6 * each + (x[-1] - 0.6 * each) * np.exp(-10 / 80))
+    y = np.array(x) + noise * np.random.default_rng(seed).standard_normal(len(times))
+    return cl.Trials((cl.Trial("A", "1", times, y, u),), cl.Schema(("x",), ("u",)))
+
+
 @pytest.mark.parametrize("noise", [{"x": 0.05}, None])
 def test_later_inputs_drive_forecasts(noise):
-    times = np.arange(0.0, 600.0, 10.0)
-    u = 20.0 * (times >= 50) - 10.0 * (times >= 300)
-    x = [0.0]
-    for each in u[:-1]:  # Held inputs, exactly
-        x.append(0.6 * each + (x[-1] - 0.6 * each) * np.exp(-10 / 80))
-    y = np.array(x) + 0.05 * np.random.default_rng(13).standard_normal(len(times))
-    trials = cl.Trials((cl.Trial("A", "1", times, y, u),), cl.Schema(("x",), ("u",)))
+    trials = heated(0.05, 13)
+    y = trials[0].states[:, 0]
     law = cl.fit("x' = (g u - x)/s", trials, priors={"g": (0.6, 0.3)}, input_between="held", noise=noise)
     later = law.predict(trials, from_time=250.0, return_std=True)
     assert np.abs(later.to_frame()["x error"]).max() < 0.2
@@ -414,14 +419,7 @@ def test_later_inputs_drive_forecasts(noise):
 
 
 def test_the_interpolation_of_inputs_is_the_one_that_fits():
-    times = np.arange(0.0, 600.0, 10.0)
-    u = 20.0 * (times >= 50) - 10.0 * (times >= 300)
-    x = [0.0]
-    for each in u[:-1]:
-        x.append(0.6 * each + (x[-1] - 0.6 * each) * np.exp(-10 / 80))
-    y = np.array(x) + 0.01 * np.random.default_rng(15).standard_normal(len(times))
-    trials = cl.Trials((cl.Trial("A", "1", times, y, u),), cl.Schema(("x",), ("u",)))
-    law = cl.fit("x' = (g u - x)/s", trials, priors={"g": (0.6, 0.3)})
+    law = cl.fit("x' = (g u - x)/s", heated(0.01, 15), priors={"g": (0.6, 0.3)})
     assert law.observation.measured.input_between == "held"
     assert next(each for each in law.history if each.stage == "inputs").choice == "held"
 
