@@ -104,6 +104,24 @@ def test_known_noise_and_history_are_taken_as_by_discover(run):
     assert "as given" in run("show", "l.json", "--history")[1]
 
 
+def test_noise_may_be_that_of_each_value_of_a_property(run, tmp_path):
+    times, rng = np.linspace(0, 5, 60), np.random.default_rng(0)
+    frames = [
+        pd.DataFrame({"cell": f"{lab}{k}", "lab": lab, "time": times, "s": 2 * np.exp(-times / 2)}).assign(
+            s=lambda frame, std=std: frame["s"] + std * rng.standard_normal(60)
+        )
+        for lab, std in {"A": 0.01, "B": 0.1}.items()
+        for k in (1, 2)
+    ]
+    pd.concat(frames).to_csv(tmp_path / "cells.csv", index=False)
+    text = ("fit", "cells.csv", "x' = -k x; s = c x; x(0) = 1", "--noise", "s=lab", "--save", "l.json")
+    assert run(*text)[0] == 0
+    law = cl.Law.load(tmp_path / "l.json")
+    assert [law.observation.noise_of["s"][cell] for cell in ("A1", "B1")] == pytest.approx([0.01, 0.1], rel=0.25)
+    code, _, err = run("discover", "cells.csv", "--noise", "s=lab")
+    assert (code, "setting-not-a-number" in err) == (1, True)
+
+
 def test_a_threshold_that_leaves_no_likelihood_is_refused_in_words(run):
     code, _, err = run("fit", "dataset:linear-drag:trials=1", "x'' = -9.8 - c v", "--set", "huber_threshold=1e-100")
     assert (code, err.count("\n")) == (1, 1)

@@ -105,12 +105,14 @@ def _value(name: str, annotation: Any, texts: Sequence[str]) -> Any:
     if tuple in kinds:
         return tuple(_number(name, each) for each in texts)
     if Mapping in kinds:
-        found = dict[str, float]()
+        named = dict[str, float | str]()
         for key, _, value in (each.partition("=") for each in texts):
-            if key.strip() in found:
+            if key.strip() in named:
                 raise CommonlawError("setting-twice", name=f"{name} of {key.strip()}")
-            found[key.strip()] = _number(name, value)
-        return found
+            # The name of a property, of which `fit` takes one value of noise each
+            is_name = value.strip().isidentifier() and value.strip().lower() not in ("nan", "inf")
+            named[key.strip()] = value.strip() if is_name else _number(name, value)
+        return named
     if len(texts) > 1:
         raise CommonlawError("setting-twice", name=name)
     (text,) = texts

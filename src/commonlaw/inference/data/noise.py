@@ -1,6 +1,7 @@
 """How noisy measurements are before any law is known: as given, or by the samples alone."""
 
 from collections.abc import Callable, Mapping
+from numbers import Real
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -82,6 +83,8 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
     for name, level in noise.items():
         if name in trials.schema.starts:
             raise CommonlawError("noise-of-latent", name=name)
+        if not isinstance(level, Real):
+            raise CommonlawError("setting-not-a-number", name=f"noise of {name}", value=level)
         if not (np.isfinite(level) and level > 0):
             raise CommonlawError("noise-not-positive", name=name, level=level)
         if name in columns:
