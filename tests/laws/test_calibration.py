@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference.result import interval_calibration
-from commonlaw.inference.result.interval_calibration import StandardizedErrors, widening_of
+from commonlaw.inference.result import held_out_forecasts
+from commonlaw.inference.result.held_out_forecasts import StandardizedErrors, widening_of
 from commonlaw.law import from_json, to_json
 from commonlaw.law.uncertainty import Widening
 from tests.refusals import refused
@@ -126,7 +126,7 @@ def test_trials_that_differ_by_more_than_the_law_says_widen_the_bands_of_what_is
 def test_the_later_half_of_a_trial_may_forecast_the_earlier_one_too():
     times = np.arange(11.0)
     trials = cl.Trials.from_arrays([times] * 2, [np.sin(times)] * 2, object=["a", "b"], names=["x"])
-    forward, both = (list(interval_calibration._folds(trials, way)) for way in (False, True))
+    forward, both = (list(held_out_forecasts._folds(trials, way)) for way in (False, True))
     assert [len(kept[0]) for kept, _ in forward] == [6, 9]
     *first, (kept, [(left_out, start)]) = both
     assert [len(kept[0]) for kept, _ in first] == [6, 9]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference.result import predictive_choice
-from commonlaw.inference.result.interval_calibration import StandardizedErrors
+from commonlaw.inference.result import held_out_forecasts
+from commonlaw.inference.result.held_out_forecasts import StandardizedErrors
 
 LEARNED = 9
 
@@ -63,10 +63,10 @@ def errors(sizes: np.ndarray, reach: float) -> StandardizedErrors:
 
 def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():
     missed = np.abs(np.random.default_rng(2).standard_normal((30, 8)))  # By far more than what 95 % reach
-    own = predictive_choice._score([errors(each, 1.0) for each in missed])
-    assert predictive_choice._score([errors(2 * each, 0.5) for each in missed]) == pytest.approx(own)
-    assert predictive_choice._score([errors(each, 2.0) for each in missed]) == pytest.approx(own - 30 * np.log(2))
-    assert predictive_choice._score([errors(each / 100, 1.0) for each in missed]) > own
+    own = held_out_forecasts._score([errors(each, 1.0) for each in missed])
+    assert held_out_forecasts._score([errors(2 * each, 0.5) for each in missed]) == pytest.approx(own)
+    assert held_out_forecasts._score([errors(each, 2.0) for each in missed]) == pytest.approx(own - 30 * np.log(2))
+    assert held_out_forecasts._score([errors(each / 100, 1.0) for each in missed]) > own
     assert (
-        predictive_choice._score([errors(each, 1.0) for each in missed] + [errors(np.full(8, np.inf), 1.0)]) == -np.inf
+        held_out_forecasts._score([errors(each, 1.0) for each in missed] + [errors(np.full(8, np.inf), 1.0)]) == -np.inf
     )

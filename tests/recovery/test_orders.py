@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery import orders
-from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.method import ModelStructure
 from commonlaw.discovery.orders import may_be_of_first_order
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import prepare, score_of_order

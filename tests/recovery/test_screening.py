@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.discovery import candidate
+from commonlaw.discovery import candidate_search
 from commonlaw.inference import promising_terms
 from commonlaw.library import Variables, parse_library
 
@@ -46,7 +46,7 @@ def test_a_term_that_screening_left_out_comes_back_if_it_improves_the_law(swingi
     def wrong(_, terms, *__):
         return np.array(["v" not in name for name in terms.names])
 
-    monkeypatch.setattr(candidate, "promising_terms", wrong)
+    monkeypatch.setattr(candidate_search, "promising_terms", wrong)
     law = cl.discover(swinging, order=2, library="poly:3", method=cl.TrajectoryLikelihood(errors="white"))
     assert law.structure == narrow.structure
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commonlaw.inference.search.error_levels import minimum
+from commonlaw.inference.search.error_models import minimum
 
 
 def valley(point):

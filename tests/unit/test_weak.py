@@ -14,7 +14,7 @@ from commonlaw.formulation import (
     reweight,
     rows_by_object,
 )
-from commonlaw.formulation.compact_test_functions import MIN_RADIUS, CompactTestFunctions, corner_radius
+from commonlaw.formulation.weak import MIN_RADIUS, CompactTestFunctions, corner_radius
 from commonlaw.library import PolynomialLibrary, parse_library
 from commonlaw.solvers import BestSubset
 from commonlaw.trials import Schema, Trial, Trials

@@ -3,7 +3,12 @@
 from collections.abc import Callable, Mapping
 
 from commonlaw.differentiation.base import AbstractDifferentiator, AbstractSmoother, Rates
-from commonlaw.differentiation.differences import CenteredDifference, FiniteDifference, ForwardDifference
+from commonlaw.differentiation.differences import (
+    CenteredDifference,
+    FiniteDifference,
+    ForwardDifference,
+    SpectralDerivative,
+)
 from commonlaw.differentiation.noise import (
     differences,
     noise_correlation,
@@ -15,7 +20,6 @@ from commonlaw.differentiation.noise import (
 from commonlaw.differentiation.penalized import SmoothingSpline, TotalVariationDerivative
 from commonlaw.differentiation.robust import RobustSpline
 from commonlaw.differentiation.smoothers import MedianFilter, SavitzkyGolay, SmoothedDifference, WienerFilter
-from commonlaw.differentiation.spectral import SpectralDerivative
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import format_spec, parse_spec
 

@@ -2,8 +2,7 @@
 
 from commonlaw.discovery.estimator import LawDiscovery, default_method, discover
 from commonlaw.discovery.fitting import fit
-from commonlaw.discovery.method import AbstractMethod
-from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.method import AbstractMethod, ModelStructure
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression, WeakRegression
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 

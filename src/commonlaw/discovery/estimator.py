@@ -11,8 +11,7 @@ from commonlaw.discovery.given_derivatives import GivenDerivatives, with_derivat
 from commonlaw.discovery.hints import outcomes_of_generations, outcomes_of_rivals, outcomes_of_stand_ins
 from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
-from commonlaw.discovery.method import AbstractMethod
-from commonlaw.discovery.model_structure import Key, Known, ModelStructure, of_each_equation
+from commonlaw.discovery.method import AbstractMethod, Key, Known, ModelStructure, of_each_equation
 from commonlaw.discovery.observed import discover_observed
 from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression

@@ -11,7 +11,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import marked
 from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
-from commonlaw.discovery.model_structure import Known, ModelStructure
+from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import fit_model, needs_model

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from commonlaw.discovery.model_structure import Known
+from commonlaw.discovery.method import Known
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.formulation import law_variables

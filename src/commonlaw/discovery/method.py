@@ -1,17 +1,159 @@
-"""What every method is: one way from trials to a law."""
+"""What every method is, one way from trials to a law, and what it seeks: order, candidate terms, known coefficients."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import ClassVar, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from itertools import product
+from operator import add
+from typing import Any, ClassVar, TypeVar
 
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.discovery.model_structure import ModelStructure
-from commonlaw.errors import CommonlawError
-from commonlaw.formulation import law_variables
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.formulation import TrialDerivatives, law_variables
 from commonlaw.law import Law
-from commonlaw.library import order_of_each
+from commonlaw.library import (
+    AbstractLibrary,
+    Order,
+    ParametricTerm,
+    PolynomialLibrary,
+    Ratios,
+    Terms,
+    order_of_each,
+    parse_library,
+)
 from commonlaw.runtime.progress import ProgressCallback
-from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials import Schema, Trials, TrialStream
+
+Key = str | tuple[str, str]
+"""A term, with the state of its equation before it when there are several."""
+
+Known = Mapping[Key, float | Mapping[str, float]]
+"""Coefficients that are known: one number, or one for each object by its name."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelStructure:
+    """The family of laws among which one is sought.
+
+    Parameters
+    ----------
+    order
+        1 or 2, or that of each equation; 0 for laws in discrete time.
+    library
+        Candidate terms.
+    known
+        Coefficients that are known, see `Known`.
+    universal
+        Terms that have one coefficient for all objects.
+    derivatives
+        Of the states in each trial, if they are given.
+    """
+
+    order: Order
+    library: AbstractLibrary = field(default_factory=lambda: PolynomialLibrary(3))
+    known: Known = field(default_factory=dict)
+    universal: Sequence[Key] = ()
+    derivatives: TrialDerivatives | None = None
+
+    def terms(self, schema: Schema) -> Terms:
+        """Return the candidate terms over the variables of trials of this schema.
+
+        Raises `CommonlawError` if the library names a variable or a term that is not there.
+        """
+        terms = self.library.bind(law_variables(schema, self.order))
+        if not len(terms):
+            raise CommonlawError("library-parametric-only")
+        return terms
+
+    def parametric(self, schema: Schema) -> tuple[ParametricTerm, ...]:
+        """Return the candidate terms with parameters inside that are to be found, see `AbstractLibrary.parametric`."""
+        return self.library.parametric(law_variables(schema, self.order))
+
+    def ratios(self, schema: Schema) -> tuple[Ratios, ...]:
+        """Return the ratios of sums of terms that are candidates, see `AbstractLibrary.ratios`."""
+        return self.library.ratios(law_variables(schema, self.order))
+
+    def known_coefficients(self, schema: Schema, objects: Sequence[str]) -> Floats:
+        """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found.
+
+        Raises `CommonlawError` if a term or state is not there, or an object has no coefficient.
+        """
+        terms = self.terms(schema)
+        found = np.full((len(objects), len(schema.states), len(terms)), np.nan)
+        for key, value in self.known.items():
+            equation, term = _index_of(key, schema.states, terms)
+            values = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
+            missing = [name for name in objects if name not in values]
+            if missing:
+                raise CommonlawError("known-coefficient-missing", term=terms.names[term], objects=missing)
+            found[:, equation, term] = [_number(key, values[name]) for name in objects]
+        return found
+
+    def universal_coefficients(self, schema: Schema) -> Bools:
+        """Return which coefficients all objects have in common, shape (equations, terms).
+
+        Raises `CommonlawError` if a term or state is not there.
+        """
+        terms = self.terms(schema)
+        found = np.zeros((len(schema.states), len(terms)), dtype=np.bool_)
+        for key in self.universal:
+            found[_index_of(key, schema.states, terms)] = True
+        return found
+
+    def universal_in(self, law: Law) -> Bools:
+        """Return which coefficients of a law all objects are to have in common, shape (equations, terms)."""
+        schema = replace(law.schema, states=law.schema.measured, starts={}, starts_at=None)
+        universal, names = self.universal_coefficients(schema), self.terms(schema).names
+        universal = np.pad(universal, ((0, len(law.schema.states) - len(universal)), (0, 0)))
+        columns = {name: universal[:, k] for k, name in enumerate(names)}
+        return np.column_stack([columns.get(name, np.zeros(len(universal), dtype=bool)) for name in law.terms.names])
+
+
+def of_each_equation(
+    libraries: Mapping[str, AbstractLibrary | str], schema: Schema, order: Order
+) -> tuple[AbstractLibrary, Known]:
+    """Return the library of all equations, and which coefficients are zero as an equation has other terms.
+
+    Raises
+    ------
+    CommonlawError
+        If a state has no library, or one has terms with nonlinear parameters, which are offered to all equations.
+    """
+    for name in libraries:
+        check_choice("state", name, schema.states)
+    if missing := [name for name in schema.states if name not in libraries]:
+        raise CommonlawError("library-of-equation-missing", states=missing)
+    variables, parsed = law_variables(schema, order), list[AbstractLibrary]()
+    for name in schema.states:
+        library = libraries[name]
+        parsed.append(parse_library(library) if isinstance(library, str) else library)
+        if library == "auto" or parsed[-1].parametric(variables) or parsed[-1].ratios(variables):
+            raise CommonlawError("library-of-equation-parametric", state=name)
+    whole = reduce(add, parsed)
+    terms, own = whole.bind(variables), [{*each.bind(variables).terms} for each in parsed]
+    pairs = product(zip(schema.states, own, strict=True), zip(terms.names, terms.terms, strict=True))
+    return whole, {(state, name): 0.0 for (state, offered), (name, term) in pairs if term not in offered}
+
+
+def _number(key: Key, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise CommonlawError("known-coefficient-not-a-number", key=key, value=str(value)[:60]) from None
+
+
+def _index_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
+    """Return the indices of the equation and of the term that a key names."""
+    if not isinstance(key, tuple) and len(states) > 1:
+        raise CommonlawError("known-term-ambiguous", key=key, state=states[0])
+    state, term = key if isinstance(key, tuple) else (states[0], key)
+    check_choice("state", state, states)
+    return states.index(state), terms.index(term)
+
 
 T = TypeVar("T")
 

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.discovery.candidate import Candidate
+from commonlaw.discovery.candidate_search import Candidate
 from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference import Pool, settings

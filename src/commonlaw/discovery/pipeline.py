@@ -9,9 +9,8 @@ Each step takes the best candidate of each order and returns one. What a candida
 from collections.abc import Sequence
 from dataclasses import replace
 
-from commonlaw.discovery.candidate import Candidate
-from commonlaw.discovery.candidate_search import CandidateSearch
-from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
+from commonlaw.discovery.method import ModelStructure
 from commonlaw.discovery.orders import (
     may_be_of_first_order,
     may_be_of_lower_order,

@@ -11,8 +11,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
-from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
-from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.method import AbstractMethod, ModelStructure, parsed, refuse_what_does_not_fit
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import (
     MAX_GROUPS,

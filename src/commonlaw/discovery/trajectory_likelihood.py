@@ -8,8 +8,7 @@ from typing import Any, ClassVar
 from commonlaw.array_types import evenly_spaced
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.candidate_search import CandidateSearch
-from commonlaw.discovery.method import AbstractMethod, parsed, refuse_what_does_not_fit
-from commonlaw.discovery.model_structure import ModelStructure
+from commonlaw.discovery.method import AbstractMethod, ModelStructure, parsed, refuse_what_does_not_fit
 from commonlaw.discovery.pipeline import law_of_best_order
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_pooled_forecasts

@@ -30,11 +30,10 @@ from commonlaw.inference.search.pool import Pool, score_of_order
 from commonlaw.inference.search.setup import as_followed, error_kinds, with_interpolation
 from commonlaw.inference.settings import MAX_SAMPLES
 from commonlaw.inference.verbs.absent_terms import Bounds, bounds
-from commonlaw.inference.verbs.adaptation import adapt
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.inference.verbs.comparison import compare, compare_by_parts, written_alike
 from commonlaw.inference.verbs.other_terms import CandidateLaw, candidate_law, candidate_laws, candidates_in_turn
-from commonlaw.inference.verbs.refinement import refine
+from commonlaw.inference.verbs.refinement import adapt, refine
 from commonlaw.likelihood import HUBER_THRESHOLD
 
 __all__ = [

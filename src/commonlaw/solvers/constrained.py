@@ -7,8 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.solvers.base import AbstractSolver, Candidates, Problems, Values
-from commonlaw.solvers.standardized_problem import StandardizedProblem
+from commonlaw.solvers.base import AbstractSolver, Candidates, Problems, StandardizedProblem, Values
 
 _RANK = 1e-12
 """Singular values of constraints, with rows of unit norm, that count as zero."""

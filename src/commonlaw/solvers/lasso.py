@@ -12,13 +12,13 @@ from commonlaw.solvers.base import (
     Candidate,
     Candidates,
     Problems,
+    StandardizedProblem,
     Values,
     check_shared,
     each_support_once,
     groups,
     least_squares,
 )
-from commonlaw.solvers.standardized_problem import StandardizedProblem
 
 _PENALTIES = np.geomspace(1.0, 1e-4, 41)
 

@@ -9,8 +9,17 @@ import numpy as np
 from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import unknown
 from commonlaw.runtime.arguments import check_whole_number
-from commonlaw.solvers.base import AbstractSolver, Candidates, Problems, Subset, Values, check_shared, fixed_cardinality
-from commonlaw.solvers.standardized_problem import Directions, StandardizedProblem
+from commonlaw.solvers.base import (
+    AbstractSolver,
+    Candidates,
+    Directions,
+    Problems,
+    StandardizedProblem,
+    Subset,
+    Values,
+    check_shared,
+    fixed_cardinality,
+)
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_solutions
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.result.held_out_forecasts import of_each_size, score_of_forecasts, weighed_by_forecasts
 from commonlaw.inference.result.history import LACKS_OF_FIT
-from commonlaw.inference.result.predictive_choice import of_each_size, score_of_forecasts, weighed_by_forecasts
 from commonlaw.inference.search.law_search import resolved
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, Uncertainty

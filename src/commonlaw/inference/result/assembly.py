@@ -14,6 +14,7 @@ from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.result.approximation import approximated, with_approximation
+from commonlaw.inference.result.held_out_forecasts import best_forecaster, standardized_errors, widening_of
 from commonlaw.inference.result.history import (
     Compared,
     alternatives,
@@ -22,8 +23,6 @@ from commonlaw.inference.result.history import (
     names_in,
     outcomes,
 )
-from commonlaw.inference.result.interval_calibration import standardized_errors, widening_of
-from commonlaw.inference.result.predictive_choice import best_forecaster
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, PlausibleLaw, Provenance, pool_objects

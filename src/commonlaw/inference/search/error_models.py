@@ -1,19 +1,23 @@
 """Error models, each with its supports and maximum-marginal-likelihood levels, and the choice among them."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
 
-from commonlaw.array_types import Bools
+from commonlaw.array_types import Bools, Floats, Indices, evenly_spaced
 from commonlaw.inference import settings
-from commonlaw.inference.fit.annealing import annealed, fit_solutions, fit_supports, fit_with, polish
-from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.data.noise import noise_floor, spread_within
+from commonlaw.inference.fit.annealing import annealed, fit_solutions, fit_supports, fit_with, polish, to_scale
+from commonlaw.inference.fit.fit import NO_ERROR, Fit, errors_to_fit, fitted, price_of_model_error
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.search.error_levels import with_errors_of_kind
+from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
-from commonlaw.likelihood import ERRORS
+from commonlaw.inference.settings import DIFFERENCE_SPACING, MAX_ITERATIONS, ROUNDING
+from commonlaw.likelihood import ERRORS, AboutEstimates, ErrorModel, Heteroscedastic, NotPositiveError, Scales
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 
@@ -162,3 +166,156 @@ def most_probable(fits: Sequence[Fit], needed: float = 0.0) -> Fit:
     """
     ranked = sorted(fits, key=lambda fit: fit.score.total + (0.0 if fit.errors == "white" else needed))
     return next((fit for fit in ranked if fit.is_solved), ranked[0])
+
+
+def with_errors_of_kind(fit: Fit, kind: ErrorKind) -> Fit:
+    """Return the supports of a fit under errors of a kind.
+
+    Levels, and times, are those of largest evidence with the likelihood linearised about the fit (empirical Bayes).
+    """
+    if not fit.is_usable:
+        return fit
+    grows = isinstance(ERRORS[kind], Heteroscedastic)
+    fit = _with_levels(fit.problem.about(fit.estimates) if grows else fit.problem, fit, kind)
+    for _ in range(1, fit.problem.errors.rounds):
+        fit = _with_levels(fit.problem.about(fit.estimates), fit, kind) if fit.is_usable else fit
+    return to_scale(fit)
+
+
+def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
+    levels = _Levels(problem, kind)
+    count = int(
+        np.clip(
+            np.ceil(settings.LEVEL_MEASUREMENTS / np.mean(problem.measured)), settings.MIN_OBJECTS, settings.MAX_OBJECTS
+        )
+    )
+    few = evenly_spaced(len(problem.models), count)
+    some, estimates = levels.problem(levels.starts[0], problem.of_objects(few)), [fit.estimates[i] for i in few]
+    about = AboutEstimates(some.models, some.padded(estimates), fit.supports & some.allowed)
+    value = partial(_value, levels, some, about)
+    starts = [(value(each), i) for i, each in enumerate(levels.starts)]
+    index = min(starts)[1]
+    found = minimum(value, levels.starts[index], *levels.bounds)
+    changed = levels.problem(found, problem)
+    return fitted(changed, changed.padded(fit.estimates), fit.supports, levels.model_error(found))
+
+
+@dataclass(frozen=True, eq=False)
+class _Levels:
+    """The logarithms of all levels and times of a kind of errors: noise first, times last."""
+
+    before: SearchProblem
+    kind: ErrorKind
+
+    def errors(self, logs: Floats) -> tuple[Floats, ErrorModel]:
+        """Return the noise of each state, shape (d,), and the other errors."""
+        d, values = len(self.before.noise), np.exp(logs)
+        return values[:d], ERRORS[self.kind].model(values[d:])
+
+    def problem(self, logs: Floats, before: SearchProblem) -> SearchProblem:
+        """Return a problem with these levels."""
+        return before.with_errors(*self.errors(logs), "level of largest evidence for errors of this kind, with the law")
+
+    def model_error(self, logs: Floats) -> float:
+        """Return the random walk, relative to the noise."""
+        return float(np.exp(logs[-1])) if self.kind == "walk" else NO_ERROR
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """The least and the largest values, each of shape (levels and times,)."""
+        scales, floor, noise = self._scales, noise_floor(self.before.trials), self.before.first_noise
+        fixed = self.before.noise_given | self.before.trials.schema.unmeasured
+        least, largest = ERRORS[self.kind].bounds(scales)
+        low = np.append(np.where(fixed, noise, floor), least)
+        high = np.append(np.where(fixed, noise, np.maximum(scales.states, floor)), largest)
+        return np.log(low), np.log(high)
+
+    @property
+    def starts(self) -> list[Floats]:
+        """Where to begin: some levels that errors may have besides the noise, and some times."""
+        noise, (low, high) = np.log(self.before.noise), self.bounds
+        others = ERRORS[self.kind].starts(noise, low[len(noise) :], high[len(noise) :])
+        return [np.clip(np.append(noise, each), low, high) for each in others]
+
+    @cached_property
+    def _scales(self) -> Scales:
+        problem, d = self.before, len(self.before.noise)
+        groups = [problem.trials.of_object(name) for name in problem.trials.objects]
+        trials = [trial for group in groups for trial in group]
+        curves = [own[:, -d:] for group in problem.smoothed for own in group]
+        states = np.where(problem.trials.schema.unmeasured, noise_floor(problem.trials), spread_within(problem.trials))
+        rates = [np.gradient(own, trial.times, axis=0) for own, trial in zip(curves, trials, strict=True)]
+        steps = np.concatenate([np.diff(trial.times) for trial in trials])
+        longest = max(float(trial.times[-1] - trial.times[0]) for trial in trials)
+        deviations = np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0))
+        least = settings.MIN_NOISE, settings.FINAL_MODEL_ERRORS[0]
+        return Scales(states, deviations, float(np.median(steps)), longest, *least)
+
+
+def _value(levels: _Levels, problem: SearchProblem, about: AboutEstimates, logs: Floats) -> float:
+    """Return minus twice the log-evidence of the supports of estimates, linearised about them, at these levels."""
+    measurements, (noise, errors), model_error = problem.measurements, levels.errors(logs), levels.model_error(logs)
+    std = measurements.white_std(noise, errors)
+    try:
+        factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
+    except NotPositiveError:
+        return 1e12
+    prior = measurements.counted(noise, errors, std).prior
+    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), Measured(measurements.count))
+    price = measurements.price(noise, errors, std) + price_of_model_error(model_error, measurements.count)
+    found = evidence + prior + log_determinant + price
+    return found if np.isfinite(found) else 1e12
+
+
+def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: Floats) -> Floats:
+    """Return where a function is least near a start, within bounds, by Newton's method (Nocedal and Wright 2006, 3.4).
+
+    Derivatives are by central differences, and curvatures that are negative are turned round. The arrays have the shape
+    (variables,).
+    """
+    found, least = start, value(start)
+    for _ in range(MAX_ITERATIONS):
+        step = _step(value, found, least, low, high)
+        length = float(np.abs(step).max(initial=0.0))
+        if length < ROUNDING:
+            return np.clip(found + step, low, high)
+        step *= min(1.0, 1 / length)
+        for share in (1, 1 / 4, 1 / 16, 1 / 64, 1 / 256):
+            tried = np.clip(found + share * step, low, high)
+            if (own := value(tried)) < least:
+                break
+        else:
+            return found
+        found, least = tried, own
+    return found
+
+
+def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Floats, high: Floats) -> Floats:
+    """Return Newton's step from where the value is known, without variables that a bound holds."""
+    # At a bound values are taken from its inner side
+    center = np.clip(at, np.minimum(low + DIFFERENCE_SPACING, high), np.maximum(high - DIFFERENCE_SPACING, low))
+    free = np.flatnonzero(high - low > 2 * DIFFERENCE_SPACING)
+    middle = known if np.array_equal(center, at) else value(center)
+    gradient, curvature = _derivatives(value, center, middle, free)
+    outward = np.where(gradient > 0, at[free] <= low[free], (gradient < 0) & (at[free] >= high[free]))
+    step, inner = np.zeros(len(at)), free[~outward]
+    if len(inner):
+        sizes, directions = np.linalg.eigh(curvature[np.ix_(~outward, ~outward)])
+        sizes = np.maximum(np.abs(sizes), ROUNDING * np.abs(sizes).max())
+        if sizes.max() > 0:
+            step[inner] = -directions @ ((directions.T @ gradient[~outward]) / sizes)
+    return step
+
+
+def _derivatives(value: Callable[[Floats], float], at: Floats, middle: float, free: Indices) -> tuple[Floats, Floats]:
+    """Return the gradient and the second derivatives by some of the variables, about a value in the middle."""
+    count = len(free)
+    moves = DIFFERENCE_SPACING * np.eye(len(at))[free]
+    after, before = (np.array([value(at + sign * move) for move in moves]) for sign in (1, -1))
+    curvature = np.diag(after + before - 2 * middle)
+    for i in range(count):
+        for j in range(i):
+            both = value(at + moves[i] + moves[j]) + value(at - moves[i] - moves[j])
+            mixed = (both - after[i] - after[j] - before[i] - before[j] + 2 * middle) / 2
+            curvature[i, j] = curvature[j, i] = mixed
+    return (after - before) / (2 * DIFFERENCE_SPACING), curvature / DIFFERENCE_SPACING**2

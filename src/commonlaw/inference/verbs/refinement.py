@@ -1,16 +1,22 @@
-"""From a law whose terms are known to the coefficients that its trajectories need."""
+"""From a law whose terms are known to coefficients: by all that was measured, or by few samples and other objects."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast.population import with_objects_of
+from commonlaw.inference import settings
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import fitted_law, residual_freedom, total_freedom
 from commonlaw.inference.fit.latent_initialization import visited_besides
 from commonlaw.inference.fit.multistart import priors_from
+from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.result.approximation import approximated, with_approximation
 from commonlaw.inference.result.history import (
     fit_steps,
@@ -25,9 +31,11 @@ from commonlaw.inference.search.law_search import begin_search, fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.law import Law, Step, pool_objects
+from commonlaw.law.alignment import matched, refuse_observation
 from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
+from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind, FitOptions, check_settings
 from commonlaw.runtime.parallel import threads
@@ -184,3 +192,65 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     found = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
     step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
     return replace(found, provenance=replace(found.provenance, history=(*law.history, step)))
+
+
+def adapt(law: Law, trials: Trials) -> Law:
+    """Return the law of the objects of these trials, their coefficients updated by them, see `Law.update`."""
+    refuse_observation(law)
+    law.uncertainty.known_covariance()
+    if law.uncertainty.noise is None or law.uncertainty.error_model:
+        lacks = "has errors other than white noise" if law.uncertainty.noise is not None else "has no noise estimate"
+        raise CommonlawError("weights-unknown", lacking=lacks)
+    trials = matched(law, trials)
+    setup = FitSetup.of(with_objects_of(law, trials)[0], trials)
+    before, trials = setup.law, setup.trials
+    problem = prepare(trials, law.terms, before.coefficients, noise=law.uncertainty.noise)
+    coefficients, covariances = before.coefficients.copy(), np.zeros_like(before.uncertainty.known_covariance())
+    for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
+        coefficients[o][law.support], covariances[o] = _posterior(model, start, before, o)
+    uncertainty = replace(
+        before.uncertainty, covariance=covariances, shared_factor=None, unpooled=None, explanation=None, other_laws=()
+    )
+    step = Step(
+        "adaptation",
+        f"{len(trials)} trials",
+        "coefficients estimated from these trials, with the other objects as prior",
+    )
+    return replace(
+        before,
+        coefficients=coefficients,
+        uncertainty=uncertainty,
+        properties=trials.properties,
+        provenance=replace(law.provenance, history=(*law.history, step)),
+    )
+
+
+def _posterior(model: TrajectoryModel, start: Estimate, law: Law, index: int) -> tuple[Floats, Floats]:
+    """Return the coefficients in the law's support of one object, and their covariance.
+
+    Those beforehand are normal; the likelihood of the trials is that of linear regression, about the last coefficients.
+    """
+    name, support = law.objects[index], law.support
+    expected = law.coefficients[index][support]
+    spread = law.uncertainty.known_covariance()[index]
+    own, last, estimate = expected, settings.FINAL_MODEL_ERRORS[-1], Estimate(start.states, law.coefficients[index])
+    for _ in range(settings.MAX_ITERATIONS):
+        whole = np.zeros(support.shape)
+        whole[support] = own
+        errors = (*settings.MODEL_ERRORS, *settings.FINAL_MODEL_ERRORS) if own is expected else (last,)
+        estimate = fit(model, replace(estimate, coefficients=whole), np.zeros(support.shape, dtype=np.bool_), errors)
+        try:
+            factor = linearize(model, estimate, last, support).problem.factor
+        except NotPositiveError:
+            raise CommonlawError("pooled-start-diverges", where=name) from None
+        rows, target = factor[:-1, :-1], factor[:-1, -1]
+        # By the gain, which takes coefficients that are known, without variance, as they are
+        weighted = rows @ spread
+        gain = np.linalg.solve(weighted @ rows.T + np.eye(len(rows)), weighted).T
+        covariance = spread - gain @ weighted
+        found = expected + gain @ (target - rows @ expected)
+        deviations = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        converged, own = bool(np.all(abs(found - own) <= settings.CONVERGED * deviations)), found
+        if converged:
+            break
+    return own, (covariance + covariance.T) / 2
