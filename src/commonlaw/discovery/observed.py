@@ -21,7 +21,7 @@ from commonlaw.estimation.fitting import Beginning, begin, fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import TrialData
 from commonlaw.estimation.search import first_values
-from commonlaw.formulation.compact_test_functions import CompactTestFunctions, corner_radius
+from commonlaw.formulation.weak import CompactTestFunctions, corner_radius
 from commonlaw.law import Law, Step
 from commonlaw.law.text import free_letters
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
