@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from axe_core_python.selenium import Axe
 from selenium.webdriver import Chrome
 
 import commonlaw as cl
@@ -87,5 +88,9 @@ def test_a_report_of_three_objects_prints_on_six_pages_with_title_and_file(brows
     assert "drops.csv, 2026-01-01, SHA-256 0a1b" in text
     assert "In short: the equations say how x changes at every moment" in text
     assert browser.find_elements("css selector", "#methods math")
+    for width in (390, 1200):
+        window = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width == 390}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
+        assert Axe().run(browser)["violations"] == []
     printed = base64.b64decode(browser.print_page())
     assert 1 < len(re.findall(rb"/Type\s*/Page\b", printed)) <= 6
