@@ -113,3 +113,19 @@ def test_terms_with_constants_inside_are_sought_again_where_noise_is_in_proporti
     )
     found = law.simulate(times, states[0])[law.objects[0]].states
     assert np.sum((found - states) ** 2) < 0.05 * np.sum((states - states.mean(axis=0)) ** 2)
+
+
+def test_central_forces_come_before_polynomials_of_higher_degree():
+    times, random, orbits = np.linspace(0, 10, 60), np.random.default_rng(0), list[np.ndarray]()
+
+    def rates(_, z):
+        return [z[2], z[3], *(-z[:2] / np.hypot(*z[:2]) ** 3)]
+
+    for speed in (0.8, 1.0, 1.1):
+        found = solve_ivp(rates, (0, 10), [1, 0, 0, speed], t_eval=times, rtol=1e-10, atol=1e-12)
+        orbits.append(found.y[:2].T + 0.001 * random.standard_normal((60, 2)))
+    steps = list[str]()
+    law = cl.discover(cl.Trials.from_arrays([times] * 3, orbits, names=["x", "y"]), order=2, progress=steps.append)
+    assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
+    np.testing.assert_allclose(law.coefficients[0][law.support], -1, atol=0.002)
+    assert not any("higher degree" in str(each) for each in steps)

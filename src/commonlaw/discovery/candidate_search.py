@@ -223,6 +223,21 @@ class CandidateSearch:
         more = replace(more, is_of_higher_degree=True)
         return more if more.is_simple and more.score < candidate.score else candidate
 
+    def with_first_offer(self, candidate: Candidate) -> Candidate:
+        """Return the law with some of what is offered first besides plain terms, if it is simple then.
+
+        That of fewer terms than plain ones, with more offers to come: such as central forces of vectors, which come
+        before terms of higher degree in all their variables, and before what is offered to other orders.
+        """
+        offers = self._offers(candidate.screened)[1]
+        first = next((i for i, offer in enumerate(offers) if offer.count), len(offers))
+        if candidate.is_simple or candidate.has_richer or not any(offer.count for offer in offers[first + 1 :]):
+            return candidate
+        if offers[first].count > len(candidate.screened.terms):
+            return candidate
+        more = self._candidate(candidate.screened, candidate.followed, candidate.pool, richer=True, most=first + 1)
+        return replace(more, has_richer=True) if more.is_simple else candidate
+
     def richer(self, candidate: Candidate) -> Candidate:
         """Return the law of largest evidence among terms of higher degree, parametric terms and latent states, too."""
         candidate = self.of_higher_degree(candidate)
@@ -254,11 +269,13 @@ class CandidateSearch:
                 return candidate
             may_hide = False
 
-    def _candidate(self, screened: Screened, followed: Trials, plain: Pool | None, *, richer: bool) -> Candidate:
+    def _candidate(
+        self, screened: Screened, followed: Trials, plain: Pool | None, *, richer: bool, most: int | None = None
+    ) -> Candidate:
         """Search for a law with the interpolation of inputs that is chosen.
 
         The search among plain terms may be done, but for those that were left out and finer meshes. Richer terms are
-        what is offered besides plain ones.
+        what is offered besides plain ones: all of it, or the first offers, so many at `most`.
         """
 
         def begin(trials: Trials, progress: ProgressCallback) -> Pool:
@@ -267,6 +284,7 @@ class CandidateSearch:
                 return self._plain(screened, trials, progress, done)
             pool = done or self._plain(screened, trials, part(progress, 0.0, 0.2))
             driven, offers = self._offers(screened)
+            offers = offers[:most]
             if any(each.count for each in offers):
                 pool = with_parametric_terms(pool, offers, part(progress, 0.2, 1.0))
             return with_drive_said(pool, driven) if driven else pool
@@ -283,9 +301,10 @@ class CandidateSearch:
         chosen = pool.best.problem.trials.schema.input_between
         if chosen != followed.schema.input_between:
             followed = with_interpolation(followed, chosen)
-        if richer:  # Once, as this takes longest: under the interpolation that laws without such a state choose
+        if richer and most is None:
+            # Once, as this takes longest: under the interpolation that laws without such a state choose
             pool = self._with_latent_state(screened, pool, followed)
-        return Candidate(screened, pool, steps, followed, richer)
+        return Candidate(screened, pool, steps, followed, richer and most is None)
 
     def _plain(self, screened: Screened, trials: Trials, progress: ProgressCallback, begun: Pool | None = None) -> Pool:
         """Search for the supports of largest evidence, until no finer mesh or term that was left out improves them."""

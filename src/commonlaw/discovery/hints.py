@@ -52,12 +52,16 @@ def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
 
 def _start_that_tells(law: Law, rival: Law, times: Floats) -> _Found | None:
     """Return the start from which two laws differ most, their forecasts, and the sample at which they do."""
-    best = 1.0
+    best, visited = 1.0, law.provenance.domain.visited
     found: _Found | None = None
+    # What leaves the states and rates that were visited is of no matter, see `_within`
+    ends = [visited.get(name, (-np.inf, np.inf)) for name in law.terms.variables.states]
+    limit = max(max(abs(low), abs(high)) + _NEAR * (high - low) for low, high in ends)
     for start in _starts(law):
         with suppress(CommonlawError):
             alone = (with_other_laws(each, ()) for each in (law, rival))
-            one, other = (forecast_from(each, law.objects[0], times, start) for each in alone)
+            bound = None if law.schema.logarithmic else limit
+            one, other = (forecast_from(each, law.objects[0], times, start, bound) for each in alone)
             (a, first), (b, second) = _first(one), _first(other)
             with np.errstate(all="ignore"):
                 apart = np.abs(a - b) / (_BAND * (first + second))  # In the sum of their bands

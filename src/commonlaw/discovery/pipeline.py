@@ -89,6 +89,8 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
     The best law first; but that of the lowest order where the best law is what one of lower order implies, or where
     rates may be a function of the states.
     """
+    if not min(candidates).is_simple:
+        candidates = [(those_found(search.with_first_offer, [each])[0] or [each])[0] for each in candidates]
     left, done = sorted(candidates), list[Candidate]()
     while left:
         best = min([*done, *left])

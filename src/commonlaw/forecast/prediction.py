@@ -209,7 +209,7 @@ def predict(
     return with_remarks(law, found)
 
 
-def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast:
+def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: float | None = None) -> Forecast:
     """Forecast an object from a given state, with standard deviations where the law has a covariance.
 
     Raises `CommonlawError` if the start has the wrong number of values, or must be positive and is not.
@@ -222,6 +222,8 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast
         Shape (n,); the first is that of the start.
     start
         The states, followed by the rates of those of second order, shape (width,), without error.
+    limit
+        A state larger than this is not followed on, see `simulate`.
     """
     variables, states = law.terms.variables.states, len(law.schema.states)
     if len(start) != len(variables):
@@ -239,7 +241,8 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats) -> Forecast
         sensitivity = np.zeros((width, int(each.support.sum())))
         fitted = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity)
         beginning = Beginning(own, inputs, own.rows(slice(0, 1)), fitted)
-        return _Forecaster(each, followed, (beginning,), None, law.uncertainty.has_std, "auto", 1e-8, 0).forecast()
+        has_std = law.uncertainty.has_std
+        return _Forecaster(each, followed, (beginning,), None, has_std, "auto", 1e-8, 0, limit).forecast()
 
     found = average([Part(each.probability, forecast(each.law)) for each in law.models])
     return found.as_measured(measured) if law.schema.logarithmic else found
@@ -257,11 +260,13 @@ class _Forecaster:
     method: str
     tolerance: float
     seed: int
+    limit: float | None = None
 
     def forecast(self) -> Forecast:
         """Return the forecasts at the times of the trials."""
         problems = [self._problem(each) for each in self.beginnings]
-        found = simulate(problems, method=self.method, tolerance=self.tolerance, sensitivities=self.return_std)
+        method, with_std = self.method, self.return_std
+        found = simulate(problems, method=method, tolerance=self.tolerance, sensitivities=with_std, limit=self.limit)
         std, noise = (self._std(found), self.law.uncertainty.noise) if self.return_std else (None, None)
         again = None if self.law.order == 0 else self.at_more_times
         known = self.law.uncertainty
