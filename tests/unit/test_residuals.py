@@ -12,9 +12,9 @@ from commonlaw import Law, Trials
 from commonlaw.datasets.sphere_drag import drag_force, reynolds_number
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discrepancy.function import Discrepancy
-from commonlaw.discrepancy.posterior import SharedRows, posterior
 from commonlaw.discrepancy.residual_tests import StateSums, correlations, patterns, patterns_of
 from commonlaw.discrepancy.smooth_basis import Samples, SmoothBasis, factors, meaning
+from commonlaw.discrepancy.trajectories import SharedRows, posterior
 from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors
 from commonlaw.law.uncertainty import ObjectEstimates

@@ -1,32 +1,310 @@
-"""From a law and trials to the function that its objects share in what the law leaves."""
+"""From a law and trials to the function that its objects share in what the law leaves: candidates, fit, shares."""
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
 
 import numpy as np
 
-from commonlaw.discrepancy.function import Compared, Discrepancy
-from commonlaw.discrepancy.setting import (
-    CandidateFunction,
-    Setting,
-    candidates,
-    descriptions,
-    equations_of,
-    expression,
-    shares,
-    with_known_properties,
-)
-from commonlaw.discrepancy.trajectories import FunctionFit, annealed, best, converged
-from commonlaw.errors import CommonlawError
+from commonlaw.array_types import Bools, Floats
+from commonlaw.discrepancy.function import Compared, Description, Discrepancy
+from commonlaw.discrepancy.smooth_basis import Samples, SmoothBasis, factors, meaning
+from commonlaw.discrepancy.trajectories import FunctionFit, FunctionModel, annealed, best, converged, fit_about
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.fit.covariance import errors_of
+from commonlaw.inference.fit.fit import NO_ERROR
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.settings import FINAL_MODEL_ERRORS, MAX_MESH_POINTS, MODEL_ERRORS
+from commonlaw.inference.verbs.comparison import written_alike
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import refuse_observation
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.law.script import call
-from commonlaw.library import Terms
+from commonlaw.library import Terms, Variables, highest_columns
+from commonlaw.library.grammar import columns_in, evaluate, read, with_names, write
 from commonlaw.library.notation import quoted
-from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.likelihood import HUBER_THRESHOLD, NotPositiveError, fit
 from commonlaw.trials import Trials
+from commonlaw.trials.transformations import with_property_inputs
+from commonlaw.trials.trial import property_names
+
+_NEAR_ZERO = 0.25
+"""Zero is near the visited range if it is this share of it away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Visited:
+    """The variables at all samples, shape (n, variables), where each trial begins, and each object's samples."""
+
+    variables: Variables
+    values: Floats
+    begins: tuple[int, ...]
+    objects: tuple[slice, ...]
+
+    @classmethod
+    def of(cls, problem: SearchProblem, terms: Terms) -> "Visited":
+        """Return what was visited, by smoothed measurements."""
+        names, parts, ends = problem.trials.objects, list[Floats](), [0]
+        for name, curves in zip(names, problem.smoothed, strict=True):
+            for trial, states in zip(problem.trials.of_object(name), curves, strict=True):
+                parts.append(np.column_stack([states, trial.inputs, trial.times]))
+            ends.append(sum(map(len, parts)))
+        begins = np.cumsum([0, *map(len, parts)])[:-1]
+        values = terms.variables.natural(np.concatenate(parts))
+        return cls(terms.variables, values, tuple(begins.tolist()), tuple(slice(*pair) for pair in pairwise(ends)))
+
+    def evaluate(self, text: str) -> Floats:
+        """Return an expression at all samples, shape (n,); raises `CommonlawError` where it is not finite."""
+        tree = read(text, self.variables.names)
+        with np.errstate(all="ignore"):
+            found: Floats = evaluate(tree, self.values.T) + np.zeros(len(self.values))
+        if not np.isfinite(found).all():
+            at = self.values[np.argmin(np.isfinite(found))]
+            point = ", ".join(f"{name} = {value:g}" for name, value in zip(self.variables.names, at, strict=True))
+            raise CommonlawError("coordinate-not-finite", coordinate=text, point=point)
+        return found
+
+    def steps(self, values: Floats) -> Floats:
+        """Return the sizes of the steps from sample to sample within trials."""
+        found = abs(np.diff(values))
+        return np.delete(found, np.array(self.begins[1:], dtype=int) - 1)
+
+    def rate_size(self, column: int) -> float:
+        """Return the root mean square of the derivative of a smoothed state, or of its rate, by differences."""
+        parts = np.split(self.values[:, [column, -1]], self.begins[1:])
+        rates = np.concatenate([np.gradient(part[:, 0], part[:, 1]) for part in parts])
+        return float(np.sqrt(np.mean(rates**2)))
+
+
+def basis_of(visited: Visited, coordinate: str, times: str) -> SmoothBasis:
+    """Return the smooth functions of a coordinate over what was visited; it must change."""
+    values = visited.evaluate(coordinate)
+    low, high = float(values.min()), float(values.max())
+    if not high - low > 1e-9 * max(abs(low), abs(high)):
+        raise CommonlawError("coordinate-constant", coordinate=coordinate, value=low)
+    return SmoothBasis(coordinate, times, low, high)
+
+
+def zero_in(basis: SmoothBasis, zero_at: float | str | None, time: str) -> float | None:
+    """Return where a function is to be zero, see `Law.discrepancy`, None if nowhere."""
+    if zero_at != "auto":
+        return None if zero_at is None else float(zero_at)
+    near = basis.low - _NEAR_ZERO * basis.range <= 0.0 <= basis.high + _NEAR_ZERO * basis.range
+    return 0.0 if near and basis.coordinate != time else None
+
+
+def with_properties_in(texts: Sequence[str], law: Law, trials: Trials) -> tuple[Law, Trials]:
+    """Return law and trials with the properties that occur in texts as constant inputs.
+
+    Raises `CommonlawError` if a text cannot be read, or names neither a variable nor a property.
+    """
+    own = law.terms.variables.names
+    names = [*own, *(name for name in property_names(trials.properties) if name not in own)]
+    used = {names[i] for text in texts for i in columns_in(write(read(text, names)))}
+    taken = [name for name in names[len(own) :] if name in used]
+    trials = with_property_inputs(trials, taken)
+    wider = replace(law.schema, inputs=(*law.schema.inputs, *taken))
+    return written_alike(law, wider), trials
+
+
+def expression(text: str, names: Sequence[str]) -> str:
+    """Return a text as terms are written, so that it can stand in one."""
+    return with_names(write(read(text, names)), [quoted(name) for name in names])
+
+
+def with_known_properties(trials: Trials, law: Law) -> Trials:
+    """Return trials with the properties of their objects, their own and those in the law."""
+    known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
+    return replace(trials, properties=known)
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A law whose terms are over all that functions may take, what was measured, and where it went."""
+
+    law: Law
+    problem: SearchProblem
+    visited: Visited
+
+    @classmethod
+    def of(
+        cls, law: Law, trials: Trials, texts: Sequence[str], noise: Mapping[str, float] | None, huber_threshold: float
+    ) -> "Setting":
+        """Return the setting for functions of some texts."""
+        setup = FitSetup.of(law, trials, noise, huber_threshold)
+        law, trials = with_properties_in(texts, setup.law, setup.trials)
+        problem = replace(setup, law=law, trials=trials).problem()
+        return cls(law, problem, Visited.of(problem, law.terms))
+
+    @property
+    def own(self) -> Bools:
+        """Which coefficients are to be found, shape (equations, terms)."""
+        return np.asarray(self.law.support & self.problem.allowed)
+
+    @property
+    def alone(self) -> FunctionModel:
+        """The law without a function."""
+        return FunctionModel(self.law.terms, self.own, np.zeros_like(self.own), (), 1.0)
+
+    def with_function(self, basis: SmoothBasis, equation: int, zero_at: float | str | None) -> FunctionModel:
+        """Return the law with a function in one equation."""
+        law, visited = self.law, self.visited
+        terms = Terms(law.terms.variables, (*law.terms.terms, *basis.terms(law.terms.variables)))
+        shape = (len(law.schema.states), len(basis))
+        shared = np.zeros(shape, dtype=np.bool_)
+        shared[equation] = True
+        values, times = visited.evaluate(basis.coordinate), visited.evaluate(basis.times)
+        matrix = law.terms.evaluate(visited.values)[:, self.own[equation]]
+        samples = [Samples(values[own], times[own], matrix[own]) for own in visited.objects]
+        kept = meaning(basis, samples, zero_in(basis, zero_at, law.schema.time))
+        column = highest_columns(law.order, len(law.schema.states))[equation]
+        size = visited.rate_size(column) / np.sqrt(np.mean(times**2))
+        return FunctionModel(
+            terms,
+            np.column_stack([self.own, np.zeros(shape, dtype=np.bool_)]),
+            np.column_stack([np.zeros_like(self.own), shared]),
+            factors(basis, kept.constraints),
+            float(size),
+            kept.zero_at,
+            tuple(np.flatnonzero(self.own[equation])[list(kept.held)].tolist()),
+        )
+
+    def resolving(self, basis: SmoothBasis) -> "Setting":
+        """Return the setting with meshes that are fine enough for bumps."""
+        problem, step = self.problem, np.quantile(self.visited.steps(self.visited.evaluate(basis.coordinate)), 0.95)
+        while problem.points < MAX_MESH_POINTS[1] and step > basis.width * problem.points / 2:
+            problem = problem.finer()
+        return replace(self, problem=problem)
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateFunction:
+    """A function of a coordinate in an equation, and the value that its evidence has about the law alone."""
+
+    basis: SmoothBasis
+    equation: int
+    value: float
+
+
+def candidates(
+    setting: Setting, coordinates: Sequence[str], times: str, equations: Sequence[int], zero_at: float | str | None
+) -> list[CandidateFunction]:
+    """Return functions of coordinates in equations, that of largest evidence first."""
+    found, reasons = [], []
+    for coordinate in coordinates:
+        try:
+            basis = basis_of(setting.visited, coordinate, times)
+        except CommonlawError as error:
+            reasons.append(error)
+            continue
+        found += [CandidateFunction(basis, equation, 0.0) for equation in equations]
+    if not found:
+        raise CommonlawError("several", messages=reasons)
+    if len(found) == 1:
+        return found
+    alone = best(annealed(setting.problem, setting.alone))
+    valued = [replace(each, value=_value(setting, alone, each, zero_at)) for each in found]
+    return sorted(valued, key=lambda each: each.value)
+
+
+def _value(setting: Setting, alone: FunctionFit, candidate: CandidateFunction, zero_at: float | str | None) -> float:
+    model = setting.with_function(candidate.basis, candidate.equation, zero_at)
+    more = ((0, 0), (0, len(candidate.basis)))
+    estimates = tuple(replace(each, coefficients=np.pad(each.coefficients, more)) for each in alone.estimates)
+    found = [np.inf]
+    for model_error in {alone.model_error, NO_ERROR}:
+        with suppress(NotPositiveError):
+            found.append(fit_about(setting.problem, model, estimates, model_error).value)
+    return min(found)
+
+
+def equations_of(setting: Setting, equation: str | None) -> list[int]:
+    """Return the equations that a function may stand in: the given one, or those with coefficients to be found."""
+    states = setting.law.schema.states
+    if equation is not None:
+        check_choice("equation", equation, states)
+        return [states.index(equation)]
+    return np.flatnonzero(setting.own.any(axis=1)).tolist() or list(range(len(states)))
+
+
+_FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (
+    ("1", np.ones_like),
+    ("{0}", lambda u: u),
+    ("{0}^2", np.square),
+    ("{0}^3", lambda u: u**3),
+    ("abs({0})", np.abs),
+    ("{0} abs({0})", lambda u: u * np.abs(u)),
+    ("sqrt(abs({0}))", lambda u: np.sqrt(np.abs(u))),
+)
+
+_MIN_NEW_SHARE = 1e-3
+"""Share of a function that the law's own terms do not say, nor a simpler function; less says nothing new."""
+
+_MAX_DESCRIPTIONS = 5
+
+
+def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tuple[Description, ...]:
+    """Return simple functions of the visited coordinate, shape (n,), and pairs of these, the largest evidence first."""
+    values, rows = basis.values(visited), fitted.rows
+    names, columns = list[str](), list[Floats]()
+    for name, function in _FUNCTIONS:
+        weights = np.linalg.lstsq(values, function(visited), rcond=1e-10)[0]
+        column = rows.shared @ weights
+        size = np.sqrt(column @ column + sum(np.sum((each.across @ weights) ** 2) for each in rows.objects))
+        rests = [column, *(column - each * (each @ column) / (each @ each) for each in columns)]
+        if min(np.linalg.norm(rest) for rest in rests) > _MIN_NEW_SHARE * size:
+            names.append(name)
+            columns.append(column)
+    groups = [*((i,) for i in range(len(names))), *combinations(range(len(names)), 2)]
+    found = [
+        _described(fitted, basis, [names[i] for i in group], np.array([columns[i] for i in group]).T)
+        for group in groups
+    ]
+    return tuple(sorted(found, key=lambda each: -each.evidence)[:_MAX_DESCRIPTIONS])
+
+
+def _described(fitted: FunctionFit, basis: SmoothBasis, names: list[str], columns: Floats) -> Description:
+    rows = fitted.rows
+    factors, _, _, _ = np.linalg.lstsq(columns, rows.target, rcond=None)
+    squares = np.array(rows.rest + np.sum((rows.target - columns @ factors) ** 2))
+    price = len(names) * np.log(rows.numbers)
+    value = float(rows.deviance(squares, fitted.noise_measurements)) + price
+    variance = float(rows.variance(squares, fitted.noise_measurements))
+    errors = np.sqrt(variance) * np.linalg.norm(np.linalg.pinv(columns), axis=1)
+    of = basis.coordinate if basis.coordinate.isidentifier() else f"({basis.coordinate})"
+    front = "" if basis.times == "1" else f"{basis.times} "
+    texts = tuple((front + each.format(of)).removesuffix(" 1") for each in names)
+    evidence = fitted.posterior.value - value
+    return Description(texts, tuple(factors.tolist()), tuple(errors.tolist()), evidence)
+
+
+def shares(
+    problem: SearchProblem,
+    given: Floats,
+    alone: Sequence[FunctionFit],
+    shared: Sequence[FunctionFit],
+    chosen: FunctionFit,
+) -> Mapping[str, float]:
+    """Return what each step removes of the law's sum of squares in units of the noise, as shares of it.
+
+    The steps: the coefficients as given, shape (objects, equations, terms); the best ones; the function; a model error,
+    if one was chosen. What is left is noise.
+    """
+    # Of the law's own trajectories, with free initial states
+    given_deviance, none = 0.0, np.zeros_like(alone[-1].model.own)
+    for model, start, own in zip(problem.models, problem.starts, given, strict=True):
+        first = replace(start, coefficients=own)
+        given_deviance += fit(model, first, none, (*MODEL_ERRORS, *FINAL_MODEL_ERRORS)).deviance
+    steps = [given_deviance, _without_error(alone), _without_error(shared), chosen.deviance]
+    falling = np.minimum.accumulate(steps)
+    parts = dict(zip(("coefficients", "shared discrepancy", "trial"), -np.diff(falling), strict=True))
+    return {name: float(each / falling[0]) for name, each in (parts | {"noise": falling[-1]}).items()}
+
+
+def _without_error(found: Sequence[FunctionFit]) -> float:
+    return min(each.deviance for each in found if each is found[-1] or not each.has_model_error)
 
 
 def discrepancy(
