@@ -76,14 +76,8 @@ def test_an_object_of_ones_own_falls_as_its_mass_says(law, drops):
     twin = simulated(asked, Sample(0, drops.objects[1], (50.0, 0.0), 2.0))
     np.testing.assert_allclose(course["states"][0]["line"], twin["states"][0]["line"], rtol=0.01)
     for wrong, words in (
-        (
-            Sample(7, "stone", (50.0, 0.0), 2.0),
-            Diagnostic("candidate-index", {"index": 7}),
-        ),
-        (
-            Sample(0, "stone", (50.0, 0.0), 2.0),
-            Diagnostic("unknown-name", {"name": "stone"}),
-        ),
+        (Sample(7, "stone", (50.0, 0.0), 2.0), Diagnostic("candidate-index", {"index": 7})),
+        (Sample(0, "stone", (50.0, 0.0), 2.0), Diagnostic("unknown-name", {"name": "stone"})),
         (Sample(0, drops.objects[0], (50.0,), 2.0), Diagnostic("start-size", {"expected": 2})),
         (Sample(0, drops.objects[0], (50.0, float("nan")), 2.0), "forecast-settings"),
     ):

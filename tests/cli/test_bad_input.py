@@ -66,18 +66,10 @@ CASES = {
     "nothing left to learn from": (rows(), ["--hold-out", "drop=1"], "all trials meet the conditions"),
     "everything left out": (rows(), ["--exclude", "ball=golf,tennis"], "all trials meet the conditions"),
     "a time before the first sample": (rows(), ["--learn-until", "-1"], "every trial begins after t = -1"),
-    "an unknown property to leave out": (
-        rows(),
-        ["--exclude", "self=1"],
-        "unknown property",
-    ),
+    "an unknown property to leave out": (rows(), ["--exclude", "self=1"], "unknown property"),
     "no such property": (rows(), ["--where", "mass=3"], "unknown property 'mass'"),
     "a property that is called like a word of Python": (rows(), ["--where", "self=1"], "unknown property 'self'"),
-    "a figure of unknown kind": (
-        rows(),
-        ["--save", "law.jpeg"],
-        "law.jpeg: the ending says what is written",
-    ),
+    "a figure of unknown kind": (rows(), ["--save", "law.jpeg"], "law.jpeg: the ending says what is written"),
     "a folder that does not exist": (rows(), ["--save", "nowhere/law.png"], "there is no folder 'nowhere'"),
 }
 

@@ -95,10 +95,7 @@ def test_parameters_of_given_equations_have_their_letters_also_without_propertie
     pd.concat(frames).to_csv(tmp_path / "growth.csv", index=False)
     run("fit", "growth.csv", "N' = r*N*(1 - N/K)", "--save", "law.json")
     code, out, err = run("explain", "law.json")
-    assert (code, err) == (
-        0,
-        "Note: no property of the objects is known: give a table of them, --properties FILE\n",
-    )
+    assert (code, err) == (0, "Note: no property of the objects is known: give a table of them, --properties FILE\n")
     table, _, quantities = out.partition("Parameters of N' = r*N*(1 - N/K):")[2].partition("\nQuantities")
     assert "doubling time at low density" in quantities
     rows = [line.split() for line in table.splitlines()]

@@ -120,10 +120,7 @@ def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials, tmp_path)
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (
-            ["Ball *.parquet", "law.parquet", "--save", "f.png", "--step", "1"],
-            "--save f.png, --step with a stream",
-        ),
+        (["Ball *.parquet", "law.parquet", "--save", "f.png", "--step", "1"], "--save f.png, --step with a stream"),
         (["Ball *.parquet", "law.parquet", "--clip"], "clip with a stream of files"),
         (["Ball *.parquet", "law.parquet", "--where", "mass=1"], "say which trials by object or trial"),
         (["Ball 1.parquet", "law.parquet", "--folder", "f"], "--folder is for a folder or a pattern"),

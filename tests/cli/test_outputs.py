@@ -174,10 +174,7 @@ def test_the_law_is_on_disk_before_the_next_step_begins(run, tmp_path, monkeypat
 
 @pytest.mark.parametrize(
     ("words", "plot"),
-    [
-        (["check", "drops.csv", "law.json"], "plot_residuals"),
-        (["predict", "drops.csv", "law.json"], "plot_forecast"),
-    ],
+    [(["check", "drops.csv", "law.json"], "plot_residuals"), (["predict", "drops.csv", "law.json"], "plot_forecast")],
 )
 @pytest.mark.usefixtures("table")
 def test_a_figure_that_fails_does_not_cost_the_table(run, tmp_path, monkeypatch, words, plot):

@@ -122,10 +122,7 @@ def test_workers_that_are_started_here_keep_no_profile():
 
 def test_other_versions_are_refused_by_name(client, monkeypatch):
     monkeypatch.setattr(cl, "__version__", "99.1")
-    with (
-        refused("cluster-worker-versions"),
-        on_cluster(client),
-    ):
+    with refused("cluster-worker-versions"), on_cluster(client):
         pass
 
 
@@ -164,10 +161,7 @@ def test_a_server_that_is_no_scheduler_is_refused_as_soon_as_it_fails_to_answer(
     with socket.create_server(("127.0.0.1", 0)) as server:
         Thread(target=accept, args=(server,), daemon=True).start()
         began = time.monotonic()
-        with (
-            refused(reason),
-            connected("tcp://127.0.0.1:{1}".format(*server.getsockname())),
-        ):
+        with refused(reason), connected("tcp://127.0.0.1:{1}".format(*server.getsockname())):
             pass
         assert time.monotonic() - began < 10 * 0.5
         server.shutdown(socket.SHUT_RDWR)
@@ -180,10 +174,7 @@ def test_a_server_that_is_no_scheduler_is_refused_as_soon_as_it_fails_to_answer(
 def test_more_workers_than_this_machine_has_use_for_are_refused_before_any_starts(count, monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     monkeypatch.setattr("distributed.LocalCluster", None)
-    with (
-        refused("cluster-too-many-processes", count=count, limit=8, cores=2),
-        connected(f"local:{count}"),
-    ):
+    with refused("cluster-too-many-processes", count=count, limit=8, cores=2), connected(f"local:{count}"):
         pass
 
 

@@ -29,10 +29,7 @@ class Recovered(NamedTuple):
 
 def recovered(name: str) -> Recovered:
     """Return what is found today."""
-    with (
-        _noted("fitted_law", assembly, refinement) as laws,
-        _noted("fit_each", fit, convergence) as fits,
-    ):
+    with _noted("fitted_law", assembly, refinement) as laws, _noted("fit_each", fit, convergence) as fits:
         law = PROBLEMS[name]()
     estimates, errors = law.coefficients[:, law.support], standard_errors(law)[:, law.support]
     # The first law is the one that is returned, others are beside it

@@ -64,10 +64,7 @@ def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
 
 def test_known_terms_are_moved_to_the_left_hand_side(drops):
     law = cl.discover(
-        drops,
-        method=regression(solver="stlsq:0.01"),
-        known={"1": -9.8},
-        **SETTINGS | {"library": "terms:1,v"},
+        drops, method=regression(solver="stlsq:0.01"), known={"1": -9.8}, **SETTINGS | {"library": "terms:1,v"}
     )
     assert (to_frame(law)["1"] == -9.8).all()
     form = cl.formulation.StrongForm(law.provenance.differentiation, 2, trim=8)
@@ -290,10 +287,7 @@ def test_a_universal_term_has_one_coefficient_for_all_objects(drops):
         assert np.ptp(to_frame(law)["1"]) < 1e-12
         assert to_frame(law)["1"].iloc[0] == pytest.approx(-9.8, rel=0.01)
     own = cl.discover(
-        drops,
-        library="poly:2",
-        method=regression(solver="group-stlsq:1.5"),
-        **settings | {"universal": ()},
+        drops, library="poly:2", method=regression(solver="group-stlsq:1.5"), **settings | {"universal": ()}
     )
     assert np.ptp(to_frame(own)["1"]) > 1e-3
 

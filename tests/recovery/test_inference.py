@@ -147,10 +147,7 @@ def test_a_solver_without_its_setting_lists_the_candidates(drops, drag):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        (
-            {"solver": "stlsq:0.1"},
-            "solver-with-value",
-        ),
+        ({"solver": "stlsq:0.1"}, "solver-with-value"),
         ({"covariance": "guess"}, Diagnostic("unknown-name", {"kind": "covariance", "name": "guess"})),
         ({"noise": {"y": 0.1}}, Diagnostic("unknown-name", {"name": "y"})),
         ({"noise": {}}, "noise-missing"),

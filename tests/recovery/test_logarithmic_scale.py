@@ -195,10 +195,7 @@ def test_what_does_not_go_with_it_is_refused(law):
             lambda: cl.discover(trials, method=likelihood(positive=["x"]), order=1, library="poly:3"),
             Diagnostic("unknown-name", {"kind": "state", "name": "x"}),
         ),
-        (
-            lambda: cl.discover(trials, order=2, method=likelihood(positive=["w"]), library="poly:3"),
-            "log-states-order",
-        ),
+        (lambda: cl.discover(trials, order=2, method=likelihood(positive=["w"]), library="poly:3"), "log-states-order"),
         (
             lambda: cl.discover(
                 trials, method=likelihood(positive=["w"], errors="proportional"), order=1, library="poly:3"

@@ -36,11 +36,7 @@ def simulated(rates, numbers, starts, times, noise, seed=0, columns=1):
 
 
 relaxations = partial(
-    simulated,
-    lambda _, x, k, a: k * (a - x),
-    [(1.1, 2.0), (0.7, 2.9)],
-    [(-1.0,), (6.0,)],
-    np.linspace(0, 5, 60),
+    simulated, lambda _, x, k, a: k * (a - x), [(1.1, 2.0), (0.7, 2.9)], [(-1.0,), (6.0,)], np.linspace(0, 5, 60)
 )
 swings = partial(
     simulated,

@@ -200,8 +200,7 @@ def test_what_is_divided_by_a_state_that_changes_its_sign_is_not_tried():
 
 
 @pytest.mark.parametrize(
-    ("text", "columns"),
-    [("cos(w*t + p)", [2]), ("x*sin(t*w)", [2]), ("exp(-r*t)", []), ("cos(w*x)", [])],
+    ("text", "columns"), [("cos(w*t + p)", [2]), ("x*sin(t*w)", [2]), ("exp(-r*t)", []), ("cos(w*x)", [])]
 )
 def test_frequencies_are_what_time_is_multiplied_with_in_a_sine(text, columns):
     term = parametric_term(text, Variables(("x",)))

@@ -77,10 +77,7 @@ def by_letter(law):
 
 @pytest.mark.parametrize(
     ("text", "solution", "values"),
-    [
-        (SATURATING, michaelis_menten, (3.0, 1.0, 0.5)),
-        ("s' = -r s log(s/K)", gompertz, (0.3, 0.8, 5.0)),
-    ],
+    [(SATURATING, michaelis_menten, (3.0, 1.0, 0.5)), ("s' = -r s log(s/K)", gompertz, (0.3, 0.8, 5.0))],
     ids=["Michaelis-Menten by Lambert's W", "Gompertz"],
 )
 @pytest.mark.parametrize("noise", [0.01, 0.1])
@@ -156,8 +153,7 @@ def test_a_law_is_saved_and_read_with_its_constants(fitted):
     parameters = named_parameters(again)
     assert (str(again), parameters.names) == (str(fitted), ("V", "K"))
     np.testing.assert_array_equal(
-        (parameters.values, parameters.errors),
-        (named_parameters(fitted).values, named_parameters(fitted).errors),
+        (parameters.values, parameters.errors), (named_parameters(fitted).values, named_parameters(fitted).errors)
     )
 
 

@@ -366,10 +366,7 @@ def test_air_viscosity_is_kinematic() -> None:
             lambda: sphere_drag.reynolds_number(1.0, 0.0),
             Diagnostic("not-in-range", {"name": "diameter", "value": 0.0, "rule": "be positive"}),
         ),
-        (
-            lambda: sphere_drag.drag_coefficient(np.nan),
-            Diagnostic("not-in-range", {"name": "Reynolds number"}),
-        ),
+        (lambda: sphere_drag.drag_coefficient(np.nan), Diagnostic("not-in-range", {"name": "Reynolds number"})),
         (
             lambda: sphere_drag.drag_force(1.0, 0.1, density=-1.0),
             Diagnostic("not-in-range", {"name": "density", "value": -1.0}),

@@ -40,21 +40,9 @@ from tests.refusals import refused
         (SmoothingSpline(), 5, Diagnostic("too-few-samples", {"count": 4, "needed": 5})),
         (SpectralDerivative(), 3, Diagnostic("too-few-samples", {"count": 2, "needed": 3})),
         (TotalVariationDerivative(1e-3), 3, Diagnostic("too-few-samples", {"count": 2, "needed": 3})),
-        (
-            SmoothedDifference(MedianFilter(5)),
-            5,
-            Diagnostic("window-too-long", {"count": 4, "window": 5}),
-        ),
-        (
-            SmoothedDifference(WienerFilter(5)),
-            5,
-            Diagnostic("window-too-long", {"count": 4, "window": 5}),
-        ),
-        (
-            SmoothedDifference(SavitzkyGolay(45, 3)),
-            45,
-            Diagnostic("window-too-long", {"count": 44, "window": 45}),
-        ),
+        (SmoothedDifference(MedianFilter(5)), 5, Diagnostic("window-too-long", {"count": 4, "window": 5})),
+        (SmoothedDifference(WienerFilter(5)), 5, Diagnostic("window-too-long", {"count": 4, "window": 5})),
+        (SmoothedDifference(SavitzkyGolay(45, 3)), 45, Diagnostic("window-too-long", {"count": 44, "window": 45})),
     ],
 )
 def test_a_trial_that_is_too_short_is_refused_and_one_sample_more_is_taken(method, needed, message):

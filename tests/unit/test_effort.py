@@ -19,8 +19,7 @@ def test_a_library_that_memory_cannot_hold_is_refused_with_its_size(method):
 
 
 @pytest.mark.parametrize(
-    ("size", "text"),
-    [(600.0, "about 10 minutes"), (86_400.0, "about 24 hours"), (7_000.0, "117 minutes")],
+    ("size", "text"), [(600.0, "about 10 minutes"), (86_400.0, "about 24 hours"), (7_000.0, "117 minutes")]
 )
 def test_lengths_are_said_in_minutes_and_hours(size, text):
     with pytest.warns(cl.LongWorkWarning, match=text):

@@ -193,11 +193,7 @@ def test_properties_can_be_given_when_the_law_knows_none(tmp_path):
         ({}, ["weight"], Diagnostic("unknown-name", {"kind": "property", "name": "weight"})),
         ({}, ["colour"], Diagnostic("property-not-a-number", {"property": "colour"})),
         ({"uncertainty": cl.law.Uncertainty()}, ["mass"], "uncertainty-unknown"),
-        (
-            {"uncertainty": replace(falling().uncertainty, unpooled=None)},
-            ["mass"],
-            "own-coefficients-unknown",
-        ),
+        ({"uncertainty": replace(falling().uncertainty, unpooled=None)}, ["mass"], "own-coefficients-unknown"),
     ],
 )
 def test_what_cannot_be_explained_is_refused(change, names, message):

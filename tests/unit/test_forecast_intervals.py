@@ -137,12 +137,7 @@ def test_a_law_that_is_known_exactly_has_intervals_from_the_initial_state_alone(
     terms = parse_library("terms:x,x**2").bind(Variables(("x",)))
     times = np.linspace(0, 3, 31)
     law = Law(
-        terms,
-        Schema(("x",)),
-        1,
-        ("tank",),
-        np.array([[[-1.0, 0.0]]]),
-        uncertainty=Uncertainty([[[0.0]]], noise=[0.1]),
+        terms, Schema(("x",)), 1, ("tank",), np.array([[[-1.0, 0.0]]]), uncertainty=Uncertainty([[[0.0]]], noise=[0.1])
     )
     trials = Trials((Trial("tank", "1", times, np.exp(-times)),), law.schema)
     np.testing.assert_allclose(law.predict(trials, return_std=True).std[0][:, 0], 0.1 * np.exp(-times), rtol=1e-6)
@@ -167,14 +162,7 @@ def test_an_object_without_one_of_the_terms_is_not_made_uncertain_by_it():
 
 def test_discrete_laws_have_standard_deviations():
     terms = parse_library("terms:x").bind(Variables(("x",)))
-    law = Law(
-        terms,
-        Schema(("x",)),
-        0,
-        ("a",),
-        np.array([[[0.9]]]),
-        uncertainty=Uncertainty([[[1e-4]]], noise=[0.1]),
-    )
+    law = Law(terms, Schema(("x",)), 0, ("a",), np.array([[[0.9]]]), uncertainty=Uncertainty([[[1e-4]]], noise=[0.1]))
     k = np.arange(5.0)
     trials = Trials((Trial("a", "1", k, 0.9**k),), law.schema)
     expected = np.hypot(0.1 * 0.9**k, 0.01 * k * 0.9 ** (k - 1))
@@ -226,14 +214,7 @@ def test_forecasts_with_and_without_standard_deviations_are_the_same(forecast):
 def test_a_diverged_forecast_has_no_standard_deviation_after_its_end():
     terms = parse_library("terms:x**2").bind(Variables(("x",)))
     times = np.array([0.0, 0.5, 0.9, 1.5, 2.0])
-    law = Law(
-        terms,
-        Schema(("x",)),
-        1,
-        ("a",),
-        np.array([[[1.0]]]),
-        uncertainty=Uncertainty([[[1e-6]]], noise=[0.01]),
-    )
+    law = Law(terms, Schema(("x",)), 1, ("a",), np.array([[[1.0]]]), uncertainty=Uncertainty([[[1e-6]]], noise=[0.01]))
     trials = Trials((Trial("a", "1", times, np.ones(5)),), law.schema)
     (std,) = law.predict(trials, return_std=True).std
     assert np.isfinite(std[:3]).all()

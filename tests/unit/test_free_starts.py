@@ -136,10 +136,7 @@ def test_what_a_state_may_be_exchanged_for(equations, found):
             Diagnostic("latent-scale", {"name": "S", "quantity": "scale", "value": "1.0"}),
         ),
         ("S' = b - S; I' = a + S", Diagnostic("latent-scale", {"quantity": "zero"})),
-        (
-            "S' = b I - r S; I' = r S - (b + k) I",
-            "latent-initial-value",
-        ),
+        ("S' = b I - r S; I' = r S - (b + k) I", "latent-initial-value"),
     ],
 )
 def test_what_no_trial_could_tell_is_refused_by_name(equations, message):

@@ -152,11 +152,7 @@ ODD = {
         {"states": "x"},
         Diagnostic("column-not-numbers", {"column": "x", "kind": "complex"}),
     ),
-    "long doubles beyond doubles": (
-        FRAME.assign(x=FRAME.x.to_numpy(np.longdouble) * 1e300 * 1e300),
-        {},
-        "cell-value",
-    ),
+    "long doubles beyond doubles": (FRAME.assign(x=FRAME.x.to_numpy(np.longdouble) * 1e300 * 1e300), {}, "cell-value"),
     "an integer beyond doubles": (FRAME.assign(x=[10**400, 1, 2, 3, 4]), {}, "cell-value"),
     "a lazy frame of a column that is not there": (
         pl.DataFrame({"t": [0.0], "x": [1.0]}).lazy().select("t", "z"),

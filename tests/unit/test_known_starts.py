@@ -180,12 +180,7 @@ def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
         (TWO, {"depot": 100.0}, {}, Diagnostic("equation-without-column", {"name": "slow"})),
         (ONE, {"dopot": 100.0}, {}, Diagnostic("unknown-name", {"kind": "state of the equations", "name": "dopot"})),
         (ONE, {"depot": "dos"}, {}, Diagnostic("unknown-name", {"kind": "property", "name": "dos"})),
-        (
-            ONE,
-            {"depot": np.nan},
-            {},
-            Diagnostic("initial-value-not-finite", {"state": "depot", "object": "person 0"}),
-        ),
+        (ONE, {"depot": np.nan}, {}, Diagnostic("initial-value-not-finite", {"state": "depot", "object": "person 0"})),
         (
             ONE,
             {"depot": {"person 0": 1.0}},

@@ -29,16 +29,10 @@ def changed(**changes):
 REFUSED = {
     "no object": (changed(coefficients={}), Diagnostic("law-empty", {"part": "object"})),
     "no term": (changed(terms=[], coefficients={"Ball 1": [[]]}), Diagnostic("law-empty", {"part": "term"})),
-    "rates in first order": (
-        changed(order=1),
-        Diagnostic("law-terms-variables", {"order": "1", "rates": 0}),
-    ),
+    "rates in first order": (changed(order=1), Diagnostic("law-terms-variables", {"order": "1", "rates": 0})),
     "two rates for one state": (changed(rates=["v", "w"]), Diagnostic("law-terms-variables", {"rates": 1})),
     "no rate": (changed(rates=[], terms=["1", "x"]), Diagnostic("law-terms-variables", {"rates": 1})),
-    "a rate called like time": (
-        changed(rates=["t"], terms=["1", "x"]),
-        Diagnostic("variable-twice", {"name": "t"}),
-    ),
+    "a rate called like time": (changed(rates=["t"], terms=["1", "x"]), Diagnostic("variable-twice", {"name": "t"})),
     "nested without end": ("[" * 1_000_000, Diagnostic("json-too-deep", {"depth": 1000000})),
     "nested in a field": (changed(schema=json.loads("[" * 99 + "]" * 99)), Diagnostic("json-too-deep", {"depth": 100})),
     "no UTF-8": (to_json(LAW).encode().replace(b"Ball 1", b"Ball \xff"), Diagnostic("not-utf-8", {"source": "JSON"})),

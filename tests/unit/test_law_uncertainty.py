@@ -122,12 +122,7 @@ def test_equations_show_errors_where_they_are_known_and_not_if_not_wanted(drag):
 def test_a_constant_that_follows_another_term_is_in_brackets():
     terms = PolynomialLibrary(1).bind(Variables(("x",))).take([1, 0])
     law = Law(
-        terms,
-        Schema(("x",)),
-        1,
-        ("one",),
-        np.array([[[-2.0, -1.0]]]),
-        uncertainty=Uncertainty([np.diag([0.01, 0.01])]),
+        terms, Schema(("x",)), 1, ("one",), np.array([[[-2.0, -1.0]]]), uncertainty=Uncertainty([np.diag([0.01, 0.01])])
     )
     assert law.equations() == ("x' = -(2.00 ± 0.10) x - (1.00 ± 0.10)",)
 

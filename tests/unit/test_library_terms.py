@@ -9,14 +9,7 @@ import sympy
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
-from commonlaw.library import (
-    ExpressionLibrary,
-    PolynomialLibrary,
-    Variables,
-    monomial,
-    parse_term,
-    term_unit,
-)
+from commonlaw.library import ExpressionLibrary, PolynomialLibrary, Variables, monomial, parse_term, term_unit
 from commonlaw.trials.headers import parse_unit
 from tests.refusals import refused
 
@@ -120,11 +113,7 @@ def test_a_power_of_a_name_with_odd_characters_is_shown_in_parentheses():
         (("x", "v"), "log(1-x*(v+1))", r"\log(1 - x \left(v + 1\right))"),
         (("x", "v"), "tanh(x/v)", r"\tanh\left(\frac{x}{v}\right)"),
         (("x", "v"), "(x-(v-1))**0.5", r"\left(x - \left(v - 1\right)\right)^{0.5}"),
-        (
-            ("x", "v"),
-            "x*sign(v)/(2+1e-5*x*3)",
-            r"\frac{x \operatorname{sign}(v)}{1 \cdot 10^{-5} x \cdot 3 + 2}",
-        ),
+        (("x", "v"), "x*sign(v)/(2+1e-5*x*3)", r"\frac{x \operatorname{sign}(v)}{1 \cdot 10^{-5} x \cdot 3 + 2}"),
         (("wind speed", "x_1"), "`wind speed`*abs(x_1)", r"\mathrm{wind\ speed} \left|{x_{1}}\right|"),
     ],
 )

@@ -35,10 +35,7 @@ def dense(field, mesh, states, precision, weights, residuals):
     jacobian = np.block(
         [
             [of_measurements.reshape(n * measured, -1), np.zeros((n * measured, int(free.sum())))],
-            [
-                root * of_defects.reshape(rows, -1),
-                root * linear.coefficients.reshape(rows, -1),
-            ],
+            [root * of_defects.reshape(rows, -1), root * linear.coefficients.reshape(rows, -1)],
         ]
     )
     of_samples = np.nan_to_num(residuals) * np.sqrt(weights)

@@ -54,21 +54,13 @@ BAD_TEXT = {
     ),
     "role-twice": (GOOD, {"states": ["height", "t"]}, Diagnostic("role-twice", {"column": "t"})),
     "no time": ("a,b\n1,2\n", {}, "time-missing"),
-    "no state": (
-        "t,b\n1,q\n",
-        {},
-        "no-state",
-    ),
+    "no state": ("t,b\n1,q\n", {}, "no-state"),
     "text in numbers": (
         changed(17, 3, "abc"),
         {},
         Diagnostic("cell-not-a-number", {"cell": "abc"}, "drops.csv: column 'height', row 17 (line 18), a, trial 1"),
     ),
-    "text in times": (
-        changed(17, 2, "1:30"),
-        {},
-        Diagnostic("cell-not-a-number", {"cell": "1:30"}),
-    ),
+    "text in times": (changed(17, 2, "1:30"), {}, Diagnostic("cell-not-a-number", {"cell": "1:30"})),
     "text in a text column": (GOOD, {"states": "object"}, "role-twice"),
     "first of all": (changed(1, 3, "x"), {}, "cell-not-a-number"),
     "last of all": (changed(20, 3, "x"), {}, "cell-not-a-number"),
@@ -92,11 +84,7 @@ BAD_TEXT = {
         {"states": "mass", "inputs": "height"},
         Diagnostic("cell-value", {"value": "is missing"}),
     ),
-    "infinite value": (
-        changed(9, 3, "-inf"),
-        {},
-        Diagnostic("cell-value", {"value": "is infinite"}),
-    ),
+    "infinite value": (changed(9, 3, "-inf"), {}, Diagnostic("cell-value", {"value": "is infinite"})),
     "missing time": (changed(9, 2, " "), {}, Diagnostic("cell-value", {"value": "is missing"})),
     "missing object": (
         changed(9, 0, ""),
@@ -108,11 +96,7 @@ BAD_TEXT = {
         {},
         Diagnostic("label-missing", {"column": "trial", "row": "row 9 (line 10)", "label": "trial"}),
     ),
-    "time twice": (
-        changed(17, 2, "3.0"),
-        {},
-        "name-trials",
-    ),
+    "time twice": (changed(17, 2, "3.0"), {}, "name-trials"),
     "property of two values": (
         changed(5, 4, "3"),
         {"properties": ["mass"]},
@@ -156,11 +140,7 @@ BAD_TEXT = {
     "a cut UTF-16": ("t,x\n0,1\n".encode("utf-16")[:-1], {}, "not-a-table"),
     "binary": (b"t,x\n\x00\x01\n", {}, "not-a-table"),
     "damaged Parquet": (b"PAR1 and no more", {}, Diagnostic("parquet-damaged", {"source": "drops.csv"})),
-    "damaged workbook": (
-        b"PK\x03\x04 and no more",
-        {},
-        Diagnostic("workbook-damaged", {"source": "drops.csv"}),
-    ),
+    "damaged workbook": (b"PK\x03\x04 and no more", {}, Diagnostic("workbook-damaged", {"source": "drops.csv"})),
     "a sheet of text": (GOOD, {"sheet": "A"}, Diagnostic("sheet-of-text", {"name": "drops.csv", "sheet": "A"})),
 }
 
@@ -199,22 +179,14 @@ def test_workbooks_that_cannot_be_used_are_refused(tmp_path):
 
 BAD_FRAMES = {
     "not a frame": ([1, 2], {}, Diagnostic("frame-unknown", {"type": "list"})),
-    "header twice": (
-        pd.DataFrame([[1, 2]], columns=["t", "t"]),
-        {},
-        "column-twice",
-    ),
+    "header twice": (pd.DataFrame([[1, 2]], columns=["t", "t"]), {}, "column-twice"),
     "no rows": (pd.DataFrame({"t": [], "x": []}), {}, Diagnostic("table-without-rows", {}, "the frame")),
     "dates": (
         pd.DataFrame({"t": 1.0, "x": pd.to_datetime(["2020-01-01"])}),
         {"states": "x"},
         Diagnostic("column-not-numbers", {"column": "x", "kind": "timestamp"}),
     ),
-    "a missing number": (
-        pl.DataFrame({"t": [0, None], "x": [1.0, 2.0]}),
-        {},
-        "cell-value",
-    ),
+    "a missing number": (pl.DataFrame({"t": [0, None], "x": [1.0, 2.0]}), {}, "cell-value"),
     "mixed cells": (
         pd.DataFrame({"t": [0, 1, 2], "x": [1.0, "abc", 2]}),
         {},

@@ -121,8 +121,7 @@ def test_terms_by_parts_need_no_rates():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("grid", "order", "library", "truth"),
-    [(regular, 1, SWING_TERMS, SWING), (uneven, 2, "terms:x,v,x**3", SWING[1:])],
+    ("grid", "order", "library", "truth"), [(regular, 1, SWING_TERMS, SWING), (uneven, 2, "terms:x,v,x**3", SWING[1:])]
 )
 def test_covariance_is_that_of_many_draws(grid, order, library, truth):
     draws, noise, times = 300, 0.02, grid(150, 10.0)

@@ -90,9 +90,5 @@ def _drop(name: str, drag: float, quadratic: float, gravity: float, height: floa
 
 
 linear_drag = Dataset(
-    "linear-drag",
-    "simulated drops of five balls with linear drag: x'' = -9.8 + D x'",
-    DE_SILVA_2020,
-    _load,
-    _truth,
+    "linear-drag", "simulated drops of five balls with linear drag: x'' = -9.8 + D x'", DE_SILVA_2020, _load, _truth
 )

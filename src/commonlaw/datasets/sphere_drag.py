@@ -92,10 +92,7 @@ def in_valid_range(reynolds: ArrayLike) -> Bools:
 
 
 def drag_force(
-    speed: ArrayLike,
-    diameter: ArrayLike,
-    density: ArrayLike = AIR_DENSITY,
-    viscosity: ArrayLike = AIR_VISCOSITY,
+    speed: ArrayLike, diameter: ArrayLike, density: ArrayLike = AIR_DENSITY, viscosity: ArrayLike = AIR_VISCOSITY
 ) -> Floats:
     """Return the size of the drag force ``density C_D pi diameter^2 speed^2 / 8`` on a smooth sphere, in N.
 

@@ -379,10 +379,7 @@ def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: CandidateF
         coefficients=coefficients,
         uncertainty=replace(uncertainty, inclusion_probabilities=own.uncertainty.inclusion_probabilities),
         provenance=replace(
-            law.provenance,
-            history=(*law.history, step),
-            calls=(*law.provenance.calls, called),
-            with_discrepancy=whole,
+            law.provenance, history=(*law.history, step), calls=(*law.provenance.calls, called), with_discrepancy=whole
         ),
     )
 

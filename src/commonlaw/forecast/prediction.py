@@ -93,12 +93,7 @@ def simulate_law(
         field = replace(vector_field(law, name), terms=natural, inputs=driven)
         problems[name] = InitialValueProblem(field, state, grid, name)
     found = simulate(
-        problems.values(),
-        method=method,
-        tolerance=tolerance,
-        events=events,
-        dense=dense,
-        sensitivities=sensitivities,
+        problems.values(), method=method, tolerance=tolerance, events=events, dense=dense, sensitivities=sensitivities
     )
     return dict(zip(problems, found, strict=True))
 

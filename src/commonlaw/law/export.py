@@ -222,9 +222,7 @@ def _infix(functions: Mapping[str, str], **others: Callable[..., str]) -> Algebr
 
 
 _C = _infix(
-    {"abs": "fabs", "arctan": "atan"},
-    power=lambda x, y: f"pow({x}, {y})",
-    sign=lambda x: f"(({x} > 0) - ({x} < 0))",
+    {"abs": "fabs", "arctan": "atan"}, power=lambda x, y: f"pow({x}, {y})", sign=lambda x: f"(({x} > 0) - ({x} < 0))"
 )
 _PYTHON = _infix(
     {name: f"math.{name}" for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")}

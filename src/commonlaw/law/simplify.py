@@ -248,9 +248,7 @@ def _without_ones(equation: str) -> str:
 
 
 def _constrained(
-    start: "_Estimates",
-    tolerance: float,
-    is_wanted: "Callable[[_Constraint], bool]" = lambda _: True,
+    start: "_Estimates", tolerance: float, is_wanted: "Callable[[_Constraint], bool]" = lambda _: True
 ) -> "tuple[list[_Constraint], _Estimates]":
     """Return what is replaced, the largest gain first, as far as estimates bear all of it, and estimates given that."""
     found, constraints = start, list[_Constraint]()

@@ -47,10 +47,7 @@ def threads(n_jobs: int) -> Iterator[None]:
 
 
 def in_parallel(
-    function: Callable[..., T],
-    *columns: Iterable[Any],
-    pays: bool = True,
-    done: Callable[[int], None] = lambda _: None,
+    function: Callable[..., T], *columns: Iterable[Any], pays: bool = True, done: Callable[[int], None] = lambda _: None
 ) -> list[T]:
     """Return what a function gives for each row of some columns, in their order; `map` in threads, see `threads`.
 

@@ -18,15 +18,7 @@ from commonlaw.trials.grouping import are_used, groups_of, inputs_before, read_c
 from commonlaw.trials.headers import joined_units, known_unit, label
 from commonlaw.trials.properties import Properties, column_properties, given_properties, object_codes
 from commonlaw.trials.recognition import unit_in_name
-from commonlaw.trials.roles import (
-    ColumnRoles,
-    Reading,
-    checked,
-    column_roles,
-    free_columns,
-    notation_of,
-    time_of,
-)
+from commonlaw.trials.roles import ColumnRoles, Reading, checked, column_roles, free_columns, notation_of, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 from commonlaw.trials.wide import deviations_of, long_table, times_across
 

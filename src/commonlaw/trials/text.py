@@ -176,12 +176,7 @@ def _bare_unit(text: str) -> str:
 
 
 def _without_header(
-    rows: Sequence[Row],
-    first: int,
-    key: int,
-    width: int,
-    columns: Sequence[Sequence[str]],
-    comments: Sequence[Row],
+    rows: Sequence[Row], first: int, key: int, width: int, columns: Sequence[Sequence[str]], comments: Sequence[Row]
 ) -> Layout:
     """Return the layout of a table whose header is a comment, or fits no columns, or is not there."""
     above = [row for row in comments if row.line < rows[first].first_line]

@@ -378,13 +378,7 @@ class Trials(ShownInNotebooks):
         bare = tuple(replace(trial, noise=np.empty((0, 0))) for trial in self.trials)
         return replace(self, trials=bare, schema=replace(self.schema, noise_columns={}))
 
-    def check(
-        self,
-        tolerance: float | None = None,
-        *,
-        order: int | None = None,
-        library: Any = None,
-    ) -> Report:
+    def check(self, tolerance: float | None = None, *, order: int | None = None, library: Any = None) -> Report:
         """Return figures of every trial, what data checks find, and which variables trials cannot distinguish.
 
         Parameters
