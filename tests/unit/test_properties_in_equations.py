@@ -6,6 +6,7 @@ from scipy.optimize import curve_fit
 
 import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
+from tests.refusals import refused
 
 NOISE = 0.01
 """Of measurements, in the size of the population."""
@@ -100,3 +101,16 @@ def test_bounds_are_of_the_parameter_of_that_name_in_whichever_equation_it_stand
     law = cl.fit("x' = -V x/(K + x); y' = V x/(K + x) - W y/(L + y); 20 < L < 80", trials, errors="white")
     assert estimates(law, "V")[0] == pytest.approx(1.0, rel=0.01)
     assert estimates(law, "L")[0] == pytest.approx(40, rel=0.1)
+
+
+def test_forecasts_of_a_new_object_take_its_own_property(measured):
+    law = cl.fit("x' = r x (1 - x/K)", populations(measured, 1e6), errors="white")
+    times = np.linspace(0, 20, 30)
+    frame = pd.DataFrame({"r": 0.6, "t": times, "x": 4e6 * logistic(times, 0.6, np.log(0.05)), "K": 4e6})
+    new = cl.Trials.from_frame(frame, object="r", time="t", states=["x"])
+    forecast = law.predict(new, return_std=True)
+    expected = 4e6 * logistic(times, estimates(law, "r")[0].mean(), np.log(0.05))
+    np.testing.assert_allclose(forecast.trajectories[0].states[:, 0], expected, rtol=0.01)
+    assert forecast.std[0][-1, 0] < 0.01 * forecast.std[0].max()  # Its capacity is known, unlike its rate
+    with refused("property-missing", property="K"):
+        law.predict(cl.Trials.from_frame(frame.drop(columns="K"), object="r", time="t", states=["x"]))

@@ -11,11 +11,12 @@ from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation
 from commonlaw.law import average_law, pool_objects
 from commonlaw.law.law import Law, object_index, with_other_laws
+from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.transformations import Conversion
-from commonlaw.trials.trial import Property
+from commonlaw.trials.trial import Property, property_names
 
 _NODES = 20
 """Values of a scatter that a band is an average over."""
@@ -61,7 +62,7 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
     """
     known_objects = {*law.objects}
     unseen = [name for name in trials.objects if name not in known_objects]
-    drawn = [_drawn(law, name, trials) for name in unseen]
+    drawn = [_with_properties(law, name, trials, _drawn(law, name, trials)) for name in unseen]
     law = _by_pooled(law)
     if not unseen:
         return law, ()
@@ -128,6 +129,29 @@ def _drawn(law: Law, name: str, trials: Trials) -> Population:
         each: _in_unit(each, values[each], trials.schema, law.schema) for each in law.uncertainty.explanation.properties
     }
     return _by_relations(law, name, given)
+
+
+def _with_properties(law: Law, name: str, trials: Trials, drawn: Population) -> Population:
+    """Return the same with the object's own properties where these stand in the equations of the law."""
+    known, given = property_names(law.properties) if law.provenance.equations else [], trials.properties.get(name, {})
+    errors, places = standard_errors(law), [*map(tuple, np.argwhere(law.support).tolist())]
+    coefficients, covariances, taken = drawn.coefficients.copy(), drawn.covariances, list[str]()
+    for product in named_parameters(law).products:
+        names, place = [each for each, _ in product.coefficients], (product.equation, product.term)
+        if not names or not all(each in known for each in names) or np.any(errors[:, *place] > 0):
+            continue
+        for each in names:
+            if not isinstance(given.get(each), float):
+                raise CommonlawError("property-missing", object=name, property=each)
+        values = {each: np.asarray(_in_unit(each, given[each], trials.schema, law.schema)) for each in names}
+        coefficients[place] = product.value(values)
+        taken += [each for each in names if each not in taken]
+        if covariances is not None:
+            covariances = covariances.copy()
+            covariances[places.index(place)] = covariances[:, places.index(place)] = 0.0
+    return Population(
+        coefficients, covariances, f"{drawn.note}, and its own {' and '.join(taken)}" if taken else drawn.note
+    )
 
 
 def _by_relations(law: Law, name: str, given: dict[str, float]) -> Population:
