@@ -166,7 +166,8 @@ def _fixed_points(
     random, span = np.random.default_rng(0), high - low
     starts = np.concatenate([np.zeros((1, len(low))), low + random.random((_STARTS, len(low))) * span])
     changes = np.abs(system.at(coefficients, starts)[1][:, :, : system.states]) @ span
-    usual = np.max(changes, axis=0, where=np.isfinite(changes), initial=0.0)
+    largest = np.max(changes, axis=0, where=np.isfinite(changes), initial=0.0)
+    usual = np.where(largest > 0, largest, np.inf)
     reached = system.newton(coefficients, starts, span)
     reached = reached[np.isfinite(reached).all(axis=1) & np.all((reached >= low) & (reached <= high), axis=1)]
     found = list[Floats]()
