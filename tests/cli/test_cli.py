@@ -11,6 +11,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law import Step, from_json, to_frame
+from commonlaw.law.text import with_error
 
 DROPS = ["--object", "ball", "--trial", "drop", "--time", "t", "--state", "height"]
 SETTINGS = [
@@ -141,30 +142,20 @@ def test_forecasts_go_beyond_what_was_measured(run, tmp_path):
     assert forecast["height error"].notna().sum() == drops["height"].notna().sum()
 
 
-def test_discover_shows_errors_intervals_and_history(run, monkeypatch):
-    def certain(*given, **settings):
-        law = discover(*given, **settings)
-        steps = (Step("support", "1, v", "the evidence is largest"),)
-        return replace(
-            law,
-            uncertainty=replace(law.uncertainty, covariance=[np.diag([0.01, 0.0004])] * 5, noise=[0.01]),
-            provenance=replace(law.provenance, history=steps),
-        )
-
-    discover = cl.discover
-    monkeypatch.setattr(cl, "discover", certain)
-    arguments = ("discover", "dataset:linear-drag:noise=0.01:seed=1", *SETTINGS)
-    code, out, err = run(*arguments, "--history", "--save", "law.svg")
+def test_errors_intervals_and_history_are_printed_where_they_are_known(run):
+    fit = "fit", "dataset:linear-drag:noise=0.05:seed=1:trials=1", "x'' = -g - c v"
+    code, out, err = run(*fit, "--history")
     assert (code, "commonlaw show LAW.json --history" in err) == (0, True)
     row = next(line for line in out.splitlines() if "Ball 3" in line)
-    assert row.count("±") == 2
-    assert "the evidence is largest" in out
-    found = json.loads(run(*arguments, "--json")[1])
-    assert found["history"] == [{"stage": "support", "choice": "1, v", "reason": "the evidence is largest"}]
-    assert {row["standard error"] for row in found["intervals"]} == {0.1, 0.02}
-    monkeypatch.setattr(cl, "discover", discover)
-    code, out, _ = run(*arguments, "--history")
-    assert "There is no record of how the law was found." in out
+    found = json.loads(run(*fit, "--json")[1])
+    law = from_json(json.dumps(found["law"]))
+    assert [each["standard error"] for each in found["intervals"]] == law.params["standard error"].tolist()
+    assert [each["stage"] for each in found["history"]] == [each.stage for each in law.history]
+    assert all(each["stage"] in out for each in found["history"])
+    estimate, error = law.params.query("object == 'Ball 3'")[["estimate", "standard error"]].to_numpy()[0]
+    assert with_error(estimate, error).split(" ± ") == row.split()[3:5]
+    arguments = ("discover", "dataset:linear-drag:noise=0.01:seed=1", *SETTINGS)
+    assert "There is no record of how the law was found." in run(*arguments, "--history")[1]
     assert json.loads(run(*arguments, "--json")[1])["intervals"] is None
 
 
