@@ -11,23 +11,8 @@ from commonlaw.discovery import discover
 from commonlaw.forecast import Forecast
 from commonlaw.law import Law
 from commonlaw.trials import Trial, Trials
-from studies.falling_balls.model_error import (
-    OTHER_DROP,
-    Errors,
-    Medians,
-    errors_of_height,
-    learned,
-    medians_of,
-)
-from studies.falling_balls.settings import (
-    DIFFERENTIATION,
-    HORIZON,
-    MODELS,
-    OFFERED,
-    RATE_SAMPLES,
-    REDRAWS,
-    SEED,
-)
+from studies.falling_balls.model_error import OTHER_DROP, Errors, Medians, errors_of_height, learned, medians_of
+from studies.falling_balls.settings import DIFFERENTIATION, HORIZON, MODELS, OFFERED, RATE_SAMPLES, REDRAWS, SEED
 
 LINEAR, DEFAULT, CUBIC = "2", "default", "default, cubic"
 """The paper's model with linear drag; the default method offered 1, v and v^2; the same with its own library."""

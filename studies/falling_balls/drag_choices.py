@@ -119,10 +119,7 @@ def _evidence_frame(choices: Mapping[str, Choice]) -> pd.DataFrame:
 
 def _results(choice: Choice) -> dict[str, Any]:
     laws = {
-        form: {
-            "two_log_bayes_factor": choice.against[form],
-            "probability": measures["probability"],
-        }
+        form: {"two_log_bayes_factor": choice.against[form], "probability": measures["probability"]}
         for form, measures in choice.listed.items()
     }
     return {"chosen": choice.form, "noise": choice.noise, "errors": choice.errors, "laws": laws}

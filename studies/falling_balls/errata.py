@@ -29,26 +29,16 @@ REYNOLDS = Erratum(
     "1.82 × 10⁻⁵ Pa s, has 1.503 × 10⁻⁵ m²/s, that is Re = 0.665 × 10⁵ D v. The simulations with Reynolds-dependent "
     "drag used the same value.",
 )
-QUADRATIC = Erratum(
-    "Appendix A.2, fall with Reynolds-dependent drag at threshold 0.004",
-    "+ 0.17 v²",
-    "+ 0.017 v²",
-)
+QUADRATIC = Erratum("Appendix A.2, fall with Reynolds-dependent drag at threshold 0.004", "+ 0.17 v²", "+ 0.017 v²")
 THRESHOLDS = Erratum(
     "Figure of the realistic simulations, caption",
     "thresholds 0.05 (single) and 0.3 (group)",
     "The program used 0.15 and 1.0. With 0.3 the group method keeps x at every noise level, against the text; with 1.0 "
     "it does what the text says.",
 )
-GROUP_TABLE = Erratum(
-    "Table of group thresholds, 0.005",
-    "− 0.8 v",
-    "+ 0.87 v",
-)
+GROUP_TABLE = Erratum("Table of group thresholds, 0.005", "− 0.8 v", "+ 0.87 v")
 LANDING = Erratum(
-    "Figure of landing time against density",
-    "one panel for each drop",
-    "Both panels were drawn from drop 1.",
+    "Figure of landing time against density", "one panel for each drop", "Both panels were drawn from drop 1."
 )
 PREDICTION = Erratum(
     "Figure of prediction errors",

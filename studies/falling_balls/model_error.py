@@ -15,14 +15,7 @@ from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.long_forecasts import long_forecasts
 from studies.falling_balls.method import group_law, single_law
 from studies.falling_balls.plots import plot_errors
-from studies.falling_balls.settings import (
-    HORIZON,
-    MODEL_NAMES,
-    MODEL_TERMS,
-    MODELS,
-    RATE_SAMPLES,
-    SIMILAR,
-)
+from studies.falling_balls.settings import HORIZON, MODEL_NAMES, MODEL_TERMS, MODELS, RATE_SAMPLES, SIMILAR
 
 _NAME, _TITLE = "model-error", "How well the models predict"
 OTHER_DROP = {"1": "2", "2": "1"}

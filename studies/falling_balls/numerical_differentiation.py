@@ -12,16 +12,7 @@ from commonlaw.report import Picture, Section, Text, Verdict
 from studies.falling_balls.drop_noise import noise_blocks, noise_of_drops, noise_verdict
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.plots import Curve, plot_curves
-from studies.falling_balls.rate_errors import (
-    BEST,
-    METHODS,
-    ORDERS,
-    WINDOW_METHODS,
-    Medians,
-    NoisyFall,
-    at,
-    medians,
-)
+from studies.falling_balls.rate_errors import BEST, METHODS, ORDERS, WINDOW_METHODS, Medians, NoisyFall, at, medians
 from studies.falling_balls.rate_verdicts import method_verdict, window_verdict
 from studies.falling_balls.settings import (
     END_SAMPLES,
@@ -52,10 +43,7 @@ def numerical_differentiation(inquiry: Inquiry) -> Section:
         Text(_found(fall, by_window)),
     )
     verdicts = (method_verdict(fall, by_method), window_verdict(fall, by_window, changes))
-    results = {
-        "differentiation_error": _reported(fall, by_method),
-        "window_error": _reported(fall, by_window),
-    }
+    results = {"differentiation_error": _reported(fall, by_method), "window_error": _reported(fall, by_window)}
     if inquiry.drops is None:
         missing = Text(f"The noise of the drops is left out, as they are missing: {inquiry.missing}")
         left_out = Verdict("left out", "the noise of every drop needs the measured drops")

@@ -10,15 +10,7 @@ from commonlaw.array_types import Floats
 from commonlaw.plots import Figure
 from commonlaw.report import Block, Picture, Text
 from studies.falling_balls.plots import Curve, plot_curves
-from studies.falling_balls.settings import (
-    CIRCUMFERENCES,
-    LINEAR_RIVALS,
-    LONG_FALL,
-    OUNCE,
-    OUNCES,
-    RATE,
-    TENNIS_BALL,
-)
+from studies.falling_balls.settings import CIRCUMFERENCES, LINEAR_RIVALS, LONG_FALL, OUNCE, OUNCES, RATE, TENNIS_BALL
 
 _SPHERE = "Reynolds-dependent drag"
 _LINES = ("-", "--", ":")

@@ -11,13 +11,7 @@ from commonlaw.plots import plot_path
 from commonlaw.report import Picture, Section, Table, Text, Verdict
 from commonlaw.trials import Trials
 from studies.falling_balls.method import METHODS
-from studies.falling_balls.settings import (
-    CHOICES,
-    GROUP_THRESHOLD,
-    PATH_BALL,
-    PATH_DROP,
-    SINGLE_THRESHOLD,
-)
+from studies.falling_balls.settings import CHOICES, GROUP_THRESHOLD, PATH_BALL, PATH_DROP, SINGLE_THRESHOLD
 
 METHOD_NAMES = {"single": f"{PATH_BALL}, single trial", "group": "all balls, group"}
 _THRESHOLDS = {"single": SINGLE_THRESHOLD, "group": GROUP_THRESHOLD}

@@ -54,8 +54,7 @@ def test_the_largest_speeds_come_out_to_a_centimetre_a_second(drops):
 
 
 @pytest.mark.parametrize(
-    ("ball", "drop", "equation"),
-    [("Golf Ball", 2, "x'' = -9.089"), ("Whiffle Ball 2", 1, "x'' = -9.808 - 0.5569 v")],
+    ("ball", "drop", "equation"), [("Golf Ball", 2, "x'' = -9.089"), ("Whiffle Ball 2", 1, "x'' = -9.808 - 0.5569 v")]
 )
 def test_single_trial_models_at_threshold_0_04(drops, ball, drop, equation):
     law = cl.discover(drops.select(object=ball, trial=drop), method=regression(solver="stlsq:0.04"), **PAPER)
@@ -196,12 +195,6 @@ def test_the_falls_without_drag_and_with_linear_drag():
 )
 def test_the_fall_with_reynolds_dependent_drag(solver, expected):
     trials = cl.datasets.reynolds_drag(
-        radius=0.0335,
-        mass=0.057,
-        viscosity=cl.datasets.PRINTED_VISCOSITY,
-        noise=0.0,
-        trials=1,
-        samples=50,
-        height=40.0,
+        radius=0.0335, mass=0.057, viscosity=cl.datasets.PRINTED_VISCOSITY, noise=0.0, trials=1, samples=50, height=40.0
     )
     assert to_frame(fall(trials, solver)).iloc[0].round(3).to_dict() == expected

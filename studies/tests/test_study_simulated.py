@@ -9,12 +9,7 @@ from commonlaw.report import Picture
 from studies.falling_balls import quadratic_drag, simulated_drops
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.reynolds_drag import reynolds_drag
-from studies.falling_balls.settings import (
-    DIFFERENTIATION,
-    LINEAR_AVERAGES,
-    NOISES,
-    REYNOLDS_AVERAGES,
-)
+from studies.falling_balls.settings import DIFFERENTIATION, LINEAR_AVERAGES, NOISES, REYNOLDS_AVERAGES
 from studies.falling_balls.simulation import agrees, captures, on_grid, simulated
 
 INQUIRY = Inquiry(None, "not needed", 7)

@@ -274,11 +274,7 @@ _MODEL_SETTINGS = ("positive", "input_between", "noise", "errors", "seed", "n_jo
 
 
 def _of_model(
-    text: ModelText,
-    trials: Trials,
-    calls: tuple[str, ...],
-    given: dict[str, Any],
-    settings: dict[str, Any],
+    text: ModelText, trials: Trials, calls: tuple[str, ...], given: dict[str, Any], settings: dict[str, Any]
 ) -> Law:
     """Return the law of equations that only `commonlaw.estimation` fits: by least squares of trajectories."""
     refused = [name for name in settings if name not in _MODEL_SETTINGS]

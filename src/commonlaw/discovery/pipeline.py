@@ -20,12 +20,7 @@ from commonlaw.discovery.orders import (
     with_order_said,
 )
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import (
-    assemble,
-    error_kinds,
-    explains_whole_trials,
-    most_explaining,
-)
+from commonlaw.inference import assemble, error_kinds, explains_whole_trials, most_explaining
 from commonlaw.law import Law
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order

@@ -47,15 +47,7 @@ from commonlaw.selection import (
     make_folds,
     select,
 )
-from commonlaw.solvers import (
-    SR3,
-    STLSQ,
-    AbstractSolver,
-    BestSubset,
-    ConstrainedSolver,
-    StepwiseSelection,
-    parse_solver,
-)
+from commonlaw.solvers import SR3, STLSQ, AbstractSolver, BestSubset, ConstrainedSolver, StepwiseSelection, parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
 

@@ -64,11 +64,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         return self.find_order(trials, structure, [(each,) for each in orders], progress)
 
     def find_order(
-        self,
-        trials: Trials,
-        structure: ModelStructure,
-        possible: Sequence[Sequence[int]],
-        progress: ProgressCallback,
+        self, trials: Trials, structure: ModelStructure, possible: Sequence[Sequence[int]], progress: ProgressCallback
     ) -> Law:
         """Return the law of largest evidence among those of several orders, see `law_of_best_order`."""
         refuse_what_does_not_fit(self, trials, structure)
@@ -92,10 +88,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         parts = stream.parts or (stream,)
         some = [parts[i] for i in evenly_spaced(len(parts), _GROUPS)]
         laws = done_in_parts(
-            partial(_proposed, alone, structure),
-            some,
-            "seeking laws of groups of objects",
-            part(progress, 0.0, 0.2),
+            partial(_proposed, alone, structure), some, "seeking laws of groups of objects", part(progress, 0.0, 0.2)
         )
         proposed = {"; ".join(law.structure): law for law in reversed(laws)}
         what = f"{counted(len(proposed), 'law')} of {counted(len(some), 'group')} of at most {_OBJECTS} objects"

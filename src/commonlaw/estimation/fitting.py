@@ -183,10 +183,7 @@ def _check_latent(model: Model, given: Mapping[str, InitialGiven]) -> None:
 
 
 def _unknowns(
-    model: Model,
-    trials: Trials,
-    properties: Sequence[str],
-    universal: Sequence[str] | Mapping[str, str],
+    model: Model, trials: Trials, properties: Sequence[str], universal: Sequence[str] | Mapping[str, str]
 ) -> Unknowns:
     found = Unknowns([], [], {name: [] for name in trials.objects}, {name: [] for name in trials.objects}, [])
     groups = dict(universal) if isinstance(universal, Mapping) else dict.fromkeys(universal, "")
@@ -241,11 +238,7 @@ def _checked_noise(
 
 
 def _problem(
-    model: Model,
-    trials: Trials,
-    unknowns: Unknowns,
-    start: float | None,
-    priors: Mapping[str, tuple[float, float]],
+    model: Model, trials: Trials, unknowns: Unknowns, start: float | None, priors: Mapping[str, tuple[float, float]]
 ) -> Problem:
     data = []
     for trial, initial in zip(trials, unknowns.of_trial, strict=True):
@@ -470,12 +463,7 @@ def _values(model: Model, unknowns: Unknowns, found: Floats, owner: str) -> dict
 
 
 def _covariance(
-    model: Model,
-    trials: Trials,
-    unknowns: Unknowns,
-    optimum: Optimum,
-    products: Sequence[Product],
-    support: Bools,
+    model: Model, trials: Trials, unknowns: Unknowns, optimum: Optimum, products: Sequence[Product], support: Bools
 ) -> tuple[Floats, Floats | None]:
     """Return the covariance of each object's coefficients, and the factor of that between objects.
 

@@ -348,10 +348,7 @@ def relative_variances() -> Floats:
 
 
 def _swept(
-    variances: Floats,
-    grids: dict[int, Floats],
-    step: Callable[[Floats, int], tuple[float, _Result]],
-    sweeps: int,
+    variances: Floats, grids: dict[int, Floats], step: Callable[[Floats, int], tuple[float, _Result]], sweeps: int
 ) -> tuple[Floats, Sequence[_Result]]:
     """Return variances found one after the other, given the others, until none changes; and the last sweep's results.
 

@@ -19,13 +19,7 @@ from commonlaw.inference.result.assembly import assemble
 from commonlaw.inference.result.history import levels_in_words
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import choose_errors
-from commonlaw.inference.search.law_search import (
-    PATH,
-    begin_search,
-    explained_on_finer_mesh,
-    resolved,
-    search_supports,
-)
+from commonlaw.inference.search.law_search import PATH, begin_search, explained_on_finer_mesh, resolved, search_supports
 from commonlaw.inference.search.pool import Pool, score_of_order
 from commonlaw.inference.search.setup import as_followed, error_kinds, with_interpolation
 from commonlaw.inference.settings import MAX_SAMPLES

@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.library.grammar import (
-    MAX_POWER,
-    columns_in,
-    constant,
-    factors_in,
-    read,
-    tree_of,
-    with_names,
-    write,
-)
+from commonlaw.library.grammar import MAX_POWER, columns_in, constant, factors_in, read, tree_of, with_names, write
 from commonlaw.library.notation import expression_latex, powered, quoted, sympy_form
 from commonlaw.library.program import Program
 from commonlaw.library.variables import Variables

@@ -22,11 +22,7 @@ from commonlaw.likelihood.errors import (
 from commonlaw.likelihood.fitting import Estimate, NotPositiveError, Prior, TrajectoryModel, without_states
 from commonlaw.likelihood.linearization import Linearization, Regression, variance_of_rates, whitened_from_starts
 from commonlaw.likelihood.mesh import MAX_MESH_SAMPLES, Mesh, interpolate, meshes
-from commonlaw.likelihood.observation_model import (
-    HUBER_THRESHOLD,
-    LatentProcesses,
-    ObservationModel,
-)
+from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, LatentProcesses, ObservationModel
 
 __all__ = [
     "ERRORS",

@@ -199,16 +199,7 @@ def _patterns(case: LawCase) -> Iterator[Block]:
         yield Fold(f"Residuals of {literal(state)}", (gallery,)) if j else gallery
     tests = found.tests()
     if len(tests):
-        yield Fold(
-            "Tests of the residuals",
-            (
-                Table(
-                    "tests",
-                    "adjusted: p-values by false discovery rate.",
-                    tests,
-                ),
-            ),
-        )
+        yield Fold("Tests of the residuals", (Table("tests", "adjusted: p-values by false discovery rate.", tests),))
 
 
 def _discrepancy(case: LawCase) -> Iterator[Block]:
@@ -337,9 +328,7 @@ def _relations(law: Law) -> list[Block]:
     return [
         Table("relations", caption, relations),
         Picture(
-            "relation-plots",
-            "Estimates by object against properties that explain them.",
-            partial(plot_relations, law),
+            "relation-plots", "Estimates by object against properties that explain them.", partial(plot_relations, law)
         ),
     ]
 

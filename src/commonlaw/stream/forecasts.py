@@ -80,11 +80,7 @@ def forecast_stream(
 
 
 def forecast_parts(
-    law: Law,
-    stream: TrialStream,
-    progress: ProgressCallback,
-    folder: str | os.PathLike[str] | None = None,
-    **how: Any,
+    law: Law, stream: TrialStream, progress: ProgressCallback, folder: str | os.PathLike[str] | None = None, **how: Any
 ) -> list[pd.DataFrame]:
     """Return the errors of `forecast_stream` for each part of a stream; `how` are arguments of `Law.predict`."""
     parts = stream.parts or (stream,)

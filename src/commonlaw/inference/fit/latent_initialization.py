@@ -102,11 +102,7 @@ def begun(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> 
 
 
 def begun_at_starts(
-    models: Sequence[TrajectoryModel],
-    trials: Trials,
-    curves: Sequence[Sequence[Curve]],
-    known: Floats,
-    guess: Floats,
+    models: Sequence[TrajectoryModel], trials: Trials, curves: Sequence[Sequence[Curve]], known: Floats, guess: Floats
 ) -> tuple[list[Estimate], list[list[Curve]], list[Floats]]:
     """Return where the fit of each object begins, curves of all its states, and what would fit the first one as well.
 

@@ -10,13 +10,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import (
-    by_columns,
-    estimated_noise,
-    noise_floor,
-    spread_within,
-    told_by_repeats,
-)
+from commonlaw.inference.data.noise import by_columns, estimated_noise, noise_floor, spread_within, told_by_repeats
 from commonlaw.inference.data.smoothing import filled_curves, first_coefficients, smooth_curves, typical_states
 from commonlaw.inference.data.subsampling import as_many_as_are_carried
 from commonlaw.inference.fit.latent_initialization import (

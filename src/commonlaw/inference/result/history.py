@@ -160,18 +160,10 @@ def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
     why = "sample limit of the trajectory likelihood"
     lacking = unmeasured_in_words(problem.trials)
     unmeasured = Step("latent states", lacking, "estimated jointly with the law, identified by the other trials")
-    return (
-        *((Step("samples", problem.samples, why),) if problem.samples else ()),
-        *((unmeasured,) if lacking else ()),
-    )
+    return (*((Step("samples", problem.samples, why),) if problem.samples else ()), *((unmeasured,) if lacking else ()))
 
 
-def history(
-    law: Law,
-    fit: Fit,
-    compared: Sequence[Compared],
-    chosen_by: str,
-) -> tuple[Step, ...]:
+def history(law: Law, fit: Fit, compared: Sequence[Compared], chosen_by: str) -> tuple[Step, ...]:
     """Return every choice that was made, in order, and what terms were chosen by."""
     problem = fit.problem
     resolved = f"a finer mesh changes the coefficients by less than {CONVERGED:g} standard errors"

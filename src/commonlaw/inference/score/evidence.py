@@ -17,13 +17,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.formulation import explained
-from commonlaw.hierarchy import (
-    LIKELIEST_SWEEPS,
-    WORST_CONDITION,
-    RandomEffects,
-    marginal_deviance,
-    relative_variances,
-)
+from commonlaw.hierarchy import LIKELIEST_SWEEPS, WORST_CONDITION, RandomEffects, marginal_deviance, relative_variances
 from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE
 from commonlaw.kernel import CONSTANTS, MeasuredStructure, address, kernel
 

@@ -94,9 +94,7 @@ class SupportEvidence:
         return [each for each in listed if each.sum() <= self.most]
 
     def neighbours(
-        self,
-        supports: Bools,
-        fitted: Sequence[tuple[float, Bools]] = (),
+        self, supports: Bools, fitted: Sequence[tuple[float, Bools]] = ()
     ) -> list[list[tuple[float, Bools]]]:
         """Return for each equation the chosen support and those that differ by one term or an exchange of two.
 

@@ -141,13 +141,7 @@ def compare_by_parts(
     frames = done_in_parts(partial(_of_part, light, settings), parts, f"comparing {len(laws)} laws", progress)
     said = pd.concat(frames).groupby("law", sort=False)
     frame = said.agg(
-        {
-            "equations": "first",
-            "coefficients": "first",
-            "errors": _listed,
-            "model error": "any",
-            "2 log B": "sum",
-        }
+        {"equations": "first", "coefficients": "first", "errors": _listed, "model error": "any", "2 log B": "sum"}
     ).reset_index()
     frame["2 log B"] -= frame["2 log B"].min()
     weights = np.exp(-frame["2 log B"] / 2)
