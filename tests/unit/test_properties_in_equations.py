@@ -114,3 +114,15 @@ def test_forecasts_of_a_new_object_take_its_own_property(measured):
     assert forecast.std[0][-1, 0] < 0.01 * forecast.std[0].max()  # Its capacity is known, unlike its rate
     with refused("property-missing", property="K"):
         law.predict(cl.Trials.from_frame(frame.drop(columns="K"), object="r", time="t", states=["x"]))
+
+
+def test_a_property_that_an_object_lacks_or_that_is_no_number_is_refused(measured):
+    trials = populations(measured, 1.0)
+    first, second = trials.objects
+    for code, values in {
+        "property-missing": {first: {"M": 1.0}},
+        "property-number": {first: {"M": "few"}, second: {"M": "many"}},
+    }.items():
+        for equation in ("x' = r x (1 - x/M)", "x' = r - M x"):
+            with refused(code, property="M"):
+                cl.fit(equation, trials.with_properties(values))

@@ -9,7 +9,6 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import marked
-from commonlaw.discovery.known_physics import product_of
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
@@ -44,7 +43,14 @@ from commonlaw.runtime.fit_options import (
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, silent
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.trials.transformations import objects_at_rest, outcome_of_rest, with_doses, with_starts, without_objects
+from commonlaw.trials.transformations import (
+    number_of,
+    objects_at_rest,
+    outcome_of_rest,
+    with_doses,
+    with_starts,
+    without_objects,
+)
 from commonlaw.trials.trial import Start, property_names
 
 if TYPE_CHECKING:
@@ -528,7 +534,8 @@ def _known(given: GivenEquations, trials: Trials) -> Floats:
     for product in given.products:
         names = [name for name, _ in product.coefficients]
         if names and all(name in properties for name in names):
-            found[:, product.equation, product.term] = [product_of(product, trials, name) for name in trials.objects]
+            values = {name: np.array([number_of(name, owner, trials) for owner in trials.objects]) for name in names}
+            found[:, product.equation, product.term] = product.value(values)
     return found
 
 

@@ -12,7 +12,7 @@ from commonlaw.forecast.population import with_objects_of
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
-from commonlaw.law.parse import Product, read_equations
+from commonlaw.law.parse import read_equations
 from commonlaw.law.text import left_hand_sides, order_in_words
 from commonlaw.library import AbstractLibrary, ExpressionLibrary, Order
 from commonlaw.library.expansion import summands, traced
@@ -107,14 +107,10 @@ def _of_text(text: str, order: Order, trials: Trials) -> Numbers:
             if product is None and given.known[j, k]:
                 found[state, term] = dict.fromkeys(trials.objects, float(given.known[j, k]))
             elif product is not None:
-                found[state, term] = {name: product_of(product, trials, name) for name in trials.objects}
+                names, owners = [name for name, _ in product.coefficients], trials.objects
+                values = {name: np.array([property_of(trials, owner, name) for owner in owners]) for name in names}
+                found[state, term] = dict(zip(owners, product.value(values).tolist(), strict=True))
     return found
-
-
-def product_of(product: Product, trials: Trials, owner: str) -> float:
-    """Return what stands before a term by the properties of an object."""
-    values = {name: np.float64(property_of(trials, owner, name)) for name, _ in product.coefficients}
-    return float(product.value({name: np.asarray(value) for name, value in values.items()}))
 
 
 def _of_function(function: Callable[..., Any], order: Order, trials: Trials) -> Numbers:
