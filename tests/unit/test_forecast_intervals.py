@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 from scipy.stats import norm
 
@@ -33,6 +34,14 @@ def unsure(law: Law, relative: float, noise: float, seed: int = 0) -> Law:
             law.uncertainty, covariance=mixed @ mixed.transpose(0, 2, 1), noise=np.full(len(law.schema.states), noise)
         ),
     )
+
+
+def law_of(texts: str, order: int, coefficients: ArrayLike, variances: ArrayLike, noise: float, method=None) -> Law:
+    """The law of x with these terms, of objects a, b, ... by their coefficients, and variances of those in the law."""
+    terms = parse_library(f"terms:{texts}").bind(Variables(("x", "v")[: max(order, 1)]))
+    values, objects = np.array(coefficients)[:, np.newaxis], tuple("ab"[: len(np.array(coefficients))])
+    known = Uncertainty([np.diag(each) for each in np.array(variances)], noise=[noise])
+    return Law(terms, Schema(("x",)), order, objects, values, known, Provenance(method))
 
 
 def test_standard_deviations_of_falling_balls_are_those_of_drawn_coefficients_and_drawn_noise():
@@ -79,18 +88,9 @@ def test_standard_deviations_of_populations_are_those_of_drawn_coefficients_and_
 def test_the_standard_deviation_of_an_initial_rate_is_exact_for_linear_differentiators(rule):
     """Var(w x) = noise^2 w w', and the initial height is one of the samples that the rate is made from."""
     times = np.linspace(0, 2, 40)
-    trial = Trial("ball", "1", times, 20 - 4.9 * times**2)
-    terms = parse_library("terms:1,v").bind(Variables(("x", "v")))
+    trial = Trial("a", "1", times, 20 - 4.9 * times**2)
     method = parse_differentiation(rule)
-    law = Law(
-        terms,
-        Schema(("x",)),
-        2,
-        ("ball",),
-        np.array([[[-9.8, 0.0]]]),
-        uncertainty=Uncertainty([[[0.0]]], noise=[0.2]),
-        provenance=Provenance(method),
-    )
+    law = law_of("1,v", 2, [[-9.8, 0.0]], [[0.0]], 0.2, method)
     weights = method.differentiate(times, np.eye(40), 1).derivatives[0][0]
     (std,) = law.predict(Trials((trial,), law.schema), start=1, return_std=True).std
     np.testing.assert_allclose(std[:, 1], 0.2 * np.linalg.norm(weights), rtol=1e-6)
@@ -105,27 +105,16 @@ def test_the_standard_deviation_of_an_initial_rate_is_not_too_small_for_other_di
     times, rng = np.linspace(0, 2, 40), np.random.default_rng(3)
     noisy = (20 - 4.9 * times**2)[:, np.newaxis] + 0.2 * rng.standard_normal((40, 2000))
     expected = method.differentiate(times, noisy, 1).derivatives[0][0].std()
-    terms = parse_library("terms:1").bind(Variables(("x", "v")))
-    law = Law(
-        terms,
-        Schema(("x",)),
-        2,
-        ("ball",),
-        np.array([[[-9.8]]]),
-        uncertainty=Uncertainty([[[0.0]]], noise=[0.2]),
-        provenance=Provenance(method),
-    )
-    trials = Trials(tuple(Trial("ball", f"{i}", times, noisy[:, i]) for i in range(20)), law.schema)
+    law = law_of("1", 2, [[-9.8]], [[0.0]], 0.2, method)
+    trials = Trials(tuple(Trial("a", f"{i}", times, noisy[:, i]) for i in range(20)), law.schema)
     found = [each[0, 1] for each in law.predict(trials, start=1, return_std=True).std]
     assert 0.93 < np.sqrt(np.mean(np.square(found))) / expected < 1 + excess
 
 
 def test_the_seed_draws_the_noise_that_shows_how_accurate_a_nonlinear_differentiator_is():
     times = np.linspace(0, 2, 40)
-    trial = Trial("ball", "1", times, 20 - 4.9 * times**2)
-    terms = parse_library("terms:1").bind(Variables(("x", "v")))
-    known, method = Uncertainty([[[0.0]]], noise=[0.2]), Provenance(SmoothedDifference(MedianFilter(5)))
-    law = Law(terms, Schema(("x",)), 2, ("ball",), np.array([[[-9.8]]]), known, method)
+    trial = Trial("a", "1", times, 20 - 4.9 * times**2)
+    law = law_of("1", 2, [[-9.8]], [[0.0]], 0.2, SmoothedDifference(MedianFilter(5)))
     trials = Trials((trial,), law.schema)
     first, again, other = (law.predict(trials, start=1, return_std=True, seed=seed).std[0] for seed in (0, 0, 1))
     np.testing.assert_array_equal(first, again)
@@ -134,36 +123,21 @@ def test_the_seed_draws_the_noise_that_shows_how_accurate_a_nonlinear_differenti
 
 def test_a_law_that_is_known_exactly_has_intervals_from_the_initial_state_alone():
     """x' = -x shrinks the error of the start as the state itself."""
-    terms = parse_library("terms:x,x**2").bind(Variables(("x",)))
-    times = np.linspace(0, 3, 31)
-    law = Law(
-        terms, Schema(("x",)), 1, ("tank",), np.array([[[-1.0, 0.0]]]), uncertainty=Uncertainty([[[0.0]]], noise=[0.1])
-    )
-    trials = Trials((Trial("tank", "1", times, np.exp(-times)),), law.schema)
+    times, law = np.linspace(0, 3, 31), law_of("x,x**2", 1, [[-1.0, 0.0]], [[0.0]], 0.1)
+    trials = Trials((Trial("a", "1", times, np.exp(-times)),), law.schema)
     np.testing.assert_allclose(law.predict(trials, return_std=True).std[0][:, 0], 0.1 * np.exp(-times), rtol=1e-6)
 
 
 def test_an_object_without_one_of_the_terms_is_not_made_uncertain_by_it():
-    terms = parse_library("terms:x,x**2").bind(Variables(("x",)))
-    coefficients, variances = np.array([[[-1.0, 0.0]], [[-1.0, -0.5]]]), [[0.01, 0.0], [0.01, 0.04]]
     times = np.linspace(0, 1, 11)
-    law = Law(
-        terms,
-        Schema(("x",)),
-        1,
-        ("a", "b"),
-        coefficients,
-        uncertainty=Uncertainty([np.diag(each) for each in variances], noise=[0]),
-    )
+    law = law_of("x,x**2", 1, [[-1.0, 0.0], [-1.0, -0.5]], [[0.01, 0.0], [0.01, 0.04]], 0.0)
     trials = Trials((Trial("a", "1", times, np.exp(-times)),), law.schema)
     found = law.predict(trials, return_std=True).std[0][:, 0]
     np.testing.assert_allclose(found, 0.1 * times * np.exp(-times), rtol=1e-6, atol=1e-12)
 
 
 def test_discrete_laws_have_standard_deviations():
-    terms = parse_library("terms:x").bind(Variables(("x",)))
-    law = Law(terms, Schema(("x",)), 0, ("a",), np.array([[[0.9]]]), uncertainty=Uncertainty([[[1e-4]]], noise=[0.1]))
-    k = np.arange(5.0)
+    k, law = np.arange(5.0), law_of("x", 0, [[0.9]], [[1e-4]], 0.1)
     trials = Trials((Trial("a", "1", k, 0.9**k),), law.schema)
     expected = np.hypot(0.1 * 0.9**k, 0.01 * k * 0.9 ** (k - 1))
     np.testing.assert_allclose(law.predict(trials, return_std=True).std[0][:, 0], expected)
@@ -212,9 +186,7 @@ def test_forecasts_with_and_without_standard_deviations_are_the_same(forecast):
 
 
 def test_a_diverged_forecast_has_no_standard_deviation_after_its_end():
-    terms = parse_library("terms:x**2").bind(Variables(("x",)))
-    times = np.array([0.0, 0.5, 0.9, 1.5, 2.0])
-    law = Law(terms, Schema(("x",)), 1, ("a",), np.array([[[1.0]]]), uncertainty=Uncertainty([[[1e-6]]], noise=[0.01]))
+    times, law = np.array([0.0, 0.5, 0.9, 1.5, 2.0]), law_of("x**2", 1, [[1.0]], [[1e-6]], 0.01)
     trials = Trials((Trial("a", "1", times, np.ones(5)),), law.schema)
     (std,) = law.predict(trials, return_std=True).std
     assert np.isfinite(std[:3]).all()
