@@ -5,7 +5,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from scipy.optimize import least_squares
+from scipy.optimize import curve_fit, least_squares
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
@@ -156,3 +156,21 @@ def test_rates_that_share_a_factor_are_fitted_as_those_that_do_not():
     assert one["f"] == pytest.approx(other["k6"], rel=1e-5)
     for i in range(1, 6):
         assert one["f"] * one[f"k{i}"] == pytest.approx(other[f"k{i}"], rel=1e-5)
+
+
+def test_latent_states_that_share_their_only_parameter_are_fitted():
+    times, noise = np.linspace(0, 12, 40), 0.003
+    chain = np.diag(np.ones(3), -1) - np.eye(4)
+
+    def outflow(times, rate):
+        return np.array([expm(rate * time * chain)[-1, 0] for time in times])
+
+    measured = outflow(times, 1.1) + noise * np.random.default_rng(0).standard_normal(40)
+    trials = cl.Trials.from_arrays(times, measured, names=["x4"])
+    equations = ["x1' = -f x1", *(f"x{i}' = f x{i - 1} - f x{i}" for i in (2, 3, 4))]
+    starts = {"x1": 1.0, "x2": 0.0, "x3": 0.0}
+    law = cl.fit(equations, trials, starts=starts, noise={"x4": noise}, **WHITE)
+    (rate,), covariance = curve_fit(outflow, times, measured, [1.0], np.full(40, noise), absolute_sigma=True)
+    parameters = named_parameters(law)
+    assert parameters.values[0] == pytest.approx([rate], abs=0.05 * np.sqrt(covariance[0, 0]))
+    assert parameters.errors[0] == pytest.approx(np.sqrt(covariance[0]), rel=0.05)

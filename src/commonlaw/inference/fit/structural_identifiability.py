@@ -82,8 +82,8 @@ def _likely(terms: Terms, known: Floats, sizes: Floats) -> tuple[Floats, Floats]
     """Return likely sizes of coefficients, shape (equations, terms), and of measured variables, shape (variables,)."""
     first, count, states = len(sizes), len(terms.variables.names), len(known)
     order, names = terms.variables.order_of(states), [f"v{i}" for i in range(count)]
-    places = np.argwhere(np.isnan(known) & terms.is_factor).tolist()
-    before = {(j, k): f"v{count + i}" for i, (j, k) in enumerate(places)}
+    free = np.isnan(known) & terms.is_factor
+    before = {(j, k): f"v{count + i}" for i, (j, k) in enumerate(np.argwhere(free).tolist())}
     written = ["0.0"] * states
     for j, k in np.argwhere(known != 0).tolist():
         if terms.is_factor[k]:
@@ -93,8 +93,8 @@ def _likely(terms: Terms, known: Floats, sizes: Floats) -> tuple[Floats, Floats]
     inside = known[:, list(terms.parameters)].sum(axis=0)
     given = dict(enumerate(np.abs([*sizes, *inside]).tolist()))
     usable = {i: size for i, size in given.items() if 0 < size < np.inf}
-    found = likely_sizes(equations, usable, count + len(places), usable.get(first - 1, 1.0))
+    found = likely_sizes(equations, usable, count + len(before), usable.get(first - 1, 1.0))
     typical = np.ones(known.shape)
-    typical[tuple(np.transpose(places))] = found[count:]
+    typical[free] = found[count:]
     typical[:, list(terms.parameters)] = found[first:count]
     return typical, found[:first]
