@@ -20,8 +20,13 @@ def rates(_, state, k):
     return k[0] * x - k[1] * x * z, k[2] * x * z - k[3] * z
 
 
-def table(noise=0.01, samples=60, objects=4, seed=3):
-    """Return prey x and the number y of all animals, predators z among them, with the coefficients of each object."""
+def animals(x, z):
+    """Return a number of all animals, predators z among them."""
+    return SCALE * (x + z) + OFFSET
+
+
+def table(noise=0.01, samples=60, objects=4, seed=3, observed=animals):
+    """Return prey x and what else is seen, y, with the coefficients of each object."""
     rng = np.random.default_rng(seed)
     rows, truth = [], []
     for number in range(objects):
@@ -31,7 +36,7 @@ def table(noise=0.01, samples=60, objects=4, seed=3):
         first = rng.uniform(0.5, 1.5, 2)
         solution = solve_ivp(rates, (0, 12), first, t_eval=times, args=(k,), rtol=1e-9, atol=1e-11)
         x, z = solution.y
-        y = SCALE * (x + z) + OFFSET
+        y = observed(x, z)
         x, y = (each + noise * each.std() * rng.standard_normal(samples) for each in (x, y))
         rows.append(pd.DataFrame({"lake": f"lake {number}", "trial": "1", "t": times, "x": x, "y": y}))
     return pd.concat(rows, ignore_index=True), np.array(truth)
@@ -53,6 +58,16 @@ def test_the_law_of_a_latent_state_is_found_with_the_parameters_of_what_was_meas
     z = (named.values[:, places] - expected) / named.errors[:, places]
     assert np.abs(z).max() < 4
     assert np.sqrt(np.mean(z**2)) < 1.7
+
+
+def test_the_law_is_found_through_a_product():
+    frame, _ = table(objects=6, seed=2, observed=lambda x, z: x * z + 0.5 * x)
+    trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
+    law = cl.discover(trials, observe={"y": "x z + b x"}, latent="z", cache=False)
+    assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+fxz"]
+    named = named_parameters(law)
+    place = named.names.index("b")
+    assert named.values[0, place] == pytest.approx(0.5, abs=4 * named.errors[0, place])
 
 
 def test_squares_with_all_terms_are_those_of_noise_for_any_parameters(lakes):

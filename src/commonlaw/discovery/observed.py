@@ -137,6 +137,7 @@ class _WeakSearch:
         self.ranges = np.ptp(self.values, axis=0)
         self.objects, self.width = len(owners), self.model.width * len(self.terms)
         self.free = sorted({int(i) for each in begun.problem.trials for i in each.parameter if i >= 0})
+        self.sizes = np.abs(begun.first[self.free])
         samples = np.bincount(self.owners, [each.values.size for each in self.rows])
         self.price = float(np.log(samples).sum())
         self.scale, self.white = 1.0, list[tuple[Floats, Floats]]()
@@ -219,25 +220,29 @@ class _WeakSearch:
             return np.inf, found, np.zeros(count)
         with np.errstate(divide="ignore"):
             scale = np.nan_to_num(1 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2)), posinf=0.0)
-        gram = gram * scale[:, :, np.newaxis] * scale[:, np.newaxis]
+        gram, right = gram * scale[:, :, np.newaxis] * scale[:, np.newaxis], right * scale
         inverse = np.linalg.inv(gram + _RIDGE * np.eye(count))
-        unit = np.einsum("oij,oj->oi", inverse, right * scale)
+        unit = np.einsum("oij,oj->oi", inverse, right)
         found[:, support] = unit * scale
         growth = (unit**2 / np.diagonal(inverse, axis1=1, axis2=2)).sum(axis=0)
-        return total - float((found[:, support] * right).sum()), found, growth
+        # Of these coefficients themselves, as the ridge keeps them off the least squares of an ill-conditioned problem
+        squares = total - float((2 * right * unit).sum() - np.einsum("oi,oij,oj->", unit, gram, unit))
+        return squares, found, growth
 
     def steps(self, p: Floats) -> float:
-        """Return the sum of ``log(1 + a)`` over steps that leave out one term after another, a being their cost.
+        """Return what is not explained, and the sum of ``log(1 + a)`` over steps that leave out one term after another.
 
-        It is that of the term whose loss costs least, in what a term has to be worth. Terms too many cost nothing, so
-        parameters with the fewest terms have the least sum, and near them it decreases toward them.
+        Here a is the cost of the term whose loss costs least, all in what a term has to be worth. Terms too many cost
+        nothing, so parameters with the fewest terms have the least sum, and near them it decreases toward them.
         """
-        support, total = np.ones(self.width, dtype=np.bool_), 0.0
+        support = np.ones(self.width, dtype=np.bool_)
+        unit = self.scale * self.price
+        total = self.fitted(p, support)[0] / unit
+        if not np.isfinite(total):
+            return _INFINITE
         while support.any():
-            squares, _, growth = self.fitted(p, support)
-            if not np.isfinite(squares):
-                return _INFINITE
-            total += float(np.log1p(max(growth.min(), 0.0) / self.scale / self.price))
+            growth = self.fitted(p, support)[2]
+            total += float(np.log1p(max(growth.min(), 0.0) / unit))
             support[np.flatnonzero(support)[np.argmin(growth)]] = False
         return total
 
@@ -255,29 +260,30 @@ class _WeakSearch:
             found.append(support)
         return found
 
-    def candidates(self, starts: Floats, sizes: Floats) -> list[_Candidate]:
+    def ends(self, starts: Sequence[Floats]) -> list[Floats]:
+        """Return where searches for few terms end, the best first, and whiten rows there."""
+        if not self.free:
+            return list(starts[:1])
+        found = sorted((_least(self.steps, each, self.sizes) for each in starts), key=lambda end: end[0])
+        apart = [end[1] for i, end in enumerate(found) if not i or end[0] - found[i - 1][0] > _SAME]
+        self.whiten(apart[0])
+        return apart[:_SOUGHT]
+
+    def candidates(self, ends: Sequence[Floats]) -> list[_Candidate]:
         """Return supports with their parameters, the best first."""
-        ends = list[tuple[float, Floats]]()
-        if starts.shape[1]:
-            for each in _apart(sorted(starts, key=self.steps))[:_STARTS]:
-                ends.append(_least(self.steps, each, sizes))
-            ends.sort(key=lambda end: end[0])
-        else:
-            ends.append((0.0, starts[0]))
-        apart = [end for i, end in enumerate(ends) if not i or end[0] - ends[i - 1][0] > _SAME][:_SOUGHT]
         found = dict[tuple[bool, ...], _Candidate]()
 
         def add(p: Floats, support: Bools) -> _Candidate:
             """Return the law with these terms, its parameters improved."""
             key = tuple(support.tolist())
             if len(p):
-                p = _least(lambda q: self.score(q, support), p, sizes)[1]
+                p = _least(lambda q: self.score(q, support), p, self.sizes)[1]
             own = _Candidate(key, tuple(p.tolist()), self.score(p, support))
             if key not in found or own.score < found[key].score:
                 found[key] = own
             return own
 
-        for _, p in apart:
+        for p in ends:
             best = add(p, min(self.path(p), key=lambda support: self.score(p, support)))
             while any(best.support):
                 # What is left out may change the parameters, so each is tried
@@ -336,15 +342,19 @@ def discover_observed(
     if len(set(states)) != len(trials.schema.states):
         raise CommonlawError("observed-states", states=states, measured=trials.schema.states)
     begun = _begun(trials, observe, states, noise)
+    ends = list[Floats]()
     for each in (PolynomialLibrary(2), PolynomialLibrary(3)) if library is None else (library,):
         search = _WeakSearch(begun, trials, each)
         starts = first_values(begun.first, begun.guessed, begun.bounds, seed)[:, search.free]
         progress("looking for parameters of observations with which the law has few terms")
         if not any(search.whiten(start) for start in starts):
             raise CommonlawError("observation-not-invertible", observations=[f"{k} = {v}" for k, v in observe.items()])
+        ends = search.ends(_apart(sorted(starts, key=search.steps))[:_STARTS])
+        if search.scale >= _LACK_OF_FIT:  # The first parameters may be far from the library's laws
+            ends = search.ends(ends)
         if search.scale < _LACK_OF_FIT:
             break
-    found = search.candidates(starts, np.abs(begun.first[search.free]))
+    found = search.candidates(ends)
     near = [each for each in found[:_FITTED] if each.score - found[0].score < _NEAR]
     laws, refused = list[tuple[float, Law]](), list[CommonlawError]()
     for i, candidate in enumerate(near):
