@@ -174,3 +174,12 @@ def test_latent_states_that_share_their_only_parameter_are_fitted():
     parameters = named_parameters(law)
     assert parameters.values[0] == pytest.approx([rate], abs=0.05 * np.sqrt(covariance[0, 0]))
     assert parameters.errors[0] == pytest.approx(np.sqrt(covariance[0]), rel=0.05)
+
+
+def test_parameters_that_enter_as_a_product_alone_are_refused_with_latent_states():
+    times = np.linspace(0, 6, 30)
+    trials, starts = cl.Trials.from_arrays(times, times**2 / 2 * np.exp(-times), names=["z"]), {"x": 1.0, "y": 0.0}
+    with refused("parameters-not-identifiable", names="f, k"):
+        cl.fit("x' = -f k x; y' = f k x - f k y; z' = f k y - f k z", trials, starts=starts)
+    law = cl.fit("x' = -f k x; y' = f k x - f k y; z' = f k y - f z", trials, starts=starts)
+    np.testing.assert_allclose(named_parameters(law).values, 1.0, atol=0.01)

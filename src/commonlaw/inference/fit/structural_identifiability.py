@@ -6,12 +6,15 @@ is a question of linear algebra: whether derivatives by coefficients make up for
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.settings import GENERIC_POINTS, ROUNDING
+from commonlaw.formulation import column_scales
+from commonlaw.inference.settings import ALIKE, GENERIC_POINTS, MIN_SINGULAR_VALUE, ROUNDING
 from commonlaw.integration import VectorField
+from commonlaw.integration.vector_field import LinearizedField
 from commonlaw.library import Terms, highest_columns, with_rates
 from commonlaw.library.sizes import likely_sizes
 
@@ -55,12 +58,7 @@ def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int |
     found = np.zeros(len(known), dtype=np.bool_)
     if not changes:
         return found
-    random = np.random.default_rng(0)
-    typical, values = _likely(terms, known, sizes)
-    coefficients = np.where(free, random.uniform(0.5, 1.5, known.shape) * typical, known)
-    field = VectorField(terms, coefficients, terms.variables.order_of(len(known)), free=free)
-    points = values * random.uniform(0.5, 1.5, (GENERIC_POINTS * (len(changes) + int(free.sum())), len(values)))
-    linear = field.linearize(points)
+    linear, points = _at_generic_points(terms, known, sizes, len(changes))
     columns = [linear.by_parameters.reshape(len(points) * width, -1 if free.any() else 0)]
     for i, by in changes:
         own = -linear.by_states[:, :, i] * (1.0 if by is None else points[:, [by]])
@@ -76,6 +74,31 @@ def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int |
         left = own - others @ np.linalg.lstsq(others, own)[0]
         found[i] |= bool(np.linalg.norm(left) < ROUNDING)
     return found
+
+
+def enters_in_combination(terms: Terms, known: Floats, sizes: Floats) -> Bools:
+    """Return which coefficients the equations have in a combination alone, shape (equations, terms), as f and k in f k.
+
+    Derivatives of rates by them are linearly dependent at generic points.
+    """
+    linear, points = _at_generic_points(terms, known, sizes)
+    free = np.isnan(known)
+    columns = linear.by_parameters.reshape(len(points) * len(terms.variables.states), -1)
+    _, singular, directions = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
+    found = np.zeros(known.shape, dtype=np.bool_)
+    found[free] = np.linalg.norm(directions[singular < MIN_SINGULAR_VALUE], axis=0) > ALIKE
+    return found
+
+
+def _at_generic_points(terms: Terms, known: Floats, sizes: Floats, changes: int = 0) -> tuple[LinearizedField, Floats]:
+    """Return the equations at random points where all terms matter, shape (n, variables), enough for all unknowns."""
+    random, free = np.random.default_rng(0), np.isnan(known)
+    typical, values = _likely(terms, known, sizes)
+    coefficients = np.where(free, random.uniform(0.5, 1.5, known.shape) * typical, known)
+    natural = replace(terms, variables=replace(terms.variables, logarithmic=()))
+    field = VectorField(natural, coefficients, terms.variables.order_of(len(known)), free=free)
+    points = values * random.uniform(0.5, 1.5, (GENERIC_POINTS * (changes + int(free.sum())), len(values)))
+    return field.linearize(points), points
 
 
 def _likely(terms: Terms, known: Floats, sizes: Floats) -> tuple[Floats, Floats]:

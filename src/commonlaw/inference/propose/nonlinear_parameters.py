@@ -23,6 +23,7 @@ from commonlaw.inference.fit.lack_of_fit import has_pole, values_along
 from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, usual_of_best
 from commonlaw.inference.fit.parameter_grid import combined, divisors, factor_powers, values_of_each
 from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.structural_identifiability import enters_in_combination
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.integration import VectorField
 from commonlaw.law import Law
@@ -165,10 +166,14 @@ def with_parameters_found(
     Raises `CommonlawError` if no values make all terms finite, the trials cannot tell coefficients apart, or no fit
     succeeds.
     """
-    if not law.terms.variables.parameters or trials.schema.starts:  # There `known_starts` tries values
+    if not law.terms.variables.parameters:
         return law
     setup = FitSetup.of(law, trials, noise, huber_threshold, input_between, positive)
     if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():
+        return law
+    if trials.schema.starts:  # There `begun_at_starts` tries values
+        unknown = np.full(len(law.terms.variables.measured), np.nan)
+        _refuse_combination(law, enters_in_combination(law.terms, setup.known[0], unknown))
         return law
     (on_terminal() if progress is None else progress)("looking for nonlinear parameters")
     with threads(n_jobs):
@@ -400,8 +405,16 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequ
             return
         listed.append(np.abs(directions[-1]))
     part = np.mean(listed, axis=0) > settings.ALIKE
-    free = np.argwhere(np.isnan(profiles[0].known))[part].tolist()
-    before = [each for each in named_parameters(law).products if [each.equation, each.term] in free]
+    found = np.zeros(profiles[0].known.shape, dtype=np.bool_)
+    found[np.isnan(profiles[0].known)] = part
+    _refuse_combination(law, found)
+
+
+def _refuse_combination(law: Law, part: Bools) -> None:
+    """Refuse coefficients, shape (equations, terms), of which only a combination enters the equations."""
+    if not part.any():
+        return
+    before = [each for each in named_parameters(law).products if part[each.equation, each.term]]
     names = ", ".join(dict.fromkeys(name for each in before for name, _ in each.coefficients))
     variables = ", ".join(law.terms.variables.measured)
     raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure, variables=variables)
