@@ -187,6 +187,16 @@ def test_bounds_in_which_no_solution_is_finite_are_refused():
         cl.fit("s' = -V s/(K + s); s(0) = 5; -5 < K < -4.9", trials_of({"A": (T, 5 * np.exp(-T))}, ["s"]))
 
 
+@pytest.mark.parametrize("apart", [1e-6, 1e-9, 1e-10, 1e-11])
+def test_shared_parameters_that_are_nearly_collinear_are_fitted(apart):
+    samples = own_and_shared()
+    text = f"x' = -k x; y = c x + d (x + {apart} t) + b; x(0) = 2"
+    law = cl.fit(text, trials_of(samples), universal=["b", "c", "d"])
+    own = estimates(law, "A")
+    assert own["c"][0] + own["d"][0] == pytest.approx(1.0, abs=0.2)
+    assert own["c"][1] > 0.1 / apart * 1e-3
+
+
 def test_priors_of_parameters_steer():
     y = 2 * np.exp(-0.5 * T) + 0.1 * np.random.default_rng(7).standard_normal(len(T))
     trials = trials_of({"A": (T, y)}, ["x"])

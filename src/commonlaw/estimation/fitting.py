@@ -28,6 +28,8 @@ from commonlaw.trials.trial import Start, has_sparse_states, property_names
 
 FREE = "free"
 """The initial value of each trial that the measurements determine."""
+_ROUNDING = 1e-13
+"""Of a correlation between unknowns."""
 _TINY = 1e-300
 """The size of a state that is always zero."""
 
@@ -477,7 +479,11 @@ def _covariance(
         uses[[k for k in indices if k >= 0]] += 1
     shared = np.flatnonzero((uses > 1) & ~optimum.at_bound)
     found, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
-    root = np.linalg.cholesky(covariance[np.ix_(shared, shared)]) if len(shared) else np.zeros((0, 0))
+    std = np.sqrt(np.diagonal(covariance)[shared])
+    std = np.where(std > 0, std, 1.0)
+    # Of nearly collinear unknowns the rounded correlations are hardly positive definite
+    correlations = covariance[np.ix_(shared, shared)] / std / std[:, np.newaxis] + _ROUNDING * np.eye(len(shared))
+    root = std[:, np.newaxis] * np.linalg.cholesky(correlations)
     for i, owner in enumerate(trials.objects):
         values = _values(model, unknowns, optimum.unknowns, owner)
         slopes = np.zeros((size, len(unknowns.names)))
