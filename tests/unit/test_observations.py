@@ -197,6 +197,22 @@ def test_shared_parameters_that_are_nearly_collinear_are_fitted(apart):
     assert own["c"][1] > 0.1 / apart * 1e-3
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a' = -k a u + m b; b' = k a u - m b; a(0) = steady; b(0) = steady",  # Any of one sum
+        "a' = -k a u; a(0) = steady",  # Any value
+        "a' = r + k u; a(0) = steady",  # None
+    ],
+)
+def test_steady_states_that_are_none_or_many_are_refused(text):
+    inputs = np.where(T > 1, 1.0, 0.0)[:, None]
+    trial = cl.Trial("A", "1", T, np.exp(-0.5 * np.maximum(T - 1, 0))[:, None], inputs)
+    trials = cl.Trials((trial,), cl.Schema(("a",), ("u",)))
+    with refused("no-steady-state"):
+        cl.fit(text, trials)
+
+
 def test_priors_of_parameters_steer():
     y = 2 * np.exp(-0.5 * T) + 0.1 * np.random.default_rng(7).standard_normal(len(T))
     trials = trials_of({"A": (T, y)}, ["x"])

@@ -174,6 +174,8 @@ class Problem:
                     break
                 found[own] += change
                 if np.max(np.abs(change) / (np.abs(found[own]) + sizes)) < _STEADY_TOLERANCE:
+                    if np.linalg.matrix_rank(jacobian[:, own] * sizes) < len(own):
+                        break  # It is one of many
                     return found, by if by is None else self._steady_by(jacobian, by, unit)
         return np.full_like(found, np.nan), by
 

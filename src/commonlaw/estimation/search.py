@@ -254,11 +254,15 @@ def maximize(
     given = noise is not None
     noise = rough_noise(problem) if noise is None else noise
     starts = first_values(sizes, guessed, bounds, seed)[: draws if problem.unknowns else 1]
+    unsolved = CommonlawError("no-finite-start", draws=len(starts))
+    if problem.model.steady:
+        names = [problem.model.variables.states[j] for j in problem.model.steady]
+        unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
     progress(f"computing the likelihood of {len(starts)} first values")
     coarse = replace(problem, tolerance=_ROUGH_TOLERANCE)
     costs = np.array([_cost(coarse, each, noise) for each in starts])
     if not np.isfinite(costs).any():
-        raise CommonlawError("no-finite-start", draws=len(starts))
+        raise unsolved
     ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: _IMPROVED if problem.unknowns else 1]
     rough = list[tuple[float, Floats]]()
     for i in ranked:
@@ -268,7 +272,7 @@ def maximize(
         rough.append(_roughly(coarse, starts[i], noise, bounds, sizes))
     rough = sorted((each for each in rough if np.isfinite(each[0])), key=lambda each: each[0])
     if not rough:
-        raise CommonlawError("no-finite-start", draws=len(starts))
+        raise unsolved
     progress("fitting parameters")
     score, unknowns, ends = np.inf, rough[0][1], list[float]()
     first = noise
@@ -278,7 +282,7 @@ def maximize(
         if end < score or not np.isfinite(score):
             score, unknowns, noise = end, values, levels
     if not np.isfinite(score):
-        raise CommonlawError("no-finite-start", draws=len(starts))
+        raise unsolved
     alike = sum(end - score < 0.01 for end in ends)
     return _summary(problem, unknowns, noise, bounds, given, alike)
 
