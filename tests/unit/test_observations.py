@@ -289,6 +289,8 @@ def test_a_dead_time_of_an_input_is_estimated(between):
     for name, truth in {"g": 0.62, "s": 80.0, "d": 18.0}.items():
         value, error = known[name]
         assert abs(value - truth) < 4 * error < 0.05 * truth
+    notes = [each.code for each in cl.fit("x' = (g u(t - d) - x)/s", trials).diagnostics]
+    assert notes == ["delay-by-interpolation"]
 
 
 def test_objects_of_one_property_share_their_noise(tmp_path):

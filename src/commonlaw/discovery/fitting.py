@@ -1,6 +1,7 @@
 """A law that somebody has in mind: exactly these terms, coefficients found in trials."""
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -275,6 +276,9 @@ def fit(
     return _within_bounds(replace(law, provenance=made), given.bounds)
 
 
+_DELAY = re.compile(r"\(t - (\w+)\)$")
+"""Names the dead time of an input of a model."""
+
 _MODEL_SETTINGS = ("positive", "input_between", "noise", "errors", "seed", "n_jobs", "progress")
 """Settings of fits that `commonlaw.estimation` makes."""
 
@@ -311,9 +315,29 @@ def _of_model(
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
     if len(tried) == 1:
         return laws[best]
+    law, alike = laws[best], np.flatnonzero(gains > gains[best] - STRONG).tolist()
     why = f"between samples; twice the log-likelihood ratio to straight lines is {gains[best]:.3g}"
-    step = Step("inputs", tried[best], why)
-    return replace(laws[best], provenance=replace(laws[best].provenance, history=(*laws[best].history, step)))
+    made = law.provenance
+    made = replace(
+        made,
+        history=(*law.history, Step("inputs", tried[best], why)),
+        outcomes=(*made.outcomes, *_of_delays(law, tried[best], {tried[i]: laws[i] for i in alike if i != best})),
+    )
+    return replace(law, provenance=made)
+
+
+def _of_delays(law: Law, between: str, others: Mapping[str, Law]) -> Iterator[Outcome]:
+    """Yield notes on dead times that depend on how inputs go between samples, where measurements do not tell it."""
+    named = named_parameters(law)
+    for name in dict.fromkeys(name for each in law.schema.inputs for name in _DELAY.findall(each)):
+        at = named.names.index(name)
+        value, error = named.values[0, at], named.errors[0, at]
+        apart = {each: named_parameters(other).values[0, at] for each, other in others.items()}
+        apart = {each: other for each, other in apart.items() if abs(other - value) > 2 * error}
+        if apart:
+            given = [f"{other:.4g} ({each})" for each, other in apart.items()]
+            where = "" if np.ptp(named.values[:, at]) == 0 else law.objects[0]
+            yield note("delay-by-interpolation", where, name=name, value=value, between=between, others=given)
 
 
 def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
