@@ -48,12 +48,12 @@ def test_deviations_are_heeded_by_every_command(run, cups):
 @pytest.mark.parametrize(
     ("schema", "options", "message"),
     [
-        ("noise_columns = {x = 's'}", [], "cups.csv: noise_columns = ... (--schema): unknown state 'x'"),
+        ("noise_columns = {x = 's'}", [], "cups.csv: noise_columns = ... in the --schema file: unknown state 'x'"),
         ("noise_columns = {T = 's'}", ["--noise", "T=1"], "the noise of 'T' is given as an option and in column 's'"),
         (
             "noise_columns = {T = 's'}",
             ["--set", "solver=stlsq"],
-            "read the table with noise_columns = {} (--schema), --state 'T', or use --method trajectory-likelihood [",
+            "read the table with noise_columns = {} in the --schema file, --state 'T', or use --method trajectory-likelihood [",
         ),
     ],
 )

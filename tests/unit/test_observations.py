@@ -561,7 +561,7 @@ def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path, monkeypatch):
     assert np.array_equal(marked[0].below, trials[0].below, equal_nan=True)
     monkeypatch.chdir(tmp_path)
     refusal = CliRunner().invoke(commonlaw, ["fit", "marks.csv", "conc' = -k conc"])
-    assert "below = {'BLQ' = 0.5} (--schema)" in refusal.output
+    assert "below = {'BLQ' = 0.5} in the --schema file" in refusal.output
     for words in (
         ["data", "check", "marks.csv", "--below", "BLQ=0.5", "--save", "schema.toml"],
         ["fit", "marks.csv", "conc' = -k conc; conc(0) = c0", "--universal", "c0", "--schema", "schema.toml", "--json"],

@@ -100,7 +100,7 @@ def dialect(command: click.Command) -> Dialect:
             )
         if getattr(by_name.get(name), "group", "") == "Table":
             toml = re.sub(r"('[^']*'): ", r"\1 = ", value)
-            return f"{name} = {toml} (--schema)"
+            return f"{name} = {toml} in the --schema file"
         return " ".join(f"--set {name}={text}" for text in _texts(value, write)) if name in settings else code
 
     return write
