@@ -53,7 +53,7 @@ def test_deviations_are_heeded_by_every_command(run, cups):
         (
             "noise_columns = {T = 's'}",
             ["--set", "solver=stlsq"],
-            "read the table with noise_columns = {} in the --schema file, --state 'T', or use --method trajectory-likelihood [",
+            "read the table with noise_columns = {} in the --schema file, --state 'T', or use --method trajectory",
         ),
     ],
 )

@@ -63,7 +63,8 @@ def test_a_law_of_several_objects_asks_which_one_a_table_is_of(run, tmp_path):
     several.save(tmp_path / "several.json")
     pd.read_csv(tmp_path / "tank.csv").drop(columns="object").to_csv(tmp_path / "other.csv", index=False)
     code, _, err = run("predict", "other.csv", "several.json")
-    assert (code, "the law has several: give object_name = ... in the --schema file, one of tank, tub" in err) == (1, True)
+    assert code == 1
+    assert "the law has several: give object_name = ... in the --schema file, one of tank, tub" in err
     (tmp_path / "schema.toml").write_text('object_name = "tub"')
     code, out, err = run("predict", "other.csv", "several.json", "--schema", "schema.toml")
     assert (code, err) == (0, "")
