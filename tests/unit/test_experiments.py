@@ -181,6 +181,8 @@ def test_prices_decide_and_the_budget_holds():
     assert found.cost == 3
     with refused("design-too-expensive", budget=0.5, cheapest=1.0):
         cl.design(law, vary, budget=0.5)
+    with refused("design-trials-by-name"):
+        cl.design(law, cl.datasets.linear_drag(trials=1))
 
 
 def test_each_object_makes_a_trial():

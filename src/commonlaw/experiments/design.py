@@ -120,6 +120,8 @@ def design(
     """
     if experiments < 1:
         raise CommonlawError("design-count", count=experiments)
+    if vary is not None and not isinstance(vary, Mapping):
+        raise CommonlawError("design-trials-by-name")
     plausible = _plausible([law] if isinstance(law, Law) else list(law))
     first, prior = plausible[0].law, np.array([each.probability for each in plausible])
     settings = Settings.of(first, vary or {}, usual(first, trials) if trials is not None else {})
