@@ -6,7 +6,10 @@ from .law import (
     Law as Law,
     average_law as average_law,
 )
-from .pooling import pool_objects as pool_objects
+from .pooling import (
+    contrasts as contrasts,
+    pool_objects as pool_objects,
+)
 from .printing import (
     relations_frame as relations_frame,
     to_latex as to_latex,

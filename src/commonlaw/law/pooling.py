@@ -3,16 +3,16 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from commonlaw.array_types import Bools
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
 from commonlaw.hierarchy.relation import dimensions_of
 from commonlaw.law.law import Law, shares_terms, with_other_laws
-from commonlaw.law.parameters import coefficient_units, left_hand_sides
+from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters
 from commonlaw.law.printing import dependence
 from commonlaw.law.provenance import Step
 from commonlaw.law.script import written
@@ -20,6 +20,10 @@ from commonlaw.law.uncertainty import Explanation, ObjectEstimates
 from commonlaw.outcomes import note
 from commonlaw.text import shown
 from commonlaw.trials.properties import Properties, given_properties
+from commonlaw.trials.trial import property_names
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _ALIKE, _OWN = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""
@@ -182,3 +186,101 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
         schema=replace(law.schema, units=units),
         properties=properties.values,
     )
+
+
+def contrasts(law: Law, by: str, reference: str | float | None = None, level: float = 0.95) -> "pd.DataFrame":
+    """Return how parameters of objects with different values of a property differ, such as a treatment and a control.
+
+    A random-effects model: the estimate of object i with standard error s_i scatters about the mean of its group with
+    variance ``s_i^2 + tau^2``. The variance between objects, tau^2, is that of Paule and Mandel (1982, J. Res. NBS 87,
+    377), at which weighted residuals have the sum of squares that is expected; means are weighted, and intervals of
+    their differences are of Student's t with objects less groups as degrees of freedom (Knapp and Hartung 2003). With
+    equal standard errors they are those of the t test.
+
+    Parameters
+    ----------
+    law
+        With coefficients of each object.
+    by
+        A property of the objects, of at least two values, and fewer than there are objects.
+    reference
+        The value that others are compared with; the first in their order by default.
+    level
+        Probability of the intervals.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each parameter that objects do not share and each value but the reference: parameter, value,
+        reference, difference, standard error, low, high, unit.
+
+    Raises
+    ------
+    CommonlawError
+        If there is no such property, it has one value or none twice, or the law has no standard errors.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(drag=(-0.1, -0.11, -0.5, -0.52), noise=0.001)
+    >>> hull = dict(zip(drops.objects, ["bare", "bare", "finned", "finned"]))
+    >>> drops = drops.with_properties({name: {"hull": value} for name, value in hull.items()})
+    >>> found = cl.law.contrasts(cl.fit("x'' = -9.8 - c v", drops), "hull")
+    >>> print(found[["parameter", "value", "reference", "difference"]].round(2).to_string(index=False))
+    parameter  value reference  difference
+            c finned      bare         0.4
+    """
+    import pandas as pd
+    from scipy.stats import t
+
+    names = property_names(law.properties)
+    check_choice("property", by, names)
+    groups = [law.properties.get(owner, {}).get(by) for owner in law.objects]
+    if None in groups:
+        raise CommonlawError("property-missing", object=law.objects[groups.index(None)], property=by)
+    values = sorted(set(groups), key=lambda value: (str(type(value)), value))
+    freedom = len(groups) - len(values)
+    if len(values) < 2 or freedom < 1:
+        raise CommonlawError("contrast-groups", property=by, groups=len(values), objects=len(groups))
+    if reference is not None:
+        check_choice(f"value of {by}", reference, values)
+    base = values[0] if reference is None else reference
+    inside = np.array([[group == value for value in values] for group in groups], dtype=np.float64)
+    named, rows = named_parameters(law), list[dict[str, object]]()
+    for name, estimates, errors, unit in zip(named.names, named.values.T, named.errors.T, named.units, strict=True):
+        if np.ptp(estimates) == 0 or not errors.any():  # Of all objects, or known
+            continue
+        if not np.isfinite(errors).all():
+            raise CommonlawError("contrast-without-errors", parameter=name)
+        weights = 1 / (errors**2 + _between(estimates, errors, inside))
+        totals = weights @ inside
+        means = (weights * estimates) @ inside / totals
+        residual = float(weights @ (estimates - inside @ means) ** 2) / freedom
+        for value, mean, total in zip(values, means, totals, strict=True):
+            if value != base:
+                at = values.index(base)
+                error = np.sqrt(max(residual, 1.0) * (1 / total + 1 / totals[at]))
+                half = float(t.isf((1 - level) / 2, freedom)) * error
+                difference = mean - means[at]
+                row = {"parameter": name, "value": value, "reference": base, "difference": difference}
+                row |= {"standard error": error, "low": difference - half, "high": difference + half, "unit": unit}
+                rows.append(row)
+    columns = ["parameter", "value", "reference", "difference", "standard error", "low", "high", "unit"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _between(estimates: Floats, errors: Floats, inside: Floats) -> float:
+    """Return the variance between objects of one group, by Paule and Mandel; zero where errors explain the scatter."""
+    from scipy.optimize import brentq
+
+    freedom = len(estimates) - inside.shape[1]
+
+    def excess(variance: float) -> float:
+        weights = 1 / (errors**2 + variance)
+        means = (weights * estimates) @ inside / (weights @ inside)
+        return float(weights @ (estimates - inside @ means) ** 2) - freedom
+
+    if excess(0.0) <= 0:
+        return 0.0
+    largest = float(np.sum((estimates - estimates.mean()) ** 2))
+    return float(brentq(excess, 0.0, largest, xtol=1e-14 * largest, rtol=1e-12))

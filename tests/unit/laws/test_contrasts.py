@@ -1,0 +1,65 @@
+"""Differences between groups of objects."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import t, ttest_ind
+
+import commonlaw as cl
+from tests.known_laws import known
+from tests.refusals import refused
+
+RATES = np.array([0.41, 0.47, 0.44, 0.60, 0.71, 0.66, 0.58])
+DRUGS = ["none"] * 3 + ["high"] * 4
+
+
+def law_of(rates, errors, drugs):
+    """Return a law of decay whose rates have these standard errors."""
+    objects = tuple(f"cell {i}" for i in range(len(rates)))
+    law = known("x' = -k x", {"k": 1.0}, [[1.0]], objects=objects)
+    covariance = np.array(errors)[:, np.newaxis, np.newaxis] ** 2
+    properties = {name: {"drug": drug} for name, drug in zip(objects, drugs, strict=True)}
+    coefficients = -np.array(rates)[:, np.newaxis, np.newaxis] * np.ones_like(law.coefficients)
+    uncertainty = replace(law.uncertainty, covariance=covariance)
+    return replace(law, coefficients=coefficients, uncertainty=uncertainty, properties=properties)
+
+
+def test_between_objects_that_scatter_it_is_the_t_test():
+    row = cl.law.contrasts(law_of(RATES, np.full(7, 1e-4), DRUGS), "drug", "none").iloc[0]
+    test = ttest_ind(RATES[3:], RATES[:3])
+    low, high = test.confidence_interval(0.95)
+    assert [row["low"], row["high"]] == pytest.approx([low, high], rel=1e-5)
+    assert row["difference"] / row["standard error"] == pytest.approx(test.statistic, rel=1e-5)
+
+
+def test_between_objects_that_are_alike_it_is_that_of_weighted_means():
+    errors = np.array([0.2, 0.1, 0.3, 0.2, 0.4, 0.2, 0.1])
+    row = cl.law.contrasts(law_of(RATES, errors, DRUGS), "drug").iloc[0]
+    means = [np.average(RATES[part], weights=errors[part] ** -2) for part in (slice(3, 7), slice(0, 3))]
+    error = np.sqrt(sum(1 / np.sum(errors[part] ** -2) for part in (slice(3, 7), slice(0, 3))))
+    assert (row["value"], row["reference"]) == ("none", "high")
+    assert row["difference"] == pytest.approx(means[1] - means[0])
+    assert row["standard error"] == pytest.approx(error)
+    assert row["high"] - row["difference"] == pytest.approx(t.isf(0.025, 5) * error)
+
+
+def test_intervals_hold_with_scatter_and_errors():
+    rng, held = np.random.default_rng(0), []
+    for _ in range(300):
+        errors = rng.uniform(0.02, 0.1, 8)
+        rates = np.repeat([0.5, 0.8], 4) + 0.06 * rng.standard_normal(8) + errors * rng.standard_normal(8)
+        row = cl.law.contrasts(law_of(rates, errors, ["a"] * 4 + ["b"] * 4), "drug").iloc[0]
+        held.append(row["low"] < 0.3 < row["high"])
+    assert 0.92 < np.mean(held) < 0.99
+
+
+def test_groups_that_cannot_be_compared_are_refused():
+    with refused("contrast-groups", groups=1):
+        cl.law.contrasts(law_of(RATES, np.full(7, 0.1), ["none"] * 7), "drug")
+    with refused("contrast-groups", groups=7):
+        cl.law.contrasts(law_of(RATES, np.full(7, 0.1), [*"abcdefg"]), "drug")
+    with refused("unknown-name"):
+        cl.law.contrasts(law_of(RATES, np.full(7, 0.1), DRUGS), "dose")
+    with refused("contrast-without-errors", parameter="k"):
+        cl.law.contrasts(replace(law_of(RATES, np.full(7, 0.1), DRUGS), uncertainty=cl.law.Uncertainty()), "drug")
