@@ -117,16 +117,16 @@ def with_settings(function: str) -> Decorator:
             texts = given_settings(values, function)
             for name in texts:
                 check_choice("setting", name, settings_of(FitOptions, function))
-            command(settings=_read(FitOptions, texts), **values)
+            command(settings=_read(FitOptions, texts, function), **values)
 
         return with_options(wrapped, setting_options(function))
 
     return decorate
 
 
-def _read(options: type, texts: dict[str, list[str]]) -> dict[str, Any]:
+def _read(options: type, texts: dict[str, list[str]], function: str = "discover") -> dict[str, Any]:
     try:
-        return read_settings(options, texts)
+        return read_settings(options, texts, function)
     except CommonlawError as error:
         raise click.UsageError(error.sentence()) from None
 

@@ -71,10 +71,6 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "pool": ("commonlaw.law.pool_objects(law)", _method("pooling:pool_objects")),
     "rates": ("terms.variables.states", _value("parameters:rate_names")),
     "relations": ("commonlaw.law.relations_frame(law)", _method("printing:relations_frame")),
-    "score": (
-        "predict(trials).score()",
-        lambda law: lambda trials, start=None: law.predict(trials, start=start).score(),
-    ),
     "shared": ("support", _value("law:shares_terms")),
     "standard_errors": ("params", _value("parameters:standard_errors")),
     "state_rates": ("terms.variables.states", _value("parameters:state_rates")),

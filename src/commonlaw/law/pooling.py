@@ -273,7 +273,7 @@ def _between(estimates: Floats, errors: Floats, inside: Floats) -> float:
     """Return the variance between objects of one group, by Paule and Mandel; zero where errors explain the scatter."""
     from scipy.optimize import brentq
 
-    freedom = len(estimates) - inside.shape[1]
+    freedom = int(len(estimates) - inside.shape[1])
 
     def excess(variance: float) -> float:
         weights = 1 / (errors**2 + variance)
@@ -283,4 +283,5 @@ def _between(estimates: Floats, errors: Floats, inside: Floats) -> float:
     if excess(0.0) <= 0:
         return 0.0
     largest = float(np.sum((estimates - estimates.mean()) ** 2))
-    return float(brentq(excess, 0.0, largest, xtol=1e-14 * largest, rtol=1e-12))
+    found: float = brentq(excess, 0.0, largest, xtol=1e-14 * largest, rtol=1e-12)
+    return found

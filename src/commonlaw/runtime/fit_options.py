@@ -79,7 +79,7 @@ def settings_of(options: type, function: str = "discover") -> dict[str, tuple[Fi
     return {name: pair for name, pair in found.items() if function in pair[1].functions}
 
 
-def read_settings(options: type, texts: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+def read_settings(options: type, texts: Mapping[str, Sequence[str]], function: str = "discover") -> dict[str, Any]:
     """Return the values that texts say, by name of a setting: several texts for what holds several values.
 
     Raises `CommonlawError` if there is no such setting, or a text is no value of its type.
@@ -92,12 +92,12 @@ def read_settings(options: type, texts: Mapping[str, Sequence[str]]) -> dict[str
     known, found = settings_of(options), dict[str, Any]()
     for name, given in texts.items():
         check_choice("setting", name, known)
-        found[name] = _value(name, known[name][0].type, given)
+        found[name] = _value(name, known[name][0].type, given, function == "fit")
     return found
 
 
-def _value(name: str, annotation: Any, texts: Sequence[str]) -> Any:
-    """Return the value of a type that texts say."""
+def _value(name: str, annotation: Any, texts: Sequence[str], properties: bool) -> Any:
+    """Return the value of a type that texts say; levels by name may be names of `properties`."""
     union = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
     kinds = [get_origin(each) or each for each in union if each is not NoneType]
     if Sequence in kinds:
@@ -109,8 +109,7 @@ def _value(name: str, annotation: Any, texts: Sequence[str]) -> Any:
         for key, _, value in (each.partition("=") for each in texts):
             if key.strip() in named:
                 raise CommonlawError("setting-twice", name=f"{name} of {key.strip()}")
-            # The name of a property, of which `fit` takes one value of noise each
-            is_name = value.strip().isidentifier() and value.strip().lower() not in ("nan", "inf")
+            is_name = properties and value.strip().isidentifier()
             named[key.strip()] = value.strip() if is_name else _number(name, value)
         return named
     if len(texts) > 1:

@@ -31,6 +31,7 @@ from commonlaw.law.law import object_index
 from commonlaw.law.parameters import standard_errors
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.uncertainty import Widening
+from commonlaw.likelihood import ERRORS
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, unannounced
 from commonlaw.trials import Trial, Trials
@@ -312,7 +313,7 @@ def _others(pool: Pool, kinds: Sequence[ErrorKind], progress: ProgressCallback) 
     for own in supports.values():
         fits = under_each_kind(problem, own, kinds)
         for group in GROUPS:
-            of_group = [each for each in fits if each.errors in group]
+            of_group = [each for each in fits if ERRORS[each.errors].group == group]
             best = min(of_group, default=None)
             if best is not None and best.model != pool.best.model:
                 yield best
