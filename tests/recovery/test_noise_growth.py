@@ -54,7 +54,9 @@ def test_outliers_are_seldom_taken_for_growth():
 
 def test_noise_that_is_too_small_makes_no_law_probable_by_calling_the_rest_outliers():
     problem, support = problem_of(DECAY + 0.05 * noise()), np.array([[False, True]])
-    values = [fit_supports(problem.noisier(factor, "tried"), support).score.total for factor in (1.0, 0.1, 0.02)]
+    values = [
+        fit_supports(problem.with_scaled_noise(factor, "tried"), support).score.total for factor in (1.0, 0.1, 0.02)
+    ]
     assert values[0] < min(values[1:]) - 100  # Minus twice the log-evidence
 
 

@@ -11,10 +11,10 @@ from scipy.optimize import curve_fit
 import commonlaw as cl
 from commonlaw.inference import prepare
 from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.fit.integral_form import Course
+from commonlaw.inference.fit.integral_form import CurveData
 from commonlaw.inference.fit.parameter_grid import Banks, frequencies_in_time
 from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable, terms_of_sets
-from commonlaw.inference.propose.integral_ranking import Start, TermSet, matching_sets
+from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start, matching_sets
 from commonlaw.inference.score.score import Score
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.library import PolynomialLibrary, Term, Terms, Variables, parametric_term, parse_library
@@ -228,16 +228,16 @@ def test_a_term_may_be_left_out_of_a_set_with_its_constants(enzymes):
     problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))
     others = tuple(parametric_term(each, variables) for each in ("s/(K + s)", "exp(s/U)"))
     start = Start(np.arange(12.0).reshape(3, 4), (np.full((3, 1), 5.0), np.full((3, 1), 6.0)))
-    row = TermSet((0, 1), others, (start,))
+    row = CandidateSupport((0, 1), others, (start,))
     built = terms_of_sets(problem, (row,))
     names = built.terms.names
     left_out = [[names[i] for i in built.indices_of(0, row, k)] for k in range(4)]
     assert left_out == [["1"], ["s"], ["s/(K + s)", "K"], ["exp(s/U)", "U"]]
     less = row.without(2)
-    assert less == TermSet((0, 1), others[1:])
+    assert less == CandidateSupport((0, 1), others[1:])
     np.testing.assert_array_equal(less.starts[0].coefficients, start.coefficients[:, [0, 1, 3]])
     assert [each.tolist() for each in less.starts[0].parameters] == [[[6.0]] * 3]
-    assert row.without(0) == TermSet((1,), others)
+    assert row.without(0) == CandidateSupport((1,), others)
     np.testing.assert_array_equal(row.without(0).starts[0].coefficients, start.coefficients[:, 1:])
     assert len(row.without(0).starts[0].parameters) == 2
 
@@ -317,6 +317,6 @@ def test_no_frequency_is_compared_that_samples_do_not_tell_from_a_slower_one():
     trials = cl.Trials.from_arrays(times, np.sin(2 * times)[:, np.newaxis], names=["x"])
     plain = PolynomialLibrary(1).bind(Variables(("x",)))
     problem = prepare(trials, plain, np.full((1, 1, 2), np.nan)).finer()
-    course = Course.of(problem, 0, problem.starts[0], [parametric_term("cos(w*t)", plain.variables)])
+    course = CurveData.of(problem, 0, problem.starts[0], [parametric_term("cos(w*t)", plain.variables)])
     assert len(course.banks.values) == 81
     assert course.banks.parameters[0].max() < 1.03 * np.pi / 0.25

@@ -7,7 +7,7 @@ import commonlaw as cl
 from commonlaw.inference.fit.annealing import fit_solutions
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.candidate_laws import LawsOfSets
-from commonlaw.inference.propose.integral_ranking import Start, TermSet
+from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start
 from commonlaw.library import AutoLibrary, Offer, PolynomialLibrary, Variables, parametric_term, parse_library
 
 PLANE = Variables(("x", "y", "v_x", "v_y"))
@@ -41,7 +41,9 @@ def test_of_a_sigmoid_beside_a_constant_the_form_without_is_proposed(constant):
     problem = prepare(trials, terms, np.full((1, 1, 2), np.nan))
     search = LawsOfSets(fit_solutions(problem, np.array([[False, True]])), (), problem, Offer(()))
     sigmoid = parametric_term("1/(1 + exp(-(a*x + c)))", variables)
-    row = TermSet((0, 1), (sigmoid,), (Start(np.array([[constant, -1.0, -constant]]), (np.array([[3.0, 0.2]]),)),))
+    row = CandidateSupport(
+        (0, 1), (sigmoid,), (Start(np.array([[constant, -1.0, -constant]]), (np.array([[3.0, 0.2]]),)),)
+    )
     (found,) = search._reflected(row)
     assert (found.plain, found.others) == ((1,), (sigmoid,))
     (start,) = found.starts
@@ -54,4 +56,4 @@ def test_of_a_sigmoid_beside_a_constant_the_form_without_is_proposed(constant):
     before = constant + rates([-1.0, -constant], [3.0, 0.2])
     np.testing.assert_allclose(rates(start.coefficients[0], start.parameters[0][0]), before, rtol=1e-12)
     other = parametric_term("x/(K + x)", variables)
-    assert not [*search._reflected(TermSet((0,), (other,), (Start(np.ones((1, 2)), (np.ones((1, 1)),)),)))]
+    assert not [*search._reflected(CandidateSupport((0,), (other,), (Start(np.ones((1, 2)), (np.ones((1, 1)),)),)))]

@@ -68,7 +68,7 @@ def test_what_cannot_be_computed_has_a_status(problem):
 def test_fits_of_one_model_are_of_equal_models(problem, fits):
     one, other, third = fits
     assert one.model != other.model != third.model
-    again = fit_solutions(problem.noisier(2.0, "for this test"), other.supports)
+    again = fit_solutions(problem.with_scaled_noise(2.0, "for this test"), other.supports)
     assert again.model == other.model
     assert hash(again.model) == hash(other.model)
     assert other.model.equations == (("x",),)

@@ -8,7 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.array_types import Floats
-from commonlaw.discovery.hints import outcomes_of_rivals, outcomes_of_stand_ins
+from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_rivals
 from commonlaw.law import Law, PlausibleLaw, Provenance
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.provenance import Domain
@@ -64,6 +64,6 @@ def test_nothing_is_said_of_rivals_that_no_trial_need_tell(rival: Law, probabili
 
 def test_a_law_of_variables_that_trials_cannot_tell_apart_says_so() -> None:
     drops = cl.datasets.linear_drag(drag=(-0.1, -0.3), noise=0.1)
-    (said,) = outcomes_of_stand_ins(drops, 2, parse_library("poly:2"))
+    (said,) = outcomes_of_confounding(drops, 2, parse_library("poly:2"))
     assert (said.kind, said.where) == (OutcomeKind.NOT_IDENTIFIABLE, "x''")
     assert str(said) in str(replace(law([-9.8, 0, 0]), provenance=Provenance(outcomes=(said,))))

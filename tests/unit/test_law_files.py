@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.artifacts import Artifacts
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.law import Alternative, Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_json, to_latex
@@ -156,7 +156,7 @@ def test_a_law_that_json_is_too_large_for_is_refused_in_python_and_goes_beside_i
     monkeypatch.setattr("commonlaw.law.io.LARGEST_JSON", 1000)
     with refused("law-too-large-for-json", objects=5):
         LAW.save(tmp_path / "law.json")
-    later = LaterSteps()
+    later = Artifacts()
     later.write_law(str(tmp_path / "law.json"), LAW)
     later.write_law(str(tmp_path / "law.json"), LAW)
     assert later.written == [str(tmp_path / "law.json.parquet")]

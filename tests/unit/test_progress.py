@@ -51,7 +51,7 @@ def test_nothing_is_told_where_standard_error_is_closed(terminal, monkeypatch):
 def test_the_time_that_is_left_follows_from_the_share_that_is_done(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    course = progress.Course()
+    course = progress.Elapsed()
     course.take("smoothing")
     now[0] = 110.0
     assert str(course) == "smoothing (10 s)"

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from commonlaw.formulation import LeastSquaresProblem, law_variables
 from commonlaw.inference.score import evidence
 from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence, rss_with_each
-from commonlaw.inference.score.priors import Prices, shifted
+from commonlaw.inference.score.priors import StructurePrior, shifted
 from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.kernel import VARIABLE
 from commonlaw.library import PolynomialLibrary, Terms, parse_term
@@ -247,7 +247,7 @@ def test_sums_of_squares_with_each_other_term_are_those_of_least_squares(indices
         assert found[index] == (0.0 if unclear else pytest.approx(rest([*indices, index])))
 
 
-PRICES = Prices(np.array([0.0, 1.0, 1.0, 2.0, 3.0]))
+PRICES = StructurePrior(np.array([0.0, 1.0, 1.0, 2.0, 3.0]))
 TRUTH = np.array([[True, False, False, True, False], [False, True, False, True, True]])
 
 
@@ -321,8 +321,8 @@ def test_the_value_is_the_evidence_with_the_price_of_choosing():
 def test_a_law_that_says_where_an_unmeasured_zero_is_pays_for_it():
     variables = law_variables(Schema(("x",)), 2)
     terms = PolynomialLibrary(2).bind(variables)
-    prices = Prices(np.zeros(len(terms)), (shifted(terms, 0),), 7.0)
-    plain = Prices(np.zeros(len(terms)))
+    prices = StructurePrior(np.zeros(len(terms)), (shifted(terms, 0),), 7.0)
+    plain = StructurePrior(np.zeros(len(terms)))
     for names, keeps_its_form in (
         (["1", "v"], True),
         (["1", "x", "v^2"], True),
@@ -347,7 +347,7 @@ def test_of_terms_that_data_cannot_tell_apart_the_simpler_is_chosen(simple):
         ((library, target),) = rows([[2.0]], seed=seed)
         both = library * [1, 1] + 1e-6 * np.random.default_rng(seed).standard_normal((40, 2))
         evidence = SupportEvidence(
-            problems([(both, target)]), np.ones((1, 2), dtype=bool), Measured(40), Prices(prices)
+            problems([(both, target)]), np.ones((1, 2), dtype=bool), Measured(40), StructurePrior(prices)
         )
         assert evidence.choose(np.ones((1, 2), dtype=bool), BestSubset())[0].tolist() == [simple == 0, simple == 1]
 

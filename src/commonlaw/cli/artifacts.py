@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-class LaterSteps:
+class Artifacts:
     """The steps that follow a result, and what became of them.
 
     A file is written as soon as its content is there. A step that fails, whatever the reason, is remembered, and the

@@ -13,7 +13,7 @@ from commonlaw.cli.options import SettingsOption, check_files, check_order, chec
 from commonlaw.cli.output import changing_line, say
 from commonlaw.diagnostics import reference
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.progress import Course, ProgressCallback
+from commonlaw.runtime.progress import Elapsed, ProgressCallback
 
 _OPTIONS = {
     "--plot": "--save",
@@ -93,7 +93,7 @@ def working(text: str) -> Iterator[ProgressCallback]:
 
     A terminal has one line that changes, and else there is a line now and then. With ``--verbose`` each step has one.
     """
-    course = Course()
+    course = Elapsed()
     if click.get_current_context().meta.get(_VERBOSE):
         yield lambda step: say(f"commonlaw: {course.seconds:6.1f} s  {step}", err=True)
         return

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 import numpy as np
 
-from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.command import command, working
 from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, is_of_kind, numbers, saving
 from commonlaw.cli.output import print_frame, print_json, say
@@ -60,7 +60,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
     with working("Checking ..."):
         trials = source.chosen(columns_of(law))
         found = law.residuals(trials)
-        later = LaterSteps()
+        later = Artifacts()
         later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_residuals(found))
     if as_json:
         print_json({"patterns": _patterns_document(found.patterns)})
@@ -77,7 +77,7 @@ def _check_stream(law: "Law", source: Source, save: Sequence[str], as_json: bool
     source.check_streams()
     if figures := [each for each in save if is_of_kind(each, "figure")]:
         raise click.UsageError(f"--save {figures[0]} with a stream of files: leave it out, or check single files")
-    later = LaterSteps()
+    later = Artifacts()
     with working("Checking ...") as show, on_cluster_at(cluster, show):
         found = check_stream(law, source.select(stream_of(source, law.schema)), progress=show)
         later.save(save, table=lambda: found.objects)
@@ -174,7 +174,7 @@ def discrepancy(
         trials = source.chosen(columns_of(law))
         levels = numbers("--noise", noise) if noise else None
         found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=_zero(zero_at), noise=levels)
-        later = LaterSteps()
+        later = Artifacts()
         later.save(save, law=found.law, figure=lambda plots: plots.plot_discrepancy(found))
     if as_json:
         print_json(_document(found))
@@ -253,7 +253,7 @@ def bounds(
         trials = source.chosen(columns_of(law))
         found = found_by(law, trials, terms or None, level=level, progress=show)
         frame = found.to_frame()
-        later = LaterSteps()
+        later = Artifacts()
         later.save(save, table=lambda: frame)
     if as_json:
         print_json({"bounds": frame.to_dict(orient="records"), "sentences": list(found.sentences)})

@@ -4,7 +4,7 @@ from math import inf
 
 import click
 
-from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.command import command, working
 from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, ReadFile, by_name, numbers, saving
 from commonlaw.cli.output import print_json, say
@@ -109,7 +109,7 @@ def design(
             seed=seed,
             progress=show,
         )
-        later = LaterSteps()
+        later = Artifacts()
         later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_design(found))
     if as_json:
         laws_ = [{"equations": list(each.law.structure), "probability": each.probability} for each in found.laws]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.command import command, working
 from commonlaw.cli.method_options import Question, with_question
 from commonlaw.cli.options import ReadFile, as_one, in_options, is_of_kind, option
@@ -234,7 +234,7 @@ class BatchResults:
     paths: Sequence[str]
     found: Sequence[tuple[FileResult | None, str]]
 
-    def give(self, paths: Sequence[str], later: LaterSteps) -> None:
+    def give(self, paths: Sequence[str], later: Artifacts) -> None:
         """Write the table, print a line for each file, and say in how many there is a law."""
         later.save(paths, table=self._table)
         words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
@@ -275,7 +275,7 @@ def _found_in_file(piece: Piece) -> FileResult:
     from commonlaw.law.tables import coefficient_rows
 
     source, question = piece
-    trials, later = source.load(), LaterSteps()
+    trials, later = source.load(), Artifacts()
     training = source.select(trials)
     law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
     verdict = later.take("the forecast assessment failed", lambda: law.assess(trials, training), None)
@@ -324,15 +324,15 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
         else:
             learned, later = (_by_stream if streams else _here)(source, question, outputs, show)
     if batch.each:
-        results.give(outputs.save, LaterSteps())
+        results.give(outputs.save, Artifacts())
     else:
         outputs.give(learned, later)
 
 
-def _here(source: Source, question: Question, outputs: Outputs, show: ProgressCallback) -> tuple[Learned, LaterSteps]:
+def _here(source: Source, question: Question, outputs: Outputs, show: ProgressCallback) -> tuple[Learned, Artifacts]:
     """Find a law in a table."""
     show("reading the table")
-    trials, later = source.load(), LaterSteps()
+    trials, later = source.load(), Artifacts()
     training = source.select(trials)
     law = question.answer(training, part(show, 0.05, 0.9))
     later.save(outputs.save, law=law)
@@ -343,7 +343,7 @@ def _here(source: Source, question: Question, outputs: Outputs, show: ProgressCa
 
 def _by_stream(
     source: Source, question: Question, outputs: Outputs, show: ProgressCallback
-) -> tuple[Learned, LaterSteps]:
+) -> tuple[Learned, Artifacts]:
     """Find a law in files that are gone through one by one."""
     return learned_by_stream(
         source, outputs, show, question.answer, lambda law, later: question.explained(law, show, later)

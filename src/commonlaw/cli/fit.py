@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.command import command, working
 from commonlaw.cli.method_options import with_settings
 from commonlaw.cli.options import (
@@ -161,7 +161,7 @@ def fit(
         other = cl.Law.load(against) if against else None
         if doses:
             source = source.reading(inputs=tuple(dict.fromkeys((*source.roles.get("inputs", ()), *doses))))
-        later = LaterSteps()
+        later = Artifacts()
         known = {name: number_or_text(value) for name, value in by_name("--initial-value", starts).items()}
         trials = without_notes_on(doses, load(source, [equations], [other] if other else (), known))
         training = source.select(trials)
@@ -202,7 +202,7 @@ def compare(
     """
     if len({*laws}) < max(2, len(laws)):
         raise click.UsageError("give TABLE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
-    later = LaterSteps()
+    later = Artifacts()
     with working("Comparing ...") as show:
         training, found = _fitted(source, laws, settings, show)
         show(Stage("comparing evidence", len(laws) / (len(laws) + 1)))
@@ -289,7 +289,7 @@ def refine(
     with working("Refining ...") as show, on_cluster_at(cluster, show):
         trials = source.select(stream_of(source, law.schema)) if cluster else source.chosen(columns_of(law))
         law = cl.refine(law, trials, **settings, progress=show)
-        later = LaterSteps()
+        later = Artifacts()
         later.save(save, law=law)
     say(str(law))
     if history:

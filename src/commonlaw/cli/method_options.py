@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.options import (
     Decorator,
     ReadLaw,
@@ -283,7 +283,7 @@ class Question:
             cache=not self.no_cache,
         )
 
-    def explained(self, law: "Law", show: Callable[[str], None], later: LaterSteps) -> "Law":
+    def explained(self, law: "Law", show: Callable[[str], None], later: Artifacts) -> "Law":
         """Return the law with what decides its coefficients if that is asked for and can be said."""
         if not self.explain:
             return law

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import numpy as np
 
-from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.command import command, working
 from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, is_of_kind, saving
 from commonlaw.cli.output import print_frame, print_json, say
@@ -136,7 +136,7 @@ def predict(
             discrepancy=discrepancy,
         )
         errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")
-        later = LaterSteps()
+        later = Artifacts()
         later.save(save, table=forecast.to_frame, figure=lambda plots: plots.plot_forecast(forecast))
     if as_json:
         print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
@@ -159,7 +159,7 @@ def _forecast_stream(
     from commonlaw.law.tables import letter_values
     from commonlaw.stream import forecast_stream
 
-    later = LaterSteps()
+    later = Artifacts()
     with working("Forecasting ...") as show, on_cluster_at(cluster, show):
         errors = forecast_stream(law, source.select(stream_of(source, law.schema)), folder=folder, progress=show, **how)
         later.save(save, table=lambda: errors)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.options import AS_JSON, HISTORY, as_one, in_options, is_of_kind, saving
 from commonlaw.cli.output import (
     parameter_columns,
@@ -163,7 +163,7 @@ class Outputs:
         """Whether a figure is wanted."""
         return any(is_of_kind(each, "figure") for each in self.save)
 
-    def give(self, learned: "Learned", later: LaterSteps) -> None:
+    def give(self, learned: "Learned", later: Artifacts) -> None:
         """Write the files and print the rest."""
         later.save(self.save, law=learned.law, figure=learned.figure, table=learned.coefficients, report=learned.report)
         if self.as_json:
@@ -204,7 +204,7 @@ class Learned:
         training: "TrialStream",
         few: "Trials",
         show: ProgressCallback,
-        later: LaterSteps,
+        later: Artifacts,
     ) -> "Learned":
         """Return a law with what forecasts of all that was held out of a stream say; `few` were learned from."""
         from commonlaw.stream import find_by_stream
@@ -222,7 +222,7 @@ class Learned:
         trials: "Trials",
         training: "Trials",
         bands: bool,
-        later: LaterSteps,
+        later: Artifacts,
         stream: "TrialStream | None" = None,
     ) -> "Learned":
         """Return a law with its findings, forecasts with bands if wanted, and the true law of a data set."""
@@ -474,11 +474,11 @@ def learned_by_stream(
     outputs: Outputs,
     show: ProgressCallback,
     find: "Callable[[TrialStream, ProgressCallback], Law]",
-    explain: "Callable[[Law, LaterSteps], Law]" = lambda law, _: law,
-) -> tuple[Learned, LaterSteps]:
+    explain: "Callable[[Law, Artifacts], Law]" = lambda law, _: law,
+) -> tuple[Learned, Artifacts]:
     """Find a law in files; it is checked by forecasts of all that is held out, or else of a few trials."""
     show("listing the files")
-    stream, later = stream_of(source), LaterSteps()
+    stream, later = stream_of(source), Artifacts()
     training = source.select(stream)
     law = find(training, part(show, 0.05, 0.9))
     later.save(outputs.save, law=law)

@@ -7,7 +7,7 @@ from functools import partial
 
 import click
 
-from commonlaw.cli.artifacts import LaterSteps
+from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.command import command, working
 from commonlaw.cli.options import AS_JSON, HISTORY, LAW_ARGUMENT, ReadFile, saving
 from commonlaw.cli.output import (
@@ -135,7 +135,7 @@ def explain(
             law = replace(law, properties=found.values, schema=schema)
         has_properties = any(law.properties.values())
         law = law.explain(_listed(names) if names or has_properties else [])
-        later = LaterSteps()
+        later = Artifacts()
         later.save(save, law=law, figure=lambda plots: plots.plot_relations(law))
     if as_json:
         relations = relations_frame(law).to_dict(orient="records")
@@ -190,7 +190,7 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
     if streams:
         source.check_streams()
     with working("Reporting ...") as show, on_cluster_at(cluster, show):
-        law, later, guessed = Law.load(law_path), LaterSteps(), list[str]()
+        law, later, guessed = Law.load(law_path), Artifacts(), list[str]()
         show("assessing forecasts")
         if streams:
             stream = stream_of(source, law.schema)

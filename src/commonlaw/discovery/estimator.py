@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from commonlaw.discovery.given_derivatives import GivenDerivatives, with_derivatives
-from commonlaw.discovery.hints import outcomes_of_generations, outcomes_of_rivals, outcomes_of_stand_ins
+from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_generations, outcomes_of_rivals
 from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.method import AbstractMethod, Key, Known, ModelStructure, of_each_equation
@@ -223,7 +223,7 @@ class LawDiscovery:
         if isinstance(trials, Trials):
             domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting)
             outcomes = with_outcomes_of_zero(outcomes, law, trials)
-            outcomes = (*outcomes, *outcomes_of_stand_ins(trials, law.order, library))
+            outcomes = (*outcomes, *outcomes_of_confounding(trials, law.order, library))
             if self.order == "auto" and law.order != 0:
                 outcomes = (*outcomes, *outcomes_of_generations(law, trials))
         history = (*steps, *law.history)

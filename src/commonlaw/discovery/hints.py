@@ -13,7 +13,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast import fitted, forecast_from
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.formulation import law_variables
-from commonlaw.inference.diagnose.confounding import StandIns, stand_ins
+from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confounded_variables
 from commonlaw.inference.settings import STRONG, VERY_STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
@@ -265,16 +265,16 @@ def confounded_variables(
     if order == 0:
         return ()
     asked, _ = without_measured_rates(trials, trials.schema.states if order == 2 else ())
-    noted = [(each, _note(each, asked, order)) for each in stand_ins(asked, order, library)]
+    noted = [(each, _note(each, asked, order)) for each in confounded_variables(asked, order, library)]
     return tuple(Finding(f"{note.where}: {note.text}; {note.remedy}", column=each.state) for each, note in noted)
 
 
-def outcomes_of_stand_ins(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
+def outcomes_of_confounding(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
     """Return what to know of a law whose variables the training trials confound."""
-    return tuple(_note(each, trials, order) for each in (stand_ins(trials, order, library) if order else ()))
+    return tuple(_note(each, trials, order) for each in (confounded_variables(trials, order, library) if order else ()))
 
 
-def _note(found: StandIns, trials: Trials, order: Order) -> Outcome:
+def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
     """Return what variables stand in for each other, and why."""
     states = trials.schema.states
     varying = ", with coefficients by trial," if found.by_trial else ""
@@ -295,14 +295,14 @@ def _note(found: StandIns, trials: Trials, order: Order) -> Outcome:
     )
 
 
-def _alternatives(found: StandIns) -> str:
+def _alternatives(found: ConfoundedVariables) -> str:
     """Return sets of variables in words: ``x alone or v alone``."""
     *first, last = (f"{each[0]} alone" if len(each) == 1 else _and(each) for each in found.sets[:_LISTED])
     more = f", or {len(found.sets) - _LISTED} other sets" if len(found.sets) > _LISTED else ""
     return f"{', '.join(first)}{',' if more else ' or'} {last}{more}"
 
 
-def _ranges(found: StandIns, schema: Schema) -> str:
+def _ranges(found: ConfoundedVariables, schema: Schema) -> str:
     """Return where trials start, of what was measured: rates are too uncertain there."""
     units = {name: f" {schema.units.get(name, '')}".rstrip() for name in schema.states}
     parts = [

@@ -315,7 +315,7 @@ _LEAST_NORM = LEAST_NORM(_least_norm)
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
+class BatchedModel:
     """Objects of one mesh each, one behind the other, and the estimates about which they are linearized.
 
     `first` are the indices of first points, `words` the meshes as in `Packed`, `kept` what they point into.
@@ -350,7 +350,7 @@ class Together:
         return factors, float(log_determinants.sum())
 
 
-def together(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], free: Bools) -> Together | None:
+def together(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], free: Bools) -> BatchedModel | None:
     """Return objects that are linearised together; None if they have what is better done one by one."""
     structures = [each for model in models if (each := packed(model)) is not None]
     if len(structures) < len(models) or not all(
@@ -359,7 +359,7 @@ def together(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], f
         return None
     mesh = joined([model.meshes[0] for model in models])
     lengths = np.array([len(model.meshes[0]) for model in models])
-    return Together(
+    return BatchedModel(
         structures[0].model,
         np.concatenate([each.words for each in structures]),
         mesh,

@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.kernel import kernel
 from commonlaw.likelihood import compiled, fitting, linearization
-from commonlaw.likelihood.compiled import Packed, Together, packed, together
+from commonlaw.likelihood.compiled import BatchedModel, Packed, packed, together
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.observation_model import LatentProcesses
@@ -146,5 +146,5 @@ class AboutEstimates:
         return np.array([each.problem.factor for each in linear]), sum(each.log_determinant for each in linear)
 
     @cached_property
-    def _together(self) -> Together | None:
+    def _together(self) -> BatchedModel | None:
         return together(self.models, self.estimates, self.columns)

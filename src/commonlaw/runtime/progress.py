@@ -49,7 +49,7 @@ def part(progress: ProgressCallback, begin: float, end: float) -> ProgressCallba
     return lambda step: progress(Stage(step, begin + (end - begin) * getattr(step, "done", 0.0)))
 
 
-class Course:
+class Elapsed:
     """How far work has come: its step, how long it has taken, and what is left where steps say their share."""
 
     def __init__(self) -> None:
@@ -99,7 +99,7 @@ def on_terminal() -> ProgressCallback:
     # Where standard error is closed there is none
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda _: None
-    course = Course()
+    course = Elapsed()
 
     def tell(step: str) -> None:
         course.take(step)

@@ -165,23 +165,23 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     """Return what a law is good for, see `Law.assess`."""
     trials = matched(law, trials, observed=True)
     learned = None if learned is None else matched(law, learned, observed=True)
-    judged, found, unjudged = list[Segment](), list[SegmentErrors](), list[str]()
+    judged, found, not_assessable = list[Segment](), list[SegmentErrors](), list[str]()
     whole = {(each.object, each.name): each for each in trials}
     parts = segments(trials, learned, law.order)
     for segment in announced(parts, f"assessing {counted(len(parts), 'forecast')}", "take fewer trials"):
         trial = segment.trial
         if segment.first >= len(trial):
-            unjudged.append(f"{trial.label}: too short, with {counted(len(trial), 'sample')}")
+            not_assessable.append(f"{trial.label}: too short, with {counted(len(trial), 'sample')}")
             continue
         # Doses are given in moments in which nothing is measured
         single = trials.with_trials([whole[trial.object, trial.name] if law.schema.doses else trial])
         try:
             found.append(forecast_errors(with_objects_of(law, single)[0], single, segment))
         except CommonlawError as error:
-            unjudged.append(error.sentence(marked))
+            not_assessable.append(error.sentence(marked))
             continue
         except (ArithmeticError, np.linalg.LinAlgError) as error:
-            unjudged.append(str(error))
+            not_assessable.append(str(error))
             continue
         judged.append(segment)
     once = list({(each.trial.object, each.trial.name): each.trial for each in judged}.values())
@@ -206,7 +206,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         state_errors=_by_state(trials, once, errors, spread, OutcomeKind.APPROXIMATION in known),
         coverage=float(np.nanmean(errors.inside)) if np.isfinite(errors.inside).any() else None,
         poorly_known=_poorly_known(law),
-        unjudged=tuple(dict.fromkeys(unjudged)),
+        not_assessable=tuple(dict.fromkeys(not_assessable)),
         unknown_objects=tuple(dict.fromkeys(each.object for each in once if is_typical(law, each.object, trials))),
         exact=not (inexact & known or law.uncertainty.error_model.of_law),
         none_exact=bool(inexact & known and law.provenance.alternatives),

@@ -91,7 +91,7 @@ class LawVerdict(ShownInNotebooks):
         Share of the measurements within 95 % bands; None without bands.
     poorly_known
         Coefficients with a standard error above half of their size.
-    unjudged
+    not_assessable
         What could not be assessed, and why.
     unknown_objects
         Objects that were forecast with the mean coefficients of the others.
@@ -118,7 +118,7 @@ class LawVerdict(ShownInNotebooks):
     state_errors: tuple[StateError, ...]
     coverage: float | None
     poorly_known: tuple[str, ...]
-    unjudged: tuple[str, ...] = ()
+    not_assessable: tuple[str, ...] = ()
     unknown_objects: tuple[str, ...] = ()
     exact: bool = True
     none_exact: bool = False
@@ -210,8 +210,8 @@ class LawVerdict(ShownInNotebooks):
                 yield f"Forecasts of {listed(self.unknown_objects)} use the mean coefficients of the other objects."
         if self.poorly_known:
             yield f"Poorly identified (standard error above 50 % of the estimate): {listed(self.poorly_known)}."
-        if self.unjudged:
-            yield f"Not assessed: {listed(self.unjudged, '; ')}."
+        if self.not_assessable:
+            yield f"Not assessed: {listed(self.not_assessable, '; ')}."
         if advice := "; ".join(self._advice()):
             yield f"Suggestions: {advice}."
 

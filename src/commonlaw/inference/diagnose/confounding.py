@@ -34,7 +34,7 @@ Columns = tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class StandIns:
+class ConfoundedVariables:
     """Variables of which trials cannot tell which ones an equation is about.
 
     Parameters
@@ -64,7 +64,9 @@ class StandIns:
     visited: dict[str, tuple[float, float]]
 
 
-def stand_ins(trials: Trials, order: Order, library: AbstractLibrary | str | None = None) -> tuple[StandIns, ...]:
+def confounded_variables(
+    trials: Trials, order: Order, library: AbstractLibrary | str | None = None
+) -> tuple[ConfoundedVariables, ...]:
     """Return the equations whose variables trials cannot tell apart.
 
     Parameters
@@ -79,10 +81,12 @@ def stand_ins(trials: Trials, order: Order, library: AbstractLibrary | str | Non
     Raises `CommonlawError` if the library does not fit the variables.
     """
     with np.errstate(all="ignore"):
-        return _stand_ins(trials, order, parse_library(library) if isinstance(library, str) else library)
+        return _confounded_variables(trials, order, parse_library(library) if isinstance(library, str) else library)
 
 
-def _stand_ins(trials: Trials, order: Order, given: AbstractLibrary | None) -> tuple[StandIns, ...]:
+def _confounded_variables(
+    trials: Trials, order: Order, given: AbstractLibrary | None
+) -> tuple[ConfoundedVariables, ...]:
     curves = _curves(trials, order)
     variables, states = law_variables(trials.schema, order), trials.schema.states
     orders = order_of_each(order, len(states))
@@ -278,7 +282,9 @@ class _IntegralForm:
         return np.asarray(determinant + freedom * np.log(squares))
 
 
-def _one_equation(form: _IntegralForm, equation: int, used: Sequence[int], curves: Sequence[_Curve]) -> StandIns | None:
+def _one_equation(
+    form: _IntegralForm, equation: int, used: Sequence[int], curves: Sequence[_Curve]
+) -> ConfoundedVariables | None:
     """Return the smallest sets of variables that suffice for an equation; None if there is one such set."""
     white = form.whitened(equation)
     criterion = white.criterion(equation)
@@ -300,7 +306,7 @@ def _one_equation(form: _IntegralForm, equation: int, used: Sequence[int], curve
         {names[i]: (float(each[:, i].min()), float(each[:, i].max())) for i in concerned}
         for each in (np.array([each.values[0] for each in curves]), np.concatenate([each.values for each in curves]))
     )
-    return StandIns(
+    return ConfoundedVariables(
         form.terms.variables.states[equation],
         tuple(tuple(names[i] for i in each) for each in sets),
         tuple(form.rms(form.left(equation, form.over(each), by_trial)) for each in sets),

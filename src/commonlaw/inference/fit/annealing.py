@@ -64,7 +64,9 @@ def annealed(
     return [fit for way in ways for fit in way]
 
 
-def polish(problem: SearchProblem, supports: Bools, estimates: Sequence[Estimate] | None, model_error: float) -> Fit:
+def refine_support(
+    problem: SearchProblem, supports: Bools, estimates: Sequence[Estimate] | None, model_error: float
+) -> Fit:
     """Choose supports and fit them in turn at one model error until nothing gets better."""
     best = fit = fitted(problem, estimates, supports, model_error)
     for _ in range(1, settings.MAX_SWEEPS):
@@ -121,10 +123,10 @@ def _objective(fit: Fit) -> float:
 
 def fit_solutions(problem: SearchProblem, supports: Bools) -> Fit:
     """Return the fit of supports without a model error, see `fit_with`, under the noise that this takes."""
-    return to_scale(fit_with(problem, supports, NO_ERROR))
+    return rescale_noise(fit_with(problem, supports, NO_ERROR))
 
 
-def to_scale(fit: Fit) -> Fit:
+def rescale_noise(fit: Fit) -> Fit:
     """Return a fit under white noise of the size that it leaves.
 
     Step by step, as less of what is left goes with outliers then. Noise that was given stays, and none is below that
@@ -138,11 +140,11 @@ def to_scale(fit: Fit) -> Fit:
         factor = float(np.sqrt(variance))
         if 1 / (1 + settings.CONVERGED_NOISE) <= factor <= (1 + settings.CONVERGED_NOISE) or not 0 < factor < np.inf:
             break
-        problem, before = problem.noisier(factor, LEFT_BY_LAW), fit
+        problem, before = problem.with_scaled_noise(factor, LEFT_BY_LAW), fit
         fit = fitted(problem, fit.estimates, fit.supports, fit.model_error)
         if not fit.is_usable:
             break
-        fit = fit.keeping(before)
+        fit = fit.with_alternatives_of(before)
     return fit
 
 
@@ -191,7 +193,7 @@ def _comparable(
         fit = fitted(problem, near.estimates, supports, model_error)
     else:
         fit = near.refitted(supports, model_error)
-    scaled = to_scale(fit)
+    scaled = rescale_noise(fit)
     if not scaled.is_usable:
         return scaled
     if not fit.has_converged:
@@ -200,13 +202,13 @@ def _comparable(
     return fit.with_score(score.plus("initial conditions", starts.price(fit)) if starts else score)
 
 
-def beside_alternatives(fit: Fit) -> Fit:
+def recompared(fit: Fit) -> Fit:
     """Return the best of a fit and its alternatives, fitted to its problem, and of what else may be as plausible."""
     here, starts = fit.with_score(fit.evidence.score(fit.supports)), AlikeStarts(fit)
     plausible = [each for each in fit.alternatives if each.score - fit.score < PLAUSIBLE]
     fits = [_comparable(fit.problem, each, each.supports, fit.model_error, starts) for each in plausible]
     best = with_close_neighbours([here, *fits], starts)[0]
-    return fit.keeping(best) if np.array_equal(best.supports, fit.supports) else best
+    return fit.with_alternatives_of(best) if np.array_equal(best.supports, fit.supports) else best
 
 
 def beside_those_ahead(fit: Fit) -> Fit:
@@ -247,7 +249,7 @@ def _anneal(problem: SearchProblem, given: Bools | None, model_errors: Sequence[
         if given is not None or not np.array_equal(chosen, supports):
             supports, begin = chosen, restricted(problem, evidence, estimates, chosen)
         if given is None and not model_error:
-            fit = polish(problem, supports, begin, model_error)
+            fit = refine_support(problem, supports, begin, model_error)
         else:
             fit = fitted(problem, begin, supports, model_error)
         if not fit.is_usable:

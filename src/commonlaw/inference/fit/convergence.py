@@ -119,7 +119,7 @@ def _under_residual_noise(fit: Fit) -> Fit:
         scale = residual_scale(fit)
         if np.abs(np.log(scale)).max() < settings.CONVERGED_NOISE:
             break
-        fit = _fitted(replace(fit, problem=fit.problem.noisier(scale, LEFT_BY_LAW)))
+        fit = _fitted(replace(fit, problem=fit.problem.with_scaled_noise(scale, LEFT_BY_LAW)))
     return fit
 
 

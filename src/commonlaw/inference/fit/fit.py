@@ -119,7 +119,7 @@ class Fit:
         listed.pop(self.supports.tobytes(), None)
         return self._like(alternatives=tuple(replace(each, alternatives=()) for each in listed.values()))
 
-    def keeping(self, before: "Fit") -> Self:
+    def with_alternatives_of(self, before: "Fit") -> Self:
         """Return the fit with the alternatives of one that was fitted before, by as much less plausible."""
         more = self.score - before.score
         kept = (each.with_score(each.score.plus("refit", more)) for each in before.alternatives)
@@ -323,14 +323,14 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
         "error levels": problem.price_of_errors,
         "outliers": 0.0 if problem.noise_is_fixed else cost,
     }
-    in_ratios = None
+    log_parametrized = None
     if problem.terms.parameters:  # Those whose signs differ between objects have no logarithms
         values = np.array([each.coefficients for each in estimates])
         own = problem.allowed & np.array(problem.terms.have_parameters, dtype=bool)
         same = np.abs(np.sign(values).sum(axis=0)) == len(values)
-        in_ratios = np.where(own & same, values, 0.0).reshape(len(values), -1)
+        log_parametrized = np.where(own & same, values, 0.0).reshape(len(values), -1)
     most, stated = problem.most_terms, problem.trials.schema.unmeasured
-    return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, offsets, stated, in_ratios)
+    return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, offsets, stated, log_parametrized)
 
 
 def price_of_model_error(model_error: float, count: int) -> float:

@@ -148,8 +148,8 @@ class _StartsOfLaw:
         """Return minus twice the log-evidence of supports on factors that have columns of these terms, or of all."""
         columns = self.fit.problem.allowed if columns is None else columns
         states, ratios = self.starts.shape[1], None
-        if self.fit.evidence.in_ratios is not None:
-            own = self.fit.evidence.in_ratios[:, columns.ravel()]
+        if self.fit.evidence.log_parametrized is not None:
+            own = self.fit.evidence.log_parametrized[:, columns.ravel()]
             ratios = np.column_stack([own, np.zeros((len(own), states))])
         indices = np.append(np.flatnonzero(supports[columns]), columns.sum() + np.arange(states))
         measured = self.fit.evidence.measured.without(-self.starts.size)

@@ -21,7 +21,7 @@ from commonlaw.likelihood import Estimate, Mesh
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class CurveData:
     """An object's curves, and terms along them.
 
     Parameters
@@ -40,24 +40,28 @@ class Course:
     banks: Banks
 
     @classmethod
-    def of(cls, problem: SearchProblem, index: int, estimate: Estimate, others: Sequence[ParametricTerm]) -> "Course":
+    def of(
+        cls, problem: SearchProblem, index: int, estimate: Estimate, others: Sequence[ParametricTerm]
+    ) -> "CurveData":
         """Return the curves of an object along its estimated states."""
         terms, values = problem.models[index].terms, values_along(problem, index, estimate)
         sampled = np.concatenate([mesh.observed.any(axis=1) for mesh in problem.models[index].meshes])
         banks = Banks.along(terms.variables, values, others, sampled)
         return cls(problem, index, terms.evaluate(values), banks)
 
-    def match(self, equation: int) -> "Match":
+    def match(self, equation: int) -> "IntegralRegression":
         """Return the measurements of the state of an equation against integrals along these curves."""
         known = self.problem.known[self.index, equation]
         integrals, target = Integrals.and_target(self.problem, self.index, equation, self.banks.values)
         plain, norms = unit(integrals.of(self.plain))
         target = target - plain @ (norms * np.nan_to_num(known))
-        return Match(target, plain, norms, unit(integrals.of(self.banks.columns))[0], self.banks, integrals)
+        return IntegralRegression(
+            target, plain, norms, unit(integrals.of(self.banks.columns))[0], self.banks, integrals
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
+class IntegralRegression:
     """One object's measurements of a state against integrals of terms.
 
     Parameters

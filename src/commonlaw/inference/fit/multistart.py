@@ -17,12 +17,12 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.likelihood import Estimate, Prior, fit_each
 
 
-def every_way(problem: SearchProblem) -> Sequence[Estimate]:
+def full_schedule(problem: SearchProblem) -> Sequence[Estimate]:
     """Return solutions of a law by all ways that lead to them; none if it has none."""
     return fit_with(problem, problem.allowed, NO_ERROR).estimates
 
 
-def short_way(problem: SearchProblem) -> Sequence[Estimate]:
+def short_schedule(problem: SearchProblem) -> Sequence[Estimate]:
     """Return solutions of a law by a way that may get stuck in single objects."""
     return fit_each(problem.models, problem.starts, problem.allowed, settings.SHORT_SCHEDULE)
 
@@ -36,16 +36,16 @@ def best_fits(
     """Return the fit of largest likelihood of each object, from any of some coefficients; none if no fit succeeds.
 
     States of the estimates are near the true ones; other processes begin at zero. Coefficients to begin with have the
-    shape (objects, equations, terms), and the way is `every_way` or `short_way`.
+    shape (objects, equations, terms), and the way is `full_schedule` or `short_schedule`.
     """
     fits = list[Sequence[Estimate]]()
     for coefficients in begun:
         starts = problem.padded([Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True)])
         fits.append(way(replace(problem, starts=starts)))
-    return [usual_of_best(own) for own in zip(*filter(None, fits), strict=True)]
+    return [pooled_estimate(own) for own in zip(*filter(None, fits), strict=True)]
 
 
-def usual_of_best(fits: Sequence[Estimate]) -> Estimate:
+def pooled_estimate(fits: Sequence[Estimate]) -> Estimate:
     """Return the fit of largest likelihood; of those that are the same the one with fewest numbers below zero.
 
     And then with small ones: ``A cos(w*t + p)`` is also ``-A cos(w*t + q)`` with q half a turn farther, and rounding
@@ -56,7 +56,7 @@ def usual_of_best(fits: Sequence[Estimate]) -> Estimate:
     return min(alike, key=lambda each: (int(np.sum(each.coefficients < 0)), float(np.abs(each.coefficients).sum())))
 
 
-def drawn_together(
+def shrink_to_pooled(
     problem: SearchProblem, free: Sequence[Estimate], begun: Sequence[Floats] = ()
 ) -> tuple[SearchProblem, list[Estimate]]:
     """Return a problem and estimates drawn to what is typical, where measurements bear it as well as free ones.
@@ -77,7 +77,7 @@ def drawn_together(
         precision = np.divide(1.0, width * scatter, out=np.zeros_like(scatter), where=scatters) ** 2
         prior = Prior(typical, precision)
         both = [own, np.broadcast_to(typical, own.shape)]
-        held = best_fits(problem.with_priors([prior] * len(free)), free, both, short_way)
+        held = best_fits(problem.with_priors([prior] * len(free)), free, both, short_schedule)
         if held:  # By minus twice the log-likelihood of objects and their coefficients
             normal = float(np.sum(np.log(precision[precision > 0])))
             ranked.append((sum(each.objective for each in held) - len(held) * normal, prior, held))
@@ -100,5 +100,5 @@ def priors_from(problem: SearchProblem, begun: Floats) -> tuple[Prior | None, ..
     nothing = (None,) * len(begun)
     if len(begun) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:
         return nothing
-    free = best_fits(problem, problem.starts, [begun], every_way)
-    return tuple(each.prior for each in drawn_together(problem, free, [begun])[0].models) if free else nothing
+    free = best_fits(problem, problem.starts, [begun], full_schedule)
+    return tuple(each.prior for each in shrink_to_pooled(problem, free, [begun])[0].models) if free else nothing

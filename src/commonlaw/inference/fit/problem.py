@@ -20,7 +20,7 @@ from commonlaw.inference.fit.latent_initialization import (
     with_noise_of_unmeasured,
 )
 from commonlaw.inference.score.evidence import Measured
-from commonlaw.inference.score.priors import Measurements, Prices, complexity_prices, shifted
+from commonlaw.inference.score.priors import Measurements, StructurePrior, complexity_prices, shifted
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (
@@ -47,7 +47,7 @@ class SearchProblem:
     The starts are smoothed states, and coefficients of all allowed terms by least squares on smoothed rates; `smoothed`
     are those states (and rates) of each object's trials, each of shape (n, D). `measured` counts the numbers that were
     measured on each object. The noise of each state has shape (d,); it and other errors are those of all objects; the
-    `first_noise` is that before any law, which stays if it was given.
+    `noise_estimate` is that before any law, which stays if it was given.
     Coefficients that are known have shape (objects,
     equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step. The
     `samples` say which of all are fitted, nothing if all are. Of latent states, coefficients that would
@@ -65,7 +65,7 @@ class SearchProblem:
     noise: Floats
     noise_reason: str
     known: Floats
-    first_noise: Floats
+    noise_estimate: Floats
     noise_given: bool
     points: int = 1
     errors: ErrorModel = NO_ERRORS
@@ -176,13 +176,13 @@ class SearchProblem:
         """
         model, some = self.models[0], self.trials.with_trials(trials)
         threshold = model.observation.huber_threshold
-        found = prepare(some, model.terms, known, noise=self.first_noise, huber_threshold=threshold, guess=guess)
+        found = prepare(some, model.terms, known, noise=self.noise_estimate, huber_threshold=threshold, guess=guess)
         while found.points < self.points:
             found = found.finer()
         models = tuple(replace(each, unit=model.unit) for each in found.models)
         return replace(found, models=models).with_errors(self.noise, self.errors, self.noise_reason)
 
-    def noisier(self, factor: Floats | float, reason: str) -> "SearchProblem":
+    def with_scaled_noise(self, factor: Floats | float, reason: str) -> "SearchProblem":
         """Return the same problem with the noise times a factor, of each state or of all, and the reason for it."""
         each = np.broadcast_to(factor, self.noise.shape)
         units = np.concatenate([each, each[with_rates(self.models[0].order, len(each))]])
@@ -214,7 +214,7 @@ class SearchProblem:
     @property
     def under_white_noise(self) -> "SearchProblem":
         """The same problem without other errors than white noise, of the level that was estimated first."""
-        return self.with_errors(self.first_noise, NO_ERRORS, "of the first estimate") if self.errors else self
+        return self.with_errors(self.noise_estimate, NO_ERRORS, "of the first estimate") if self.errors else self
 
     def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
         """Return the same problem that starts from the states of estimates, at which noise in proportion is taken."""
@@ -230,7 +230,7 @@ class SearchProblem:
             self.trials,
             meshes,
             states,
-            self.first_noise,
+            self.noise_estimate,
             self.models[0].order,
             sum(self.measured),
             self.noise_is_fixed,
@@ -248,7 +248,7 @@ class SearchProblem:
         return self.measurements.least_variance(self.noise)
 
     @cached_property
-    def prices(self) -> Prices:
+    def prices(self) -> StructurePrior:
         """What supports cost.
 
         The origin of a state of second order is arbitrary, unless trials pass through its zero.
@@ -260,7 +260,7 @@ class SearchProblem:
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
                 found.append(shifted(terms, j) & ~given)
-        return Prices(complexity_prices(terms), tuple(found), float(np.log(sum(self.measured))), self.besides)
+        return StructurePrior(complexity_prices(terms), tuple(found), float(np.log(sum(self.measured))), self.besides)
 
     @cached_property
     def price_of_errors(self) -> float:

@@ -12,13 +12,13 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.fit.annealing import fit_supports, fit_with, to_scale
+from commonlaw.inference.fit.annealing import fit_supports, fit_with, rescale_noise
 from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_of
 from commonlaw.inference.fit.lack_of_fit import has_poles
-from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, short_way
+from commonlaw.inference.fit.multistart import best_fits, full_schedule, short_schedule, shrink_to_pooled
 from commonlaw.inference.fit.parameter_grid import frequencies_in_time
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.propose.integral_ranking import Start, TermSet
+from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start
 from commonlaw.library import Offer, Term, Terms, parse_term
 from commonlaw.library.parametric import ParametricTerm, free_name
 from commonlaw.likelihood import Estimate
@@ -39,27 +39,27 @@ class LawsOfSets:
     base: SearchProblem
     offer: Offer
     fewest: int = -1
-    fitted: dict[tuple[TermSet, ...], Fit] = field(default_factory=dict)
-    near: dict[tuple[TermSet, ...], list[Estimate]] = field(default_factory=dict)
-    typical: dict[tuple[TermSet, ...], float] = field(default_factory=dict)
+    fitted: dict[tuple[CandidateSupport, ...], Fit] = field(default_factory=dict)
+    near: dict[tuple[CandidateSupport, ...], list[Estimate]] = field(default_factory=dict)
+    typical: dict[tuple[CandidateSupport, ...], float] = field(default_factory=dict)
 
     def offering(self, offer: Offer, fewest: int) -> "LawsOfSets":
         """Return the search for laws with something else, which was to choose from, too."""
         base = replace(self.base, besides=self.base.besides + offer.count)
         return replace(self, base=base, offer=offer, fewest=fewest)
 
-    def rows_of_plain(self) -> tuple[TermSet, ...]:
+    def rows_of_plain(self) -> tuple[CandidateSupport, ...]:
         """Return the terms of the law among plain ones."""
         supports, estimates = self.plain.supports, self.plain.estimates
         return tuple(
-            TermSet(
+            CandidateSupport(
                 tuple(np.flatnonzero(own).tolist()),
                 starts=(Start(np.array([each.coefficients[j, own] for each in estimates])),),
             )
             for j, own in enumerate(supports)
         )
 
-    def with_coefficients(self, rows: Sequence[TermSet], fit: Fit) -> tuple[TermSet, ...]:
+    def with_coefficients(self, rows: Sequence[CandidateSupport], fit: Fit) -> tuple[CandidateSupport, ...]:
         """Return the terms of a law that was fitted with its coefficients and parameters."""
         whole = np.array([each.coefficients for each in fit.estimates])
         built, found = terms_of_sets(self.base, rows), []
@@ -69,7 +69,7 @@ class LawsOfSets:
             found.append(replace(row, starts=(Start(whole[:, j, list(places)], parameters),)))
         return tuple(found)
 
-    def fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> Fit:
+    def fit(self, rows: tuple[CandidateSupport, ...], estimates: Sequence[Estimate]) -> Fit:
         """Return the fit of a law of these terms, from states that are near."""
         if rows not in self.fitted:
             self.fitted[rows] = self._fit(rows, estimates)
@@ -78,12 +78,12 @@ class LawsOfSets:
     def better(
         self,
         best: Fit,
-        rows: tuple[TermSet, ...],
-        listed: Sequence[tuple[TermSet, ...]],
+        rows: tuple[CandidateSupport, ...],
+        listed: Sequence[tuple[CandidateSupport, ...]],
         most: int,
         estimates: Sequence[Estimate],
         done: Callable[[float], None],
-    ) -> tuple[Fit, tuple[TermSet, ...]]:
+    ) -> tuple[Fit, tuple[CandidateSupport, ...]]:
         """Return the law of largest evidence, and its terms: one that is known, or of those listed the likeliest."""
         likely = self.likeliest(listed, estimates, done)[:most]
         fits = in_parallel(lambda each: self.fit(each, estimates), likely, done=_shown(done, 0.5, len(likely)))
@@ -92,7 +92,7 @@ class LawsOfSets:
                 best, rows = fit, terms
         return best, rows
 
-    def with_one_less(self, best: Fit, rows: tuple[TermSet, ...]) -> Iterator[tuple[TermSet, ...]]:
+    def with_one_less(self, best: Fit, rows: tuple[CandidateSupport, ...]) -> Iterator[tuple[CandidateSupport, ...]]:
         """Yield the terms of a law but for one that it may do without, by the likelihood linearised about its fit."""
         built = terms_of_sets(self.base, rows)
         for j, row in enumerate(self.with_coefficients(rows, best)):
@@ -104,7 +104,7 @@ class LawsOfSets:
                     yield (*rows[:j], row.without(k), *rows[j + 1 :])
             yield from ((*rows[:j], each, *rows[j + 1 :]) for each in self._reflected(row))
 
-    def _reflected(self, row: TermSet) -> Iterator[TermSet]:
+    def _reflected(self, row: CandidateSupport) -> Iterator[CandidateSupport]:
         """Yield terms without a constant that may be part of a sigmoid: of s with parameters p, 1 - s(p) = s(-p)."""
         first = len(self.base.terms.variables.measured)
         intercepts = [k for k, i in enumerate(row.plain) if self.base.terms.names[i] == "1"]
@@ -114,7 +114,7 @@ class LawsOfSets:
                     place = less.places_of(len(less.plain) + m)
                     yield replace(less, starts=tuple(_with_opposite(each, place, m) for each in less.starts))
 
-    def together(self, rows: tuple[TermSet, ...]) -> list[tuple[TermSet, ...]]:
+    def together(self, rows: tuple[CandidateSupport, ...]) -> list[tuple[CandidateSupport, ...]]:
         """Return laws of what is best in each equation with these terms of the others.
 
         None of it may improve a law alone, as where the terms of two equations make up for each other's errors.
@@ -130,8 +130,11 @@ class LawsOfSets:
         return list(product(*best))
 
     def likeliest(
-        self, listed: Sequence[tuple[TermSet, ...]], estimates: Sequence[Estimate], done: Callable[[float], None]
-    ) -> list[tuple[TermSet, ...]]:
+        self,
+        listed: Sequence[tuple[CandidateSupport, ...]],
+        estimates: Sequence[Estimate],
+        done: Callable[[float], None],
+    ) -> list[tuple[CandidateSupport, ...]]:
         """Return laws that were not fitted yet, those first that fit a typical object best for their numbers.
 
         By a short way, which may get stuck in single objects; without those that are hopeless next to fitted ones.
@@ -151,15 +154,15 @@ class LawsOfSets:
         most = relative * min(fitted, default=np.inf) + margin
         return [new[k] for _, k in sorted(ranked) if self.typical[new[k]] < most]
 
-    def _shortly(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> list[Estimate]:
+    def _shortly(self, rows: tuple[CandidateSupport, ...], estimates: Sequence[Estimate]) -> list[Estimate]:
         """Return the fit of a law of these terms by a short way, along curves that are near; none if there is none."""
         try:
-            return best_fits(*self._posed(rows, estimates), short_way)
+            return best_fits(*self._posed(rows, estimates), short_schedule)
         except (CommonlawError, np.linalg.LinAlgError):  # Terms that cannot be written, or are nowhere finite
             return []
 
     def _posed(
-        self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]
+        self, rows: tuple[CandidateSupport, ...], estimates: Sequence[Estimate]
     ) -> tuple[SearchProblem, Sequence[Estimate], list[Floats]]:
         """Return the problem of fitting a law, states that are near, and the coefficients that fits begin with."""
         built = terms_of_sets(self.base, rows)
@@ -170,18 +173,18 @@ class LawsOfSets:
         begun = [[row.starts[min(k, len(row.starts) - 1)] for row in rows] for k in range(several)]
         return problem, estimates, [built.coefficients(each) for each in begun]
 
-    def _fit(self, rows: tuple[TermSet, ...], estimates: Sequence[Estimate]) -> Fit:
+    def _fit(self, rows: tuple[CandidateSupport, ...], estimates: Sequence[Estimate]) -> Fit:
         try:
             alone, near, begun = self._posed(rows, estimates)
             if not len(alone.terms):
                 return Fit.failed(self.base, self.plain.supports, Status.WITHOUT_EFFECT)
             fit = Fit.failed(alone, alone.allowed, Status.NOT_COMPUTABLE)
-            for way in (short_way, every_way):
-                known = self.near.get(rows) if way is short_way else None
+            for way in (short_schedule, full_schedule):
+                known = self.near.get(rows) if way is short_schedule else None
                 free = known or best_fits(alone, near, begun, way)
                 if not free:
                     break
-                problem, best = drawn_together(alone, free)
+                problem, best = shrink_to_pooled(alone, free)
                 fit = fit_with(problem, problem.allowed, NO_ERROR, best)
                 if not fit.is_usable or fit.has_converged:
                     break
@@ -197,7 +200,7 @@ class LawsOfSets:
             base = base.finer()
         while problem.points < points:
             problem = problem.finer()
-        plain = best_of([to_scale(fit_supports(problem, plain.supports, ANY_ERROR))])
+        plain = best_of([rescale_noise(fit_supports(problem, plain.supports, ANY_ERROR))])
         finer = replace(self, plain=plain, explored=(plain,), base=base, fitted={}, near={}, typical={})
         return finer, base.starts
 
@@ -226,7 +229,7 @@ def _with_opposite(start: Start, places: Sequence[int], m: int) -> Start:
 
 def _acceptable(fit: Fit) -> Fit:
     """Return a fit under noise of the size that it leaves, as one that failed where its evidence means nothing."""
-    fit = to_scale(replace(fit, problem=replace(fit.problem, starts=fit.estimates))) if fit.is_usable else fit
+    fit = rescale_noise(replace(fit, problem=replace(fit.problem, starts=fit.estimates))) if fit.is_usable else fit
     if not fit.is_usable:
         return fit
     if not fit.has_converged:
@@ -265,7 +268,7 @@ class TermsOfSets:
     places: tuple[tuple[int, ...], ...]
     parameters: tuple[tuple[tuple[int, ...], ...], ...]
 
-    def indices_of(self, equation: int, row: TermSet, k: int) -> list[int]:
+    def indices_of(self, equation: int, row: CandidateSupport, k: int) -> list[int]:
         """Return the indices of a term of an equation, by its place in the equation's set, and of its parameters."""
         inside = self.parameters[equation][k - len(row.plain)] if k >= len(row.plain) else ()
         return [*(self.places[equation][place] for place in row.places_of(k)), *inside]
@@ -280,7 +283,7 @@ class TermsOfSets:
         return found
 
 
-def terms_of_sets(problem: SearchProblem, rows: Sequence[TermSet]) -> TermsOfSets:
+def terms_of_sets(problem: SearchProblem, rows: Sequence[CandidateSupport]) -> TermsOfSets:
     """Return the terms of a law whose equations have these."""
     whole = problem.models[0].terms
     variables, certain = whole.variables, np.nan_to_num(problem.known)

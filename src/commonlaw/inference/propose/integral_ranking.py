@@ -16,7 +16,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats, Indices, evenly_spaced
 from commonlaw.inference import settings
-from commonlaw.inference.fit.integral_form import Course, Match, gains
+from commonlaw.inference.fit.integral_form import CurveData, IntegralRegression, gains
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, Ratio
 from commonlaw.likelihood import Estimate
@@ -38,7 +38,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class TermSet:
+class CandidateSupport:
     """A few terms of one equation: plain ones, by their index, and others, with parameters inside, or a ratio of sums.
 
     Terms that share their parameters are one of the others.
@@ -63,7 +63,7 @@ class TermSet:
         first = len(self.plain) + sum(each.size for each in before)
         return range(first, first + own.size)
 
-    def without(self, k: int) -> "TermSet":
+    def without(self, k: int) -> "CandidateSupport":
         """Return the set without one of its terms, by its place among the plain ones and the others."""
         places, m = self.places_of(k), k - len(self.plain)
         kept = [i for i in range(len(self.others)) if i != m]
@@ -72,7 +72,7 @@ class TermSet:
             for each in self.starts
         )
         plain = tuple(own for i, own in enumerate(self.plain) if i != k)
-        return TermSet(plain, tuple(self.others[i] for i in kept), starts)
+        return CandidateSupport(plain, tuple(self.others[i] for i in kept), starts)
 
 
 def matching_sets(
@@ -81,14 +81,14 @@ def matching_sets(
     others: Sequence[ParametricTerm],
     most: Mapping[int, int],
     hopeless: float = settings.MAX_SQUARES_RATIO,
-) -> dict[int, list[TermSet]]:
+) -> dict[int, list[CandidateSupport]]:
     """Return sets of terms that fit best for how many numbers they have, the most promising first, by equation.
 
     Estimates are states near the true ones. The others have parameters inside, or are not taken together with many
     plain ones. Sets have at `most` so many numbers, by equation; those that leave so many times the least sum of
     squares are `hopeless` and not kept, but for the best of each size.
     """
-    courses, found = courses_of(problem, estimates, others), dict[int, list[TermSet]]()
+    courses, found = courses_of(problem, estimates, others), dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
         matches = [match for each in courses if len((match := each.match(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
@@ -97,10 +97,12 @@ def matching_sets(
     return found
 
 
-def courses_of(problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm]) -> list[Course]:
+def courses_of(
+    problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm]
+) -> list[CurveData]:
     """Return the curves, along their estimated states, of the objects whose measurements are matched."""
     indices = evenly_spaced(len(problem.models), settings.MAX_OBJECTS)
-    return in_parallel(lambda o: Course.of(problem, o, estimates[o], others), indices)
+    return in_parallel(lambda o: CurveData.of(problem, o, estimates[o], others), indices)
 
 
 def for_all(found: Floats, objects: int) -> Floats:
@@ -173,13 +175,13 @@ class _Ranked:
     Plain terms are those, by their index, whose coefficients are not known. Sets have so many numbers at most.
     """
 
-    matches: Sequence[Match]
+    matches: Sequence[IntegralRegression]
     plain: Sequence[int]
     others: Sequence[ParametricTerm]
     at_most: int
     hopeless: float
 
-    def best(self, objects: int) -> list[TermSet]:
+    def best(self, objects: int) -> list[CandidateSupport]:
         """Return the best sets of each size, as far as more numbers pay for themselves, for so many objects."""
         compared = self._of_one()
         compared += self._of_two(compared)
@@ -274,7 +276,7 @@ class _Ranked:
     def _closest(self, keys: Sequence[_Key]) -> dict[_Key, list[tuple[Floats, ...]]]:
         """Return the best parameters of each object, between those of the banks, of the sets best to first order."""
 
-        def nearby(match: Match) -> list[tuple[float, tuple[int, ...]]]:
+        def nearby(match: IntegralRegression) -> list[tuple[float, tuple[int, ...]]]:
             values = [match.best_values(*key) for key in keys]
             return [(match.left_nearby(*key, each), each) for key, each in zip(keys, values, strict=True)]
 
@@ -299,7 +301,7 @@ class _Ranked:
         other = self.others[a]
         return parameters[[other.parameters.index(name) for name in other.shared_parameters]]
 
-    def _with_starts(self, key: _Key, alone: Sequence[tuple[Floats, ...]], objects: int) -> TermSet:
+    def _with_starts(self, key: _Key, alone: Sequence[tuple[Floats, ...]], objects: int) -> CandidateSupport:
         """Return a set with what fits begin with: parameters of each object, which may be far off, and typical ones."""
         typical = tuple(np.median(own, axis=0) for own in zip(*alone, strict=True))
         starts = []
@@ -309,10 +311,10 @@ class _Ranked:
             several = [np.array(fits), *(np.array([self._shared(a, own) for own in every]) for a, every in of_each)]
             first, *others = (for_all(each, objects) for each in several)
             starts.append(Start(first, tuple(others)))
-        return TermSet(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))
+        return CandidateSupport(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))
 
 
-def _left_by_one(sets: Indices, chosen: Sequence[int], match: Match, columns: Floats) -> Floats:
+def _left_by_one(sets: Indices, chosen: Sequence[int], match: IntegralRegression, columns: Floats) -> Floats:
     """Return squares that sets of one size leave, alone and with each chosen other, shape (sets, 1 + chosen)."""
     gram, inner = columns.T @ columns, columns.T @ match.target
     own = gram[sets[:, :, np.newaxis], sets[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(sets.shape[1])

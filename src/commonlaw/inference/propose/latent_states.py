@@ -18,7 +18,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.fit.annealing import polish, to_scale, with_close_neighbours
+from commonlaw.inference.fit.annealing import refine_support, rescale_noise, with_close_neighbours
 from commonlaw.inference.fit.fit import NO_ERROR, Fit, Status
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.law_search import PATH
@@ -191,8 +191,8 @@ class _LatentStateModel:
         try:
             for _ in range(settings.ALTERNATIONS):
                 problem = self._prepared(trials, few, most_samples)
-                fit = to_scale(polish(problem, few, problem.starts, NO_ERROR))
-                fit = to_scale(with_close_neighbours([fit])[0])
+                fit = rescale_noise(refine_support(problem, few, problem.starts, NO_ERROR))
+                fit = rescale_noise(with_close_neighbours([fit])[0])
                 if not fit.is_usable or not fit.supports[:-1, self._has_state].any():
                     return fit.but(Status.WITHOUT_EFFECT)
                 if np.isfinite(fit.score.total) and fit.predicted_decrease < settings.MIN_GAIN * len(fit.estimates):
@@ -210,7 +210,7 @@ class _LatentStateModel:
             trials,
             self.terms,
             np.where(few, known, np.nan_to_num(known)),
-            noise=np.append(before.first_noise, np.nan) if before.noise_given else None,
+            noise=np.append(before.noise_estimate, np.nan) if before.noise_given else None,
             huber_threshold=before.models[0].observation.huber_threshold,
             most_samples=most_samples,
             guess=np.where(few, signs, 0.0),

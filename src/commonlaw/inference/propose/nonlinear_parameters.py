@@ -20,7 +20,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
 from commonlaw.inference.fit.integral_form import Integrals, solved
 from commonlaw.inference.fit.lack_of_fit import has_pole, values_along
-from commonlaw.inference.fit.multistart import best_fits, drawn_together, every_way, usual_of_best
+from commonlaw.inference.fit.multistart import best_fits, full_schedule, pooled_estimate, shrink_to_pooled
 from commonlaw.inference.fit.parameter_grid import combined, divisors, factor_powers, values_of_each
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.structural_identifiability import enters_in_combination
@@ -189,13 +189,13 @@ def with_parameters_found(
         _check_identifiable(setup.law, rates, [each[rates[0].inside] for each in starts[-1]])
         fits: list[list[Estimate]] = [[] for _ in problem.models]
         for start in starts:
-            for o, each in enumerate(best_fits(problem, problem.starts, [start], every_way)):
+            for o, each in enumerate(best_fits(problem, problem.starts, [start], full_schedule)):
                 fits[o] += [] if has_pole(problem, o, each) else [each]
         if not all(fits):
             raise CommonlawError("parameters-not-found", structure=law.structure, names=", ".join(grid.names))
-        free = [usual_of_best(each) for each in fits]
+        free = [pooled_estimate(each) for each in fits]
         return replace(
-            law, coefficients=np.array([each.coefficients for each in drawn_together(problem, free, starts)[1]])
+            law, coefficients=np.array([each.coefficients for each in shrink_to_pooled(problem, free, starts)[1]])
         )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from commonlaw.inference import settings
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.propose.candidate_laws import LawsOfSets, tried_together, without_processes
-from commonlaw.inference.propose.integral_ranking import TermSet, matching_sets
+from commonlaw.inference.propose.integral_ranking import CandidateSupport, matching_sets
 from commonlaw.inference.propose.rational import matching_ratios
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import resolved
@@ -94,8 +94,8 @@ def may_be_simpler(fit: Fit, numbers: int) -> bool:
 
 
 def _with_offer(
-    search: LawsOfSets, best: Fit, rows: "tuple[TermSet, ...]", progress: ProgressCallback
-) -> "tuple[LawsOfSets, Fit, tuple[TermSet, ...]]":
+    search: LawsOfSets, best: Fit, rows: "tuple[CandidateSupport, ...]", progress: ProgressCallback
+) -> "tuple[LawsOfSets, Fit, tuple[CandidateSupport, ...]]":
     """Return a search with the law of largest evidence, and its terms, on a mesh that is fine enough."""
     # States that follow the measurements with the help of the law, but may leave it, and those that were smoothed
     loose = next((each for each in search.explored if each.model_error >= settings.MODEL_ERRORS[-2]), None)
@@ -121,17 +121,17 @@ class _Known(NamedTuple):
     And minus twice the log-evidence of a law that explains what was measured, along whose curves they were.
     """
 
-    sets: tuple[list[list[TermSet]], ...] = ()
+    sets: tuple[list[list[CandidateSupport]], ...] = ()
     value: float = -np.inf
 
 
 def _searched(
     search: LawsOfSets,
-    rows: "tuple[TermSet, ...]",
+    rows: "tuple[CandidateSupport, ...]",
     curves: Sequence[Sequence[Estimate]],
     known: _Known,
     progress: ProgressCallback,
-) -> "tuple[Fit, tuple[TermSet, ...], _Known]":
+) -> "tuple[Fit, tuple[CandidateSupport, ...], _Known]":
     """Return the law of largest evidence on one mesh, and its terms, from the terms of a law that is known.
 
     And the sets of terms that were proposed, besides those that are known.
@@ -172,8 +172,8 @@ def _searched(
 
 
 def _with_fewer(
-    search: LawsOfSets, best: Fit, rows: "tuple[TermSet, ...]", progress: ProgressCallback
-) -> "tuple[Fit, tuple[TermSet, ...]]":
+    search: LawsOfSets, best: Fit, rows: "tuple[CandidateSupport, ...]", progress: ProgressCallback
+) -> "tuple[Fit, tuple[CandidateSupport, ...]]":
     """Return the law of largest evidence when terms are left out, one after the other, that it may do without."""
     done, before = partial(_stage, progress, 1.0, 0.0), None
     while best is not before and best is not search.plain:
@@ -184,9 +184,9 @@ def _with_fewer(
     return best, rows
 
 
-def _in_turn(proposed: Sequence[Sequence[TermSet]]) -> list[TermSet]:
+def _in_turn(proposed: Sequence[Sequence[CandidateSupport]]) -> list[CandidateSupport]:
     """Return sets of several lists, each the most promising first: the best of each size before the second best."""
-    ranks, found = Counter[tuple[int, int]](), dict[TermSet, tuple[int, int]]()
+    ranks, found = Counter[tuple[int, int]](), dict[CandidateSupport, tuple[int, int]]()
     for number, own in enumerate(proposed):
         for each in own:
             found.setdefault(each, (ranks[number, each.numbers], each.numbers))
@@ -194,12 +194,14 @@ def _in_turn(proposed: Sequence[Sequence[TermSet]]) -> list[TermSet]:
     return sorted(found, key=lambda each: found[each])
 
 
-def _joint(known: Sequence[Sequence[Sequence[TermSet]]], most: Sequence[int]) -> list[tuple[TermSet, ...]]:
+def _joint(
+    known: Sequence[Sequence[Sequence[CandidateSupport]]], most: Sequence[int]
+) -> list[tuple[CandidateSupport, ...]]:
     """Return sets for all equations together, of lists of each equation's, the most promising first.
 
     The first of each, and those with most numbers of the first of each size, up to a size that all have.
     """
-    found = dict[tuple[TermSet, ...], None]()
+    found = dict[tuple[CandidateSupport, ...], None]()
     for proposed in known:
         found |= dict.fromkeys(product(*(own[: tried_together(len(proposed))] for own in proposed)))
     in_turn = [_in_turn(own) for own in zip(*known, strict=True)]
@@ -210,7 +212,7 @@ def _joint(known: Sequence[Sequence[Sequence[TermSet]]], most: Sequence[int]) ->
     return [rows for rows in found if all(row.numbers <= own for row, own in zip(rows, most, strict=True))]
 
 
-def _most(best: Fit, rows: Sequence[TermSet]) -> list[int]:
+def _most(best: Fit, rows: Sequence[CandidateSupport]) -> list[int]:
     """Return how many numbers are looked at in each equation: where noise explains the law, as many or fewer.
 
     Of exact measurements one more, where the law leaves as much as tells others apart.
@@ -223,8 +225,8 @@ def _most(best: Fit, rows: Sequence[TermSet]) -> list[int]:
 
 
 def _proposed(
-    search: LawsOfSets, best: Fit, rows: Sequence[TermSet], estimates: Sequence[Estimate]
-) -> Iterator[list[list[TermSet]]]:
+    search: LawsOfSets, best: Fit, rows: Sequence[CandidateSupport], estimates: Sequence[Estimate]
+) -> Iterator[list[list[CandidateSupport]]]:
     """Yield sets of terms of each equation besides the best law so far and its terms, the most promising first.
 
     With others, and with ratios of sums. Where noise explains the law, equations that may not be simpler keep their

@@ -16,11 +16,17 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference import settings
-from commonlaw.inference.fit.integral_form import Course, Integrals, closest, projected, solved, unit, with_steps
+from commonlaw.inference.fit.integral_form import CurveData, Integrals, closest, projected, solved, unit, with_steps
 from commonlaw.inference.fit.lack_of_fit import with_points_between
 from commonlaw.inference.fit.parameter_grid import powers_of_ten
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.propose.integral_ranking import InformationCriterion, Start, TermSet, courses_of, for_all
+from commonlaw.inference.propose.integral_ranking import (
+    CandidateSupport,
+    InformationCriterion,
+    Start,
+    courses_of,
+    for_all,
+)
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
 from commonlaw.runtime.parallel import in_parallel
@@ -32,12 +38,12 @@ def matching_ratios(
     offered: Sequence[Ratios],
     most: Mapping[int, int],
     hopeless: float = settings.MAX_SQUARES_RATIO,
-) -> dict[int, list[TermSet]]:
+) -> dict[int, list[CandidateSupport]]:
     """Return the ratios among those offered that fit best for how many numbers they have, see `matching_sets`."""
     courses = courses_of(problem, estimates, ())
-    found = dict[int, list[TermSet]]()
+    found = dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
-        scored = list[tuple[float, TermSet]]()
+        scored = list[tuple[float, CandidateSupport]]()
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
             sides = [own for own in sides if len(own.target)]
@@ -72,7 +78,7 @@ class _Sides:
     between: Floats
 
     @classmethod
-    def of(cls, course: Course, equation: int, offered: Ratios) -> "_Sides":
+    def of(cls, course: CurveData, equation: int, offered: Ratios) -> "_Sides":
         """Return the terms of ratios along the curves of an object, for an equation."""
         match, values = course.match(equation), course.banks.values
         variables = course.problem.models[course.index].terms.variables
@@ -168,7 +174,7 @@ class _Ranked:
     at_most: int
     hopeless: float
 
-    def best(self) -> list[tuple[float, TermSet]]:
+    def best(self) -> list[tuple[float, CandidateSupport]]:
         """Return the best shapes of each size, with their criterion."""
         found = self._all()
         groups: dict[int, list[tuple[float, _Shape]]] = {}
@@ -284,7 +290,7 @@ class _Ranked:
         left = [side.fitted(shape.below, own, terms)[1] for side, own in pairs]
         return _Score(sum(float(each @ each) for each in left), np.array(below))
 
-    def _with_starts(self, shape: _Shape, score: _Score) -> TermSet | None:
+    def _with_starts(self, shape: _Shape, score: _Score) -> CandidateSupport | None:
         """Return a shape with what fits begin with: what each object has by itself, and with what is typical below."""
         variables, terms = self.problem.models[0].terms.variables, self._terms(shape)
         norms = [np.sqrt(np.mean(each.below[:, shape.below] ** 2, axis=0)) for each in self.sides]
@@ -301,4 +307,4 @@ class _Ranked:
             ordered = np.roll(np.array(fits), len(shape.added), axis=1)
             starts.append(Start(for_all(ordered, objects), (for_all(np.array(parameters), objects),)))
         added = tuple(plain.index(self.offered.added[k]) for k in shape.added)
-        return TermSet(added, (ratio,), tuple(starts)) if starts else None
+        return CandidateSupport(added, (ratio,), tuple(starts)) if starts else None

@@ -113,7 +113,7 @@ def with_approximation(pool: Pool, outcomes: Sequence[Outcome]) -> tuple[Outcome
     if not pool.is_approximation:
         return tuple(outcomes)
     problem = pool.best.problem
-    schema, noise = problem.trials.schema, problem.first_noise
+    schema, noise = problem.trials.schema, problem.noise_estimate
     left = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in _left_by(pool.best)]
     parts = [
         f"{value:.3g} {schema.units.get(name, '')}".rstrip() + f" in {name} (noise {level:.2g})"

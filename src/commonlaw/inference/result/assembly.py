@@ -9,7 +9,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.forecast.population import with_pooled_forecasts
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.trial_heterogeneity import differing_trials
-from commonlaw.inference.fit.annealing import beside_those_ahead, to_scale
+from commonlaw.inference.fit.annealing import beside_those_ahead, rescale_noise
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import Fit
@@ -107,7 +107,7 @@ def ranked_first(pool: Pool) -> Pool:
         return pool
     fit = beside_those_ahead(pool.best)
     same = np.array_equal(fit.supports, pool.best.supports)
-    return pool.with_best(fit if same else to_scale(fit))
+    return pool.with_best(fit if same else rescale_noise(fit))
 
 
 def _is_same(one: Fit, other: Fit) -> bool:

@@ -30,7 +30,7 @@ class Measurements:
         Of all objects.
     states
         The states (and rates) at which noise in proportion is taken, of each mesh, shape (n, D).
-    first_noise
+    noise_estimate
         The noise of each state before any law, shape (d,).
     order
         Of the laws.
@@ -45,7 +45,7 @@ class Measurements:
     trials: Trials
     meshes: Sequence[Mesh]
     states: Sequence[Floats]
-    first_noise: Floats
+    noise_estimate: Floats
     order: Order
     count: int
     noise_is_fixed: bool
@@ -58,7 +58,7 @@ class Measurements:
         a species that is absent, have none.
         """
         std = errors.white_std(self._usual_states, with_typical(self._given, noise))
-        still = np.where(self._absent, MIN_NOISE * self.first_noise, self.first_noise)
+        still = np.where(self._absent, MIN_NOISE * self.noise_estimate, self.noise_estimate)
         return np.where(self._still, with_typical(self._given, still), std) * self._averaging
 
     def counted(self, noise: Floats, errors: ErrorModel, std: Floats) -> Measured:
@@ -97,7 +97,7 @@ class Measurements:
         variance = noise**2 * np.mean(relative**2, axis=0)
         if errors.correlated is not None:
             variance = variance + errors.correlated**2 * np.tanh(self._step / (2 * errors.memory))
-        return np.asarray(variance / self.first_noise**2)[~self.trials.schema.unmeasured]
+        return np.asarray(variance / self.noise_estimate**2)[~self.trials.schema.unmeasured]
 
     @cached_property
     def measured(self) -> Floats:
@@ -106,7 +106,7 @@ class Measurements:
 
     @cached_property
     def _usual_states(self) -> Floats:
-        return np.concatenate(self.states)[:, : len(self.first_noise)]
+        return np.concatenate(self.states)[:, : len(self.noise_estimate)]
 
     @cached_property
     def _given(self) -> Floats:
@@ -127,7 +127,7 @@ class Measurements:
     @cached_property
     def pure_error(self) -> tuple[Floats, Floats]:
         """The squares of repeated measurements of each state and their degrees of freedom, each of shape (d,)."""
-        return pure_error([trial.repeats for trial in self.trials], len(self.first_noise))
+        return pure_error([trial.repeats for trial in self.trials], len(self.noise_estimate))
 
     @cached_property
     def _freedom(self) -> int:
@@ -143,7 +143,7 @@ class Measurements:
 
 
 @dataclass(frozen=True, eq=False)
-class Prices:
+class StructurePrior:
     """The prices of supports of one equation.
 
     Parameters

@@ -40,7 +40,7 @@ Part = Literal[
 ``scatter``
     What is lost by coefficients that scatter over objects, see `commonlaw.hierarchy.marginal_deviance`.
 ``structure``
-    Of the supports of all equations, see `priors.Prices`.
+    Of the supports of all equations, see `priors.StructurePrior`.
 ``model error``, ``error levels``
     Of a random walk in each step, and of the levels of other errors (BIC), with the prior of the noise.
 ``outliers``

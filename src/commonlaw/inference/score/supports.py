@@ -19,7 +19,7 @@ from commonlaw.inference.score.evidence import (
     residual_squares,
     rss_with_each,
 )
-from commonlaw.inference.score.priors import Prices
+from commonlaw.inference.score.priors import StructurePrior
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.settings import MAX_SWEEPS, MAX_TERMS
 from commonlaw.solvers import AbstractSolver
@@ -30,9 +30,9 @@ class SupportEvidence:
     """The evidence for supports of all equations of all objects, of which none may have more than `most` terms.
 
     Problems are of unit variance, one for each object: columns are all terms of the first equation, then of the second,
-    ... Which terms may enter which equation has shape (equations, terms). Supports have a prior, see `Prices`. The
-    offsets are parts of the score of all supports, for a comparison with those of other problems. Equations that are
-    stated, shape (equations,), keep all terms that may enter. Parameters inside terms, and what such terms are
+    ... Which terms may enter which equation has shape (equations, terms). The prior of supports is a `StructurePrior`.
+    The offsets are parts of the score of all supports, for a comparison with those of other problems. Equations that
+    are stated, shape (equations,), keep all terms that may enter. Parameters inside terms, and what such terms are
     multiplied by, scatter over objects in ratios: where the value of one is given, and not zero, shape (objects,
     columns), it is its logarithm that scatters.
     """
@@ -40,11 +40,11 @@ class SupportEvidence:
     problems: Sequence[LeastSquaresProblem]
     allowed: Bools
     measured: Measured
-    prices: Prices
+    prices: StructurePrior
     most: int = MAX_TERMS
     offsets: Mapping[Part, float] = field(default_factory=dict)
     stated: Bools | None = None
-    in_ratios: Floats | None = None
+    log_parametrized: Floats | None = None
 
     def choose(self, start: Bools, solver: AbstractSolver) -> Bools:
         """Return the supports with the largest evidence that are found by choosing one equation after the other.
@@ -176,18 +176,18 @@ class SupportEvidence:
 
     @cached_property
     def _scattering(self) -> Floats:
-        return scattering(self._factors, self.in_ratios)
+        return scattering(self._factors, self.log_parametrized)
 
 
-def scattering(factors: Floats, in_ratios: Floats | None) -> Floats:
+def scattering(factors: Floats, log_parametrized: Floats | None) -> Floats:
     """Return the factors of what scatters over objects: coefficients, or logarithms of their sizes.
 
     A law of s/(K + s) that is next to linear tells the ratio of its coefficient to K alone. Such lines all meet at
-    zero, where neither would scatter at all; lines of logarithms are parallel. See `SupportEvidence.in_ratios`.
+    zero, where neither would scatter at all; lines of logarithms are parallel. See `SupportEvidence.log_parametrized`.
     """
-    if in_ratios is None:
+    if log_parametrized is None:
         return factors
-    found, values = factors.copy(), in_ratios[:, np.newaxis, :]
+    found, values = factors.copy(), log_parametrized[:, np.newaxis, :]
     logarithms = np.log(np.abs(values), out=np.zeros_like(values), where=values != 0)
     found[:, :, :-1] *= np.where(values != 0, values, 1.0)
     # Counted from one where objects are alike, whatever the units
@@ -201,7 +201,7 @@ class _EquationEvidence:
 
     factors: Floats
     measured: Measured
-    prices: Prices
+    prices: StructurePrior
 
     def value(self, support: Bools, needed: float = np.inf) -> float:
         """Return minus twice the log-evidence and prior of a support, or a lower bound that is not below `needed`."""

@@ -10,7 +10,14 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, Indices, evenly_spaced
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor, spread_within
-from commonlaw.inference.fit.annealing import annealed, fit_solutions, fit_supports, fit_with, polish, to_scale
+from commonlaw.inference.fit.annealing import (
+    annealed,
+    fit_solutions,
+    fit_supports,
+    fit_with,
+    refine_support,
+    rescale_noise,
+)
 from commonlaw.inference.fit.fit import NO_ERROR, Fit, errors_to_fit, fitted, price_of_model_error
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
@@ -86,7 +93,7 @@ def _with_error_model(
     best = most_probable(compared, settings.VERY_STRONG if problem.solver is None else 0.0)
     kind, white = best.errors, [each for each in compared if each.errors == "white"]
     # Levels about the law itself, to the last digits: units and origins do not show
-    exact = best if kind == "white" else with_errors_of_kind(best, kind)
+    exact = best if kind == "white" else estimate_error_model(best, kind)
     chosen = exact if exact.is_usable else best
     chosen = chosen.with_alternatives([each for each in compared if each.errors == kind])
     return chosen, [most_probable(white).with_alternatives(white)] if white and best.has_process_noise else []
@@ -116,9 +123,9 @@ def under_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[Err
     for begin in (white, problem) if problem.errors else (white,):
         solved = fit_solutions(begin, supports)
         own = [each for each in kinds if each != "walk" and (begin is white or each == problem.errors.kind)]
-        fits += [with_errors_of_kind(solved, kind) for kind in own]
+        fits += [estimate_error_model(solved, kind) for kind in own]
     if "walk" in kinds:
-        fits.append(with_errors_of_kind(fit_supports(white, supports), "walk"))
+        fits.append(estimate_error_model(fit_supports(white, supports), "walk"))
     return [fit for fit in fits if fit.is_usable]
 
 
@@ -127,12 +134,12 @@ def _in_turn(fit: Fit, progress: ProgressCallback) -> Pool:
     kind, explored = fit.errors, list[Fit]()
     for _ in range(settings.ALTERNATIONS):
         if fit.has_model_error:
-            explored = [polish(fit.problem, fit.supports, fit.estimates, fit.model_error)]
+            explored = [refine_support(fit.problem, fit.supports, fit.estimates, fit.model_error)]
         else:
             fits = sorted(annealed(fit.problem, progress, settings.SCHEDULES[:1]))
             explored = [each for each in fits if not each.has_model_error]
         others = [each for each in explored if not np.array_equal(each.supports, fit.supports)]
-        changed = with_errors_of_kind(others[0], kind) if others else fit
+        changed = estimate_error_model(others[0], kind) if others else fit
         if not changed < fit:
             break
         fit = changed
@@ -156,7 +163,7 @@ def fitted_alike(fit: Fit, supports: Bools) -> Fit:
     """Return supports, shape (equations, terms), under errors of the kind of a fit, with levels of their own."""
     if fit.errors == "white":
         return fit_solutions(fit.problem, supports)
-    return with_errors_of_kind(fit_with(fit.problem, supports, fit.model_error), fit.errors)
+    return estimate_error_model(fit_with(fit.problem, supports, fit.model_error), fit.errors)
 
 
 def most_probable(fits: Sequence[Fit], needed: float = 0.0) -> Fit:
@@ -168,7 +175,7 @@ def most_probable(fits: Sequence[Fit], needed: float = 0.0) -> Fit:
     return next((fit for fit in ranked if fit.is_solved), ranked[0])
 
 
-def with_errors_of_kind(fit: Fit, kind: ErrorKind) -> Fit:
+def estimate_error_model(fit: Fit, kind: ErrorKind) -> Fit:
     """Return the supports of a fit under errors of a kind.
 
     Levels, and times, are those of largest evidence with the likelihood linearised about the fit (empirical Bayes).
@@ -179,7 +186,7 @@ def with_errors_of_kind(fit: Fit, kind: ErrorKind) -> Fit:
     fit = _with_levels(fit.problem.about(fit.estimates) if grows else fit.problem, fit, kind)
     for _ in range(1, fit.problem.errors.rounds):
         fit = _with_levels(fit.problem.about(fit.estimates), fit, kind) if fit.is_usable else fit
-    return to_scale(fit)
+    return rescale_noise(fit)
 
 
 def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
@@ -223,7 +230,7 @@ class _Levels:
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """The least and the largest values, each of shape (levels and times,)."""
-        scales, floor, noise = self._scales, noise_floor(self.before.trials), self.before.first_noise
+        scales, floor, noise = self._scales, noise_floor(self.before.trials), self.before.noise_estimate
         fixed = self.before.noise_given | self.before.trials.schema.unmeasured
         least, largest = ERRORS[self.kind].bounds(scales)
         low = np.append(np.where(fixed, noise, floor), least)

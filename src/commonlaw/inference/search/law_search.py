@@ -14,12 +14,12 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import (
-    beside_alternatives,
     fit_supports,
     fit_with,
-    polish,
+    recompared,
+    refine_support,
+    rescale_noise,
     search,
-    to_scale,
     with_close_neighbours,
 )
 from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
@@ -82,7 +82,7 @@ def search_supports(
     _ = problem.law  # Refused if there is none, such as of second order on a logarithmic scale
     few = few_of(problem, prepared)
     fits = search_by_few(problem, few, rest) if few else search(problem, rest)
-    return Pool((to_scale(fits[0]),), fits)
+    return Pool((rescale_noise(fits[0]),), fits)
 
 
 def explained_on_finer_mesh(pool: Pool, progress: ProgressCallback) -> Pool:
@@ -95,7 +95,7 @@ def explained_on_finer_mesh(pool: Pool, progress: ProgressCallback) -> Pool:
             break
         progress("searching again on a finer mesh")
         fits = search(finer.problem, progress)
-    return pool if fits is pool.explored else Pool((to_scale(fits[0]),), fits)
+    return pool if fits is pool.explored else Pool((rescale_noise(fits[0]),), fits)
 
 
 def fit_terms(setup: FitSetup) -> Pool:
@@ -105,7 +105,7 @@ def fit_terms(setup: FitSetup) -> Pool:
     """
     problem = setup.problem()
     fit = best_of([fit_supports(problem, problem.allowed, ANY_ERROR)])
-    return Pool((to_scale(until_resolved(fit, lambda finer: finer)),))
+    return Pool((rescale_noise(until_resolved(fit, lambda finer: finer)),))
 
 
 def begin_search(
@@ -178,15 +178,15 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
         if fit.problem.solver is None:
             return fit
         progress("choosing terms again on a finer mesh")
-        return polish(fit.problem, fit.supports, fit.estimates, fit.model_error).keeping(fit)
+        return refine_support(fit.problem, fit.supports, fit.estimates, fit.model_error).with_alternatives_of(fit)
 
     fit, done = pool.best, set[bytes]()
     while True:
-        fit = best_of([to_scale(until_resolved(fit, again))])
+        fit = best_of([rescale_noise(until_resolved(fit, again))])
         if fit.problem.solver is None:
             return pool.with_best(fit)
         done.add(fit.supports.tobytes())
-        best = beside_alternatives(fit)
+        best = recompared(fit)
         if best.supports.tobytes() in done:  # Each of two may be the better one under the noise that the other leaves
             return pool.with_best(best)
         progress("fitting more plausible candidates")
@@ -235,4 +235,4 @@ def _chosen_again(problem: SearchProblem, fit: Fit) -> list[Fit]:
         first = fit_with(problem, fit.supports, large, problem.starts_with(fit.estimates))
     else:
         first = fit_supports(problem, fit.supports, (large,))
-    return [first, polish(problem, fit.supports, first.estimates or None, NO_ERROR)]
+    return [first, refine_support(problem, fit.supports, first.estimates or None, NO_ERROR)]

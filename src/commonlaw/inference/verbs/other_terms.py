@@ -166,7 +166,7 @@ def _along_path(law: Law) -> Iterator[Bools]:
 
     From the smallest candidates of all equations on, that equation grows which gains most by it.
     """
-    paths = [_path(law, left) or [_Rung(law.support[j], 0.0)] for j, left in enumerate(left_hand_sides(law))]
+    paths = [_path(law, left) or [_NestedModel(law.support[j], 0.0)] for j, left in enumerate(left_hand_sides(law))]
     at = [0] * len(paths)
     while True:
         yield np.array([path[i].terms for path, i in zip(paths, at, strict=True)])
@@ -177,14 +177,14 @@ def _along_path(law: Law) -> Iterator[Bools]:
         at[max(gains, key=gains.__getitem__)] += 1
 
 
-class _Rung(NamedTuple):
+class _NestedModel(NamedTuple):
     """The best candidate of an equation that has so many terms: which these are, shape (terms,), and its measure."""
 
     terms: Bools
     measure: float
 
 
-def _path(law: Law, left: str) -> list[_Rung]:
+def _path(law: Law, left: str) -> list[_NestedModel]:
     """Return the best candidate of each size of an equation, from the fewest terms to the most."""
     own = [each for each in law.provenance.alternatives if each.equation == left]
     name = next((name for name in _MEASURES if all(each.measures.get(name) is not None for each in own)), "")
@@ -192,7 +192,8 @@ def _path(law: Law, left: str) -> list[_Rung]:
     for each in sorted(own, key=lambda each: (not each.chosen, each.measures.get(name) or 0.0)):
         best.setdefault(len(each.terms), each)
     return [
-        _Rung(np.isin(law.terms.names, best[size].terms), best[size].measures.get(name) or 0.0) for size in sorted(best)
+        _NestedModel(np.isin(law.terms.names, best[size].terms), best[size].measures.get(name) or 0.0)
+        for size in sorted(best)
     ]
 
 
