@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.array_types import Floats
-from commonlaw.inference.diagnose.confounding import stand_ins
+from commonlaw.inference.diagnose.confounding import confounded_sets
 from tests.refusals import refused
 
 _BALLS = {"golf": (0.05, 0.004), "tennis": (0.1, 0.012)}
@@ -41,19 +41,19 @@ def both(*heights: float, **options: float) -> cl.Trials:
 
 @pytest.mark.parametrize("library", ["poly:2", None])
 def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_they_can(library: str | None) -> None:
-    (found,) = stand_ins(both(47, 47), 2, library)
+    (found,) = confounded_sets(both(47, 47), 2, library)
     assert found.sets == (("x",), ("v",))
     assert not found.by_trial
     # Both leave the noise: neither is better than what was measured allows
     assert found.left == pytest.approx([0.05, 0.05], rel=0.25)
     assert found.left_by_all == pytest.approx(0.05, rel=0.25)
     assert found.starts["x"] == pytest.approx((47, 47), abs=0.15)
-    assert not stand_ins(both(47, 38), 2, library)
+    assert not confounded_sets(both(47, 38), 2, library)
 
 
 def test_an_object_that_visits_more_tells_for_all() -> None:
-    assert stand_ins(drops({"golf": [47, 47], "tennis": [47, 47]}), 2, "poly:2")
-    assert not stand_ins(drops({"golf": [47, 47], "tennis": [47, 30]}), 2, "poly:2")
+    assert confounded_sets(drops({"golf": [47, 47], "tennis": [47, 47]}), 2, "poly:2")
+    assert not confounded_sets(drops({"golf": [47, 47], "tennis": [47, 30]}), 2, "poly:2")
 
 
 def test_errors_that_are_correlated_in_time_do_not_hide_that_heights_and_velocities_are_one_curve() -> None:
@@ -68,11 +68,11 @@ def test_errors_that_are_correlated_in_time_do_not_hide_that_heights_and_velocit
             states.append(trial.states[:, 0] + 0.06 * np.array(errors))
         names = [trial.object for trial in given]
         times = [trial.times for trial in given]
-        assert bool(stand_ins(cl.Trials.from_arrays(times, states, object=names), 2, "poly:2")) is expected
+        assert bool(confounded_sets(cl.Trials.from_arrays(times, states, object=names), 2, "poly:2")) is expected
 
 
 def test_a_height_that_stands_in_for_what_makes_trials_differ_is_told() -> None:
-    (found,) = stand_ins(both(47, 47, scales=np.array([1, 1.2, 1, 0.85])), 2)
+    (found,) = confounded_sets(both(47, 47, scales=np.array([1, 1.2, 1, 0.85])), 2)
     assert found.sets == (("x",), ("v",))
     assert found.by_trial
 
@@ -87,19 +87,19 @@ def test_states_that_sum_to_a_constant_stand_in_for_each_other() -> None:
     paths = [solve_ivp(rates, (0, 20), [1 - i, i, 0], t_eval=times, rtol=1e-9).y.T for i in (0.01, 0.05)]
     states = [each + 0.003 * random.standard_normal(each.shape) for each in paths]
     trials = cl.Trials.from_arrays([times, times], states, names=["S", "I", "R"])
-    found = {each.state: each.sets for each in stand_ins(trials, 1, "poly:2")}
+    found = {each.state: each.sets for each in confounded_sets(trials, 1, "poly:2")}
     assert {("S", "I"), ("S", "R")} <= set(found["I"])
 
 
 def test_a_damped_oscillation_tells_its_variables_by_one_trial() -> None:
     random, times = np.random.default_rng(0), np.linspace(0, 12, 100)
     path = np.exp(-0.1 * times) * np.cos(times) + 0.02 * random.standard_normal(100)
-    assert not stand_ins(cl.Trials.from_arrays(times, path), 2)
+    assert not confounded_sets(cl.Trials.from_arrays(times, path), 2)
 
 
 def test_trials_too_short_for_all_terms_say_nothing() -> None:
     short = cl.Trials.from_arrays([0.0, 1, 2, 3, 4, 5], [5.0, 4, 3.5, 3, 2.6, 2.3])
-    assert stand_ins(short, 2, "poly:3") == ()
+    assert confounded_sets(short, 2, "poly:3") == ()
 
 
 def test_the_data_check_says_what_trials_from_one_height_cannot_tell() -> None:

@@ -13,7 +13,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast import fitted, forecast_from
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.formulation import law_variables
-from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confounded_variables
+from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confounded_sets
 from commonlaw.inference.settings import STRONG, VERY_STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
@@ -265,13 +265,13 @@ def confounded_variables(
     if order == 0:
         return ()
     asked, _ = without_measured_rates(trials, trials.schema.states if order == 2 else ())
-    noted = [(each, _note(each, asked, order)) for each in confounded_variables(asked, order, library)]
+    noted = [(each, _note(each, asked, order)) for each in confounded_sets(asked, order, library)]
     return tuple(Finding(f"{note.where}: {note.text}; {note.remedy}", column=each.state) for each, note in noted)
 
 
 def outcomes_of_confounding(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
     """Return what to know of a law whose variables the training trials confound."""
-    return tuple(_note(each, trials, order) for each in (confounded_variables(trials, order, library) if order else ()))
+    return tuple(_note(each, trials, order) for each in (confounded_sets(trials, order, library) if order else ()))
 
 
 def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:

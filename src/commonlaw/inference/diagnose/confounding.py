@@ -64,7 +64,7 @@ class ConfoundedVariables:
     visited: dict[str, tuple[float, float]]
 
 
-def confounded_variables(
+def confounded_sets(
     trials: Trials, order: Order, library: AbstractLibrary | str | None = None
 ) -> tuple[ConfoundedVariables, ...]:
     """Return the equations whose variables trials cannot tell apart.
@@ -81,12 +81,10 @@ def confounded_variables(
     Raises `CommonlawError` if the library does not fit the variables.
     """
     with np.errstate(all="ignore"):
-        return _confounded_variables(trials, order, parse_library(library) if isinstance(library, str) else library)
+        return _confounded_sets(trials, order, parse_library(library) if isinstance(library, str) else library)
 
 
-def _confounded_variables(
-    trials: Trials, order: Order, given: AbstractLibrary | None
-) -> tuple[ConfoundedVariables, ...]:
+def _confounded_sets(trials: Trials, order: Order, given: AbstractLibrary | None) -> tuple[ConfoundedVariables, ...]:
     curves = _curves(trials, order)
     variables, states = law_variables(trials.schema, order), trials.schema.states
     orders = order_of_each(order, len(states))
