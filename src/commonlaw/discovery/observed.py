@@ -235,30 +235,26 @@ class _WeakSearch:
         Here a is the cost of the term whose loss costs least, all in what a term has to be worth. Terms too many cost
         nothing, so parameters with the fewest terms have the least sum, and near them it decreases toward them.
         """
-        support = np.ones(self.width, dtype=np.bool_)
-        unit = self.scale * self.price
-        total = self.fitted(p, support)[0] / unit
-        if not np.isfinite(total):
+        squares = self.fitted(p, np.ones(self.width, dtype=np.bool_))[0]
+        if not np.isfinite(squares):
             return _INFINITE
-        while support.any():
-            growth = self.fitted(p, support)[2]
-            total += float(np.log1p(max(growth.min(), 0.0) / unit))
-            support[np.flatnonzero(support)[np.argmin(growth)]] = False
-        return total
+        unit = self.scale * self.price
+        return squares / unit + float(np.log1p(np.array(self.path(p)[1]) / unit).sum())
 
     def score(self, p: Floats, support: Bools) -> float:
         """Return the sum of squares with the price of terms, as in the Bayesian information criterion."""
         return self.fitted(p, support)[0] / self.scale + self.price * int(support.sum())
 
-    def path(self, p: Floats) -> list[Bools]:
-        """Return supports from all terms to none, each without the term whose loss costs least."""
-        found = [np.ones(self.width, dtype=np.bool_)]
+    def path(self, p: Floats) -> tuple[list[Bools], list[float]]:
+        """Return supports from all terms to none, each without the term whose loss costs least, and these costs."""
+        found, costs = [np.ones(self.width, dtype=np.bool_)], list[float]()
         while found[-1].any():
-            support = found[-1].copy()
-            growth = self.fitted(p, support)[2]
-            support[np.flatnonzero(support)[int(np.argmin(growth))]] = False
+            growth, support = self.fitted(p, found[-1])[2], found[-1].copy()
+            least = int(np.argmin(growth))
+            support[np.flatnonzero(support)[least]] = False
             found.append(support)
-        return found
+            costs.append(max(float(growth[least]), 0.0))
+        return found, costs
 
     def ends(self, starts: Sequence[Floats]) -> list[Floats]:
         """Return where searches for few terms end, the best first, and whiten rows there."""
@@ -284,7 +280,7 @@ class _WeakSearch:
             return own
 
         for p in ends:
-            best = add(p, min(self.path(p), key=lambda support: self.score(p, support)))
+            best = add(p, min(self.path(p)[0], key=lambda support: self.score(p, support)))
             while any(best.support):
                 # What is left out may change the parameters, so each is tried
                 fewer = [add(np.array(best.parameters), each) for each in _without_one(np.array(best.support))]
@@ -411,9 +407,11 @@ def _exact(
     signs = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0)
     places = np.argwhere(support.reshape(search.model.width, -1)).tolist()
     for (j, term), letter, sign in zip(places, letters, signs, strict=True):
-        rates[j] = f"{rates.get(j, '')} {'-' if sign < 0 else '+'} {letter} {search.terms.terms[term].text(names)}"
+        before = rates.get(j, "")
+        joint = ("-" if sign < 0 else "") if not before else " - " if sign < 0 else " + "
+        rates[j] = f"{before}{joint}{letter} {search.terms.terms[term].text(names)}"
     states = search.model.schema.states
-    text = "; ".join(f"{quoted(name)}' = {rates.get(j, '0').removeprefix(' + ')}" for j, name in enumerate(states))
+    text = "; ".join(f"{quoted(name)}' = {rates.get(j, '0')}" for j, name in enumerate(states))
     first = dict(zip(shared, p.tolist(), strict=True))
     for owner, values in zip(trials.objects, signs * coefficients, strict=True):
         for letter, value in zip(letters, values.tolist(), strict=True):
