@@ -100,6 +100,8 @@ def test_what_does_not_fit_is_refused(lakes):
     trials, _ = lakes
     with refused("observed-states", measured=("x", "y")):
         cl.discover(trials, observe=OBSERVE, cache=False)
+    with refused("unknown-name"):
+        cl.discover(trials, observe={"w": "s z"}, latent="z", cache=False)
     with refused("not-with-observation", settings=["order"]):
         cl.discover(trials, order=2, observe=OBSERVE, latent="z", cache=False)
     with refused("observation-not-invertible"):

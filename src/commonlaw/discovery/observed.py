@@ -16,7 +16,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import SmoothingSpline, noise_level
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.fitting import Beginning, begin, fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import TrialData
@@ -334,6 +334,8 @@ def discover_observed(
     `CommonlawError` if there are not as many states as measured quantities, if no parameters give finite states, or if
     the best laws cannot be fitted.
     """
+    for name in observe:
+        check_choice("measured quantity", name, trials.schema.states)
     states = (*(name for name in trials.schema.states if name not in observe), *latent)
     if len(set(states)) != len(trials.schema.states):
         raise CommonlawError("observed-states", states=states, measured=trials.schema.states)
