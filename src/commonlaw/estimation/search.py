@@ -152,7 +152,8 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
         inward = held & np.where(point == bounds.low, gradient < 0, gradient > 0)
         if not (outside | inward).any():
             return point
-        held = (held & ~inward) | outside
+        # What a search held wrongly is let go once no other leaves its bounds
+        held = held | outside if outside.any() else held & ~inward
         unknowns = np.clip(point, bounds.low, bounds.high)
     return unknowns
 
