@@ -182,6 +182,13 @@ def test_a_parameter_keeps_to_narrow_bounds(ends):
         assert with_error(found.x[0], error) in notes[0]
 
 
+def test_a_law_with_a_parameter_at_a_bound_of_zero_is_printed():
+    y = np.exp(-T) + 0.01 * np.random.default_rng(6).standard_normal(len(T))
+    law = cl.fit("x' = -k x - q x^2; x(0) = 1; q >= 0; k < 3", trials_of({"A": (T, y * np.exp(-0.1 * T**2))}, ["x"]))
+    assert estimates(law)["q"][0] == 0
+    assert "q = 0" in str(law)
+
+
 def test_bounds_in_which_no_solution_is_finite_are_refused():
     with refused("no-finite-start"):
         cl.fit("s' = -V s/(K + s); s(0) = 5; -5 < K < -4.9", trials_of({"A": (T, 5 * np.exp(-T))}, ["s"]))

@@ -324,7 +324,9 @@ class _Estimates:
         values = np.zeros(slopes.shape[:2])
         for i, each in enumerate(parameters.definitions):
             values[:, i] = each.of(coefficients)
-            slopes[:, i, [indices[part.equation, part.term] for part in each.parts]] = each.gradient(coefficients)
+            places = [(part.equation, part.term) for part in each.parts]
+            if indices.keys() >= {*places}:  # Otherwise it is at a bound of zero, without an error
+                slopes[:, i, [indices[place] for place in places]] = each.gradient(coefficients)
         return cls(parameters, values, slopes @ covariances @ slopes.transpose(0, 2, 1))
 
     def error(self, row: Floats) -> float:
