@@ -168,14 +168,14 @@ def _listed(texts: Sequence[str]) -> list[str] | None:
 @saving(report="the page", default=("report.html",))
 @with_cluster
 def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | None) -> None:
-    """Write a page that says all about LAW.json and how it forecasts TABLE.
+    """Write a report on LAW.json and how it forecasts TABLE.
 
     Of a folder of Parquet files, or a pattern in quotes, all trials are forecast, with --cluster by workers, and the
     page shows few objects that stand for all. --hold-out and --learn-until say what the law did not learn from.
 
     The page needs nothing else: it opens offline, on a phone too, and prints. It has the verdict and the law as a
-    formula, trials beside forecasts, coefficients, what else it could be, what the law leaves, where it may be used,
-    what data checks found, every choice, and how to make it again. `discover --save report.html` finds a law first.
+    formula, measurements and forecasts, coefficients, other probable laws, the discrepancy, the domain of the training
+    data, data checks, every choice, and the code that repeats it. `discover --save report.html` finds a law first.
 
     \b
     Examples:

@@ -202,7 +202,7 @@ class LawDiscovery:
             if not (known or self.universal):
                 inputs = np.concatenate([each.inputs for each in trials]).T
                 counts = [len(np.unique(own[np.isfinite(own)])) for own in inputs]
-                # Of few values higher powers are not told from lower ones
+                # At few values higher powers are linear combinations of lower ones
                 levels = [pair for pair in zip(trials.schema.inputs, counts, strict=True) if pair[1] <= 5]
                 capped = CappedLibrary(library, tuple(levels)) if levels else library
                 structure = replace(structure, library=capped)

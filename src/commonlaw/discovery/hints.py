@@ -38,7 +38,7 @@ def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     """Return the rivals of a law that trials with other initial values would distinguish from it.
 
     Rivals, which its evidence is not strong against, forecast the trials alike. From other starts within what was
-    visited forecasts of the two may be further apart than their bands together: there a trial tells which one holds.
+    visited forecasts of the two may be further apart than their bands together: a trial there discriminates.
     """
     own = 1.0 - sum(each.probability for each in law.uncertainty.other_laws)
     rivals = [each for each in law.uncertainty.other_laws if each.probability > own * np.exp(-STRONG / 2)][:2]

@@ -38,8 +38,8 @@ def found_once(
 ) -> Law:
     """Return the law that was found for this question in these trials before, or find it and keep it.
 
-    The question is all that decides which law is found, by name. With values of somebody else's classes, such as
-    functions, of which nobody can tell whether they do what they did before, the law is found anew.
+    The question is all that decides which law is found, by name. With values of other classes, such as
+    functions, whose equality cannot be checked, the law is found anew.
     """
     path = _path(trials, question)
     if path is None:
@@ -59,7 +59,7 @@ def digest(value: object) -> str:
 
     Fields in which equal dataclasses may differ do not count.
 
-    Raises `_UnknownError` if something else is among them, or a subclass of somebody else.
+    Raises `_UnknownError` if a value is of another class, or of a subclass.
     """
     found = hashlib.sha256()
     for each in _parts(value):

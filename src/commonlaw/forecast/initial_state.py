@@ -68,7 +68,7 @@ class FilteredStart:
 
     @property
     def known_until(self) -> float:
-        """The time of the last sample that tells the start."""
+        """The time of the last sample that the initial state is estimated from."""
         return self.begins
 
     def followed_by(self, trajectory: Trajectory, times: Floats) -> Trajectory:

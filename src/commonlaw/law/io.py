@@ -410,7 +410,7 @@ def _read_other(saved: OtherDocument, law: Law) -> Law:
     rows = [saved.coefficients.get(name, []) for name in objects]
     parameters = int(support.sum())
     values = np.zeros((len(objects), *shape))
-    values[:, support] = _matrix(rows, "coefficients of what else it could be are", (len(objects), parameters))
+    values[:, support] = _matrix(rows, "coefficients of other probable laws are", (len(objects), parameters))
     if not np.array_equal(np.any(values != 0, axis=0), support):
         raise CommonlawError("law-average-coefficients")
     uncertainty = _read_uncertainty(saved, objects, shape, parameters)

@@ -1,6 +1,7 @@
 """Phase planes with nullclines and fixed points."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -85,9 +86,11 @@ def plot_phase_plane(
     box = low[: len(schema.states)], high[: len(schema.states)]
     points = fixed_points(law, followed_coefficients(law, owner), *box, held)
     marked = [(np.append(point, 0.0)[:2], kind(values)) for point, values in points]
-    looks = {name: {"marker": "o", "color": "black", **_MARKS.get(name.split()[0], {})} for _, name in marked}
+    looks: dict[str, dict[str, Any]] = {
+        name: {"marker": "o", "color": "black", **_MARKS.get(name.split()[0], {})} for _, name in marked
+    }
     for point, name in marked:
-        panel.plot(*point, **{"markersize": 8, "zorder": 5, **looks[name]})  # type: ignore[arg-type]
+        panel.plot(*point, **{"markersize": 8, "zorder": 5, **looks[name]})
     keys += [key(name, linestyle="", **look) for name, look in looks.items()]
     panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     for axis, label, unit in zip((panel.xaxis, panel.yaxis), labels, units, strict=True):

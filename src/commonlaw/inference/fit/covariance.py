@@ -147,7 +147,7 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
             covariance = _inverse(factor)
             if (held := held_like_others(problem, o) & free).any():
                 whole = _of_whole(fit)
-                scatter = whole[0] ** 2  # Of a single object nothing tells how objects differ: as if by its size
+                scatter = whole[0] ** 2  # The scatter over objects is not identifiable from one: that of its size
                 if len(whole) > 1:
                     scatter = np.var(whole, axis=0, ddof=1) * (1 + 1 / len(whole))
                 covariance = _with_held(factor, held[free], scatter[held])

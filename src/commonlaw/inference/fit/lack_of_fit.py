@@ -247,7 +247,7 @@ def with_growing_noise(problem: SearchProblem) -> SearchProblem:
 
 
 def _columns(problem: SearchProblem, j: int) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield times, values and smoothed values of a state, of each trial that tells its noise."""
+    """Yield times, values and smoothed values of a state, of each trial that identifies its noise."""
     for name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
         for trial, smooth in zip(problem.trials.of_object(name), curves, strict=True):
             seen = np.isfinite(trial.states[:, j])

@@ -47,7 +47,7 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
     follow from the equations. Coefficients that are known have the shape (equations, terms), NaN where they are to be
     found.
 
-    Raises `CommonlawError` if nothing tells the scale of a state, or its zero.
+    Raises `CommonlawError` if the scale of a state, or its zero, is not identifiable.
     """
     schema, started = trials.schema, trials.schema.unmeasured
     if not started.any():

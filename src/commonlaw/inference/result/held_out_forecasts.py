@@ -1,12 +1,12 @@
 """How far forecasts of what was left out are off, by how far ahead they forecast.
 
-A trial is left out where the others of its object tell its coefficients, else the later half of each trial, and then
-its last quarter; the law is fitted to the rest, under the same errors, and forecasts what was left out. Errors are in
-units of the standard deviations that the forecast says. Those of one trial are as good as one observation at a horizon.
+A trial is left out where the others of its object identify its coefficients, else the later half of each trial, and
+then its last quarter; the law is fitted to the rest, under the same errors, and forecasts what was left out. Errors are
+in units of the standard deviations of the forecast. Those of one trial are as good as one observation at a horizon.
 
-Evidence tells laws apart by how probable they make each measurement after those before it, if one of them is right.
+Evidence ranks laws by how probable they make each measurement after those before it, if one of them is right.
 Where none is, or few measurements may be imitated, the law that imitates them best may be the one that forecasts worst,
-beyond what was visited, or farther ahead than the next measurement. Laws are weighed then by how probable their
+beyond what was visited, or farther ahead than the next measurement. Laws are ranked then by how probable their
 forecasts make what they were not fitted to (Dawid 1984). All errors of a trial go together, so that each trial counts
 as one observation.
 """
