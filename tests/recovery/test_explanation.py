@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.inference.result import approximation
-from commonlaw.inference.result.approximation import effective_count, gain
+from commonlaw.inference.result.approximation import effective_count, log_likelihood_gain
 from commonlaw.law.parameters import named_parameters
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials.transformations import with_starts
@@ -75,7 +75,7 @@ def test_the_gain_counts_independent_residuals_as_a_likelihood_does():
     small, large = generator.standard_normal(2000), 3 * generator.standard_normal(2000)
     assert effective_count(small) == pytest.approx(2000, rel=0.05)
     expected = effective_count(small) * np.log(np.mean(large**2) / np.mean(small**2))
-    assert gain([[small]], [[large]]) == pytest.approx(expected)
+    assert log_likelihood_gain([[small]], [[large]]) == pytest.approx(expected)
 
 
 def test_autocorrelated_residuals_count_as_the_variance_of_their_mean_square_says():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference.search.setup import _left_out, supported_interpolation
+from commonlaw.inference.search.setup import _leave_one_out_squares, supported_interpolation
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
 from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors
@@ -120,7 +120,7 @@ def test_a_leave_one_out_error_is_that_of_the_polynomial_through_the_neighbours(
         for order, near in ((0, [i - 1, i + 1]), (1, [i - 2, i - 1, i + 1, i + 2])):
             through = np.polyfit(times[near] - times[i], values[near], len(near) - 1)[-1]
             expected[order] += (values[i] - through) ** 2
-    np.testing.assert_allclose(_left_out(own), expected, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(_leave_one_out_squares(own), expected, rtol=1e-6, atol=1e-12)
 
 
 def test_the_interval_of_a_gain_holds_it_where_noise_hides_that_the_input_is_curved():

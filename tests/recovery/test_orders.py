@@ -11,7 +11,7 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery import orders
 from commonlaw.discovery.method import ModelStructure
-from commonlaw.discovery.orders import may_be_of_first_order
+from commonlaw.discovery.orders import is_first_order_possible
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import prepare, score_of_order
 from commonlaw.inference.fit.annealing import fit_with
@@ -170,15 +170,15 @@ def test_rates_are_a_function_of_states_or_not(rate, starts, is_one):
     trials = simulated(rate, [(4.0,)], starts, np.linspace(0, 3, 60), 0.001)
     terms = parse_library("poly:1").bind(Variables(("x",)))
     problem = prepare(trials, terms, np.full((1, 1, len(terms)), np.nan))
-    assert may_be_of_first_order(problem) is is_one
+    assert is_first_order_possible(problem) is is_one
 
 
 def test_laws_of_both_orders_that_are_about_as_probable_are_said():
     law = cl.fit("x' = a", relaxations(0.05))
-    (said,) = orders.with_order_said(law, [(2, 4.2)], ()).diagnostics[len(law.diagnostics) :]
+    (said,) = orders.with_order_step(law, [(2, 4.2)], ()).diagnostics[len(law.diagnostics) :]
     assert said.code == "order-not-identifiable"
     assert "2 (2 log B is 4.2)" in said.text
-    assert orders.with_order_said(law, [(2, 6.5)], ()).diagnostics == law.diagnostics
+    assert orders.with_order_step(law, [(2, 6.5)], ()).diagnostics == law.diagnostics
 
 
 @pytest.mark.parametrize("points", [1, 2])
@@ -216,8 +216,8 @@ def test_what_fails_for_some_orders_is_left_out_and_refused_if_it_does_for_all()
             raise CommonlawError("no-law-near-measurements")
         return 10 * number
 
-    found, failed = orders.stepped(step, [1, 2, 0])
+    found, failed = orders.apply_to_each(step, [1, 2, 0])
     assert found == [10, 0]
     assert [each.code for each in failed] == ["no-law-near-measurements"]
     with refused("no-law-near-measurements"):
-        orders.stepped(step, [2, 3])
+        orders.apply_to_each(step, [2, 3])

@@ -13,8 +13,8 @@ from commonlaw.inference import prepare
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import CurveData
 from commonlaw.inference.fit.parameter_grid import Banks, frequencies_in_time
-from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable, terms_of_sets
-from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start, matching_sets
+from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable, assemble_terms
+from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start, rank_supports
 from commonlaw.inference.score.score import Score
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.library import PolynomialLibrary, Term, Terms, Variables, parametric_term, parse_library
@@ -109,14 +109,14 @@ def test_where_all_sets_have_more_numbers_than_are_wanted_there_are_none(enzymes
     plain = PolynomialLibrary(1).bind(Variables(("s",)))
     problem = prepare(enzymes, plain, np.zeros((3, 1, 2)))
     others = parse_library("saturating").parametric(plain.variables)
-    assert matching_sets(problem, problem.starts, others, {0: 1}) == {0: []}
-    assert {each.numbers for each in matching_sets(problem, problem.starts, others, {0: 2})[0]} == {2}
+    assert rank_supports(problem, problem.starts, others, {0: 1}) == {0: []}
+    assert {each.numbers for each in rank_supports(problem, problem.starts, others, {0: 2})[0]} == {2}
 
 
 def test_coefficients_to_begin_with_are_those_of_least_squares_on_integrals(enzymes):
     plain = PolynomialLibrary(1).bind(Variables(("s",)))
     problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))
-    sets = matching_sets(problem, problem.starts, parse_library("saturating").parametric(plain.variables), {0: 7})[0]
+    sets = rank_supports(problem, problem.starts, parse_library("saturating").parametric(plain.variables), {0: 7})[0]
     found = next(each for each in sets if not each.plain and len(each.others) == 1)
     assert found.others[0].text(plain.variables) == "s/(K + s)"
     start = found.starts[0]
@@ -229,7 +229,7 @@ def test_a_term_may_be_left_out_of_a_set_with_its_constants(enzymes):
     others = tuple(parametric_term(each, variables) for each in ("s/(K + s)", "exp(s/U)"))
     start = Start(np.arange(12.0).reshape(3, 4), (np.full((3, 1), 5.0), np.full((3, 1), 6.0)))
     row = CandidateSupport((0, 1), others, (start,))
-    built = terms_of_sets(problem, (row,))
+    built = assemble_terms(problem, (row,))
     names = built.terms.names
     left_out = [[names[i] for i in built.indices_of(0, row, k)] for k in range(4)]
     assert left_out == [["1"], ["s"], ["s/(K + s)", "K"], ["exp(s/U)", "U"]]

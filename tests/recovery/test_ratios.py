@@ -11,7 +11,7 @@ from scipy.special import lambertw
 
 import commonlaw as cl
 from commonlaw.inference import prepare
-from commonlaw.inference.propose.rational import matching_ratios
+from commonlaw.inference.propose.rational import rank_ratios
 from commonlaw.law import Provenance, to_latex, to_script
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import PolynomialLibrary, RatioLibrary, Terms, Variables, parse_library, parse_term
@@ -107,7 +107,7 @@ def test_a_denominator_that_terms_share_counts_once():
 def test_ratios_are_ranked_with_coefficients_near_the_true_ones_and_without_poles():
     trials = enzymes(2, noise=0.01)
     problem = prepare(trials, PolynomialLibrary(2).bind(S), np.full((3, 1, 3), np.nan))
-    sets = matching_ratios(problem, problem.starts, parse_library(QUADRATIC).ratios(S), {0: 7})[0]
+    sets = rank_ratios(problem, problem.starts, parse_library(QUADRATIC).ratios(S), {0: 7})[0]
     found = next(each for each in sets if each.numbers == 2)
     (ratio,) = found.others
     assert ratio.expressions(S, ratio.shared_parameters) == ["(s**2)/(K**2 + s**2)"]
@@ -130,7 +130,7 @@ def test_a_term_whose_coefficient_is_known_in_an_equation_is_not_beside_its_rati
     known[:, 1, terms.index("p")] = 0.0
     problem = prepare(trials, terms, known)
     ratios = parse_library("poly:1 + ratio(poly:1, poly:1)").ratios(variables)
-    found = matching_ratios(problem, problem.starts, ratios, {0: 7, 1: 7})
+    found = rank_ratios(problem, problem.starts, ratios, {0: 7, 1: 7})
     of_s, of_p = ({k for each in own for k in each.plain} for own in found.values())
     assert terms.index("p") not in of_p
     assert of_s
@@ -142,7 +142,7 @@ def test_an_input_that_is_zero_in_all_trials_of_an_object_may_stand_below():
     trials = cl.Trials.from_frame(table, object="object", trial="trial", time="t", states=["s"], inputs=["u"])
     variables = Variables(("s",), ("u",))
     problem = prepare(trials, PolynomialLibrary(1).bind(variables), np.full((3, 1, 3), np.nan))
-    sets = matching_ratios(problem, problem.starts, parse_library("ratio(poly:1, poly:1)").ratios(variables), {0: 7})[0]
+    sets = rank_ratios(problem, problem.starts, parse_library("ratio(poly:1, poly:1)").ratios(variables), {0: 7})[0]
     texts = {text for each in sets for text in each.others[0].expressions(variables, each.others[0].shared_parameters)}
     assert "(s)/(K + s)" in texts
     assert any("u" in each for each in texts)

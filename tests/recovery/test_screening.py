@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import candidate_search
-from commonlaw.inference import promising_terms
+from commonlaw.inference import screen_terms
 from commonlaw.library import Variables, parse_library
 
 WIDE = "poly:11"
@@ -46,7 +46,7 @@ def test_a_term_that_screening_left_out_comes_back_if_it_improves_the_law(swingi
     def wrong(_, terms, *__):
         return np.array(["v" not in name for name in terms.names])
 
-    monkeypatch.setattr(candidate_search, "promising_terms", wrong)
+    monkeypatch.setattr(candidate_search, "screen_terms", wrong)
     law = cl.discover(swinging, order=2, library="poly:3", method=cl.TrajectoryLikelihood(errors="white"))
     assert law.structure == narrow.structure
 
@@ -55,7 +55,7 @@ def test_screening_keeps_terms_that_are_needed_and_terms_that_only_all_objects_t
     terms = parse_library(WIDE).bind(Variables(("x", "v")))
     needed = np.zeros(len(terms), dtype=bool)
     needed[terms.index("x^4 v^7")] = True
-    kept = promising_terms(swinging, terms, np.full((2, 1, len(terms)), np.nan), needed)
+    kept = screen_terms(swinging, terms, np.full((2, 1, len(terms)), np.nan), needed)
     assert kept[terms.index("x")]
     assert kept[terms.index("v")]
     assert kept[terms.index("x^4 v^7")]
@@ -64,4 +64,4 @@ def test_screening_keeps_terms_that_are_needed_and_terms_that_only_all_objects_t
 
 def test_few_terms_are_searched_as_they_are(swinging):
     terms = parse_library("poly:3").bind(Variables(("x", "v")))
-    assert promising_terms(swinging, terms, np.full((2, 1, 10), np.nan), np.zeros(10, dtype=bool)).all()
+    assert screen_terms(swinging, terms, np.full((2, 1, 10), np.nan), np.zeros(10, dtype=bool)).all()

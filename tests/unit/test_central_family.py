@@ -6,7 +6,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.inference.fit.annealing import fit_solutions
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.propose.candidate_laws import LawsOfSets
+from commonlaw.inference.propose.candidate_laws import ParametricSearch
 from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start
 from commonlaw.library import AutoLibrary, Offer, PolynomialLibrary, Variables, parametric_term, parse_library
 
@@ -39,7 +39,7 @@ def test_of_a_sigmoid_beside_a_constant_the_form_without_is_proposed(constant):
     variables = Variables(("x",))
     terms = PolynomialLibrary(1).bind(variables)
     problem = prepare(trials, terms, np.full((1, 1, 2), np.nan))
-    search = LawsOfSets(fit_solutions(problem, np.array([[False, True]])), (), problem, Offer(()))
+    search = ParametricSearch(fit_solutions(problem, np.array([[False, True]])), (), problem, Offer(()))
     sigmoid = parametric_term("1/(1 + exp(-(a*x + c)))", variables)
     row = CandidateSupport(
         (0, 1), (sigmoid,), (Start(np.array([[constant, -1.0, -constant]]), (np.array([[3.0, 0.2]]),)),)

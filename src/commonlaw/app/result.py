@@ -14,7 +14,7 @@ from commonlaw.app.question import message, text_in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast import Forecast, fitted
-from commonlaw.inference import CandidateLaw, candidate_law, candidates_in_turn, compare
+from commonlaw.inference import CandidateLaw, candidate_law, compare, iterate_candidates
 from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.law import shares_terms
@@ -128,7 +128,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "history": [[each.stage, each.choice, text_in_page(each.reason)] for each in law.history],
     }
     made = Found(findings, about)
-    for each in candidates_in_turn(law, findings.training, _CANDIDATES, part(show, SEARCHED, 1.0)):
+    for each in iterate_candidates(law, findings.training, _CANDIDATES, part(show, SEARCHED, 1.0)):
         made = made.with_laws([_shown(each, made)])
         yield made
 

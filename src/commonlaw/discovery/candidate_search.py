@@ -16,21 +16,21 @@ from commonlaw.inference import (
     Fit,
     Pool,
     Score,
-    as_followed,
-    begin_search,
     choose_errors,
+    choose_interpolation,
     drives,
     error_kinds,
-    explained_on_finer_mesh,
+    is_truncated_series,
     known_noise,
-    may_be_series,
     may_be_simpler,
-    missed_terms,
-    promising_terms,
     resolved,
     score_of_order,
+    screen_terms,
+    search_on_finer_mesh,
     search_supports,
-    with_drive_said,
+    terms_by_score_test,
+    transform_trials,
+    with_forcing_step,
     with_interpolation,
     with_latent_state,
     with_parametric_terms,
@@ -60,7 +60,7 @@ class Screened:
         terms, schema = structure.terms(trials.schema), trials.schema
         known = structure.known_coefficients(schema, trials.objects)
         needed = (structure.universal_coefficients(schema) | ~np.isnan(known).any(axis=0)).any(axis=0)
-        return cls(structure, terms, promising_terms(trials, terms, known, np.asarray(needed)))
+        return cls(structure, terms, screen_terms(trials, terms, known, np.asarray(needed)))
 
     @cached_property
     def structure(self) -> ModelStructure:
@@ -84,7 +84,7 @@ class Screened:
 
     def with_missed(self, fit: Fit) -> "Screened | None":
         """Return the same with terms that were left out and improve a law; None if there are none."""
-        missed = missed_terms(fit, self.terms)
+        missed = terms_by_score_test(fit, self.terms)
         return replace(self, kept=self.kept | missed) if missed.any() else None
 
 
@@ -151,7 +151,7 @@ class Candidate:
         most = MAX_TERMS_OF_SIMPLE_LAW
         if self.is_of_higher_degree:  # A few of these stand for no shorter law, as a series has a third of them
             most = max(most, len(self.pool.best.problem.terms) // 3)
-        return not (may_be_simpler(self.pool.best, most) or may_be_series(self.pool.best))
+        return not (may_be_simpler(self.pool.best, most) or is_truncated_series(self.pool.best))
 
     @cached_property
     def score(self) -> Score:
@@ -185,7 +185,7 @@ class CandidateSearch:
         """
         options = self.options
         screened = Screened.of(with_logarithms(self.trials, options.positive), structure)
-        followed = as_followed(self.trials, options.positive, options.input_between)
+        followed = transform_trials(self.trials, options.positive, options.input_between)
         first = next(iter(structure.library.offers(screened.terms.variables)))
         if first.count or options.unmeasured:
             return self._candidate(screened, followed, None, richer=True)
@@ -287,10 +287,10 @@ class CandidateSearch:
             offers = offers[:most]
             if any(each.count for each in offers):
                 pool = with_parametric_terms(pool, offers, part(progress, 0.2, 1.0))
-            return with_drive_said(pool, driven) if driven else pool
+            return with_forcing_step(pool, driven) if driven else pool
 
         options = self.options
-        pool, steps = begin_search(
+        pool, steps = choose_interpolation(
             begin,
             followed,
             input_between=options.input_between,
@@ -308,11 +308,11 @@ class CandidateSearch:
 
     def _plain(self, screened: Screened, trials: Trials, progress: ProgressCallback, begun: Pool | None = None) -> Pool:
         """Search for the supports of largest evidence, until no finer mesh or term that was left out improves them."""
-        pool = explained_on_finer_mesh(begun or self._among(trials, screened.structure, progress), progress)
+        pool = search_on_finer_mesh(begun or self._among(trials, screened.structure, progress), progress)
         while more := screened.with_missed(pool.best):
             progress("searching again with screened-out terms that improve the law")
             screened = more
-            pool = explained_on_finer_mesh(self._among(trials, more.structure, progress), progress)
+            pool = search_on_finer_mesh(self._among(trials, more.structure, progress), progress)
         if pool.best.problem.least_variance >= 1 and not (pool.best.lack_of_fit or pool.is_determined):
             # Of exact measurements a needless term may stand for the discretization error of a coarse mesh
             pool = resolved(pool, progress)

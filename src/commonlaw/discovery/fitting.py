@@ -17,7 +17,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import fit_model, needs_model
 from commonlaw.estimation.fitting import InitialGiven
 from commonlaw.estimation.model import ModelText
-from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine, with_parameters_found
+from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine, with_initial_parameters
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
 from commonlaw.inference.settings import STRONG
 from commonlaw.integration import BETWEEN
@@ -258,7 +258,7 @@ def fit(
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
     if guesses and starts:
         raise CommonlawError("guess-with-latent-states")
-    begun = with_parameters_found(unfitted, trials, given.bounds, guesses, **settings)
+    begun = with_initial_parameters(unfitted, trials, given.bounds, guesses, **settings)
     shared = _coefficients_of(universal, begun)
     apart = settings | {"partial_pooling": False}
     law = refine(begun, trials, **apart if universal else settings)

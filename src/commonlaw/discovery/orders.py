@@ -45,7 +45,7 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
     if asked == "auto":
         if isinstance(trials, TrialStream):
             return Orders(trials, ((1, 2),) * len(trials.schema.states))
-        return _told_by_rates(trials)
+        return _orders_from_measured_rates(trials)
     outcomes: tuple[Outcome, ...] = ()
     if isinstance(asked, tuple):
         if len(asked) != len(trials.schema.states):
@@ -81,7 +81,7 @@ def _is_among(order: object, known: Container[object]) -> bool:
     return isinstance(order, Integral) and order in known
 
 
-def _told_by_rates(trials: Trials) -> Orders:
+def _orders_from_measured_rates(trials: Trials) -> Orders:
     """Return the orders among which the evidence chooses: a state and its measured rate are of first order.
 
     Both are measurements of the motion. A column that was computed from the state is none: it is left out, and the
@@ -103,7 +103,7 @@ def _told_by_rates(trials: Trials) -> Orders:
     return Orders(trials, of_each, (Step("order", choice, why),))
 
 
-def of_best_order(
+def search_orders(
     find: Callable[[Order, bool], Candidate], possible: Sequence[Sequence[int]]
 ) -> tuple[list[Candidate], list[CommonlawError]]:
     """Return the law of each order that is tried, and why none is found of others.
@@ -119,7 +119,7 @@ def of_best_order(
     listed, best, beside_simple = [lowest], None, False
     while True:
         for orders in listed:
-            found, failed = those_found(partial(find, one_order(orders)), [beside_simple])
+            found, failed = attempt_each(partial(find, one_order(orders)), [beside_simple])
             tried |= {orders: found[0] if found else None}
             refused += failed
         every = {orders: each for orders, each in tried.items() if each is not None}
@@ -136,7 +136,7 @@ def of_best_order(
             return list(every.values()), refused
 
 
-def those_found(find: Callable[[Given], Found], given: Iterable[Given]) -> tuple[list[Found], list[CommonlawError]]:
+def attempt_each(find: Callable[[Given], Found], given: Iterable[Given]) -> tuple[list[Found], list[CommonlawError]]:
     """Return what is found, and why nothing is found for others."""
     found, refused = list[Found](), list[CommonlawError]()
     for each in given:
@@ -147,15 +147,15 @@ def those_found(find: Callable[[Given], Found], given: Iterable[Given]) -> tuple
     return found, refused
 
 
-def stepped(step: Callable[[Found], Found], given: Sequence[Found]) -> tuple[list[Found], list[CommonlawError]]:
+def apply_to_each(step: Callable[[Found], Found], given: Sequence[Found]) -> tuple[list[Found], list[CommonlawError]]:
     """Return what is found after a step, without those for which it fails, and why; refuse if it fails for all."""
-    found, failed = those_found(step, given)
+    found, failed = attempt_each(step, given)
     if not found:
         raise failed[-1]
     return found, failed
 
 
-def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Sequence[Exception]) -> Law:
+def with_order_step(law: Law, others: Sequence[tuple[Order, float]], refused: Sequence[Exception]) -> Law:
     """Return a law whose order was chosen, of the largest evidence or by whole trials, saying so.
 
     Other orders come with 2 log B of the law against their best ones, or with why none was found.
@@ -178,7 +178,7 @@ def with_order_said(law: Law, others: Sequence[tuple[Order, float]], refused: Se
     return replace(law, provenance=provenance)
 
 
-def may_be_of_lower_order(pool: Pool) -> bool:
+def is_implied_by_lower_order(pool: Pool) -> bool:
     """Return whether a law of second order is what one of first order implies: x' = f(x) has x'' = f'(x) x'.
 
     Then each term has a rate as a factor, and nothing moves that is at rest. Or x'' = K (f(x) - x') with any K: then
@@ -194,7 +194,7 @@ def may_be_of_lower_order(pool: Pool) -> bool:
     return len(chosen) > 0 and all(terms.terms[k].columns() & rates for k in chosen)
 
 
-def may_be_of_first_order(problem: SearchProblem) -> bool:
+def is_first_order_possible(problem: SearchProblem) -> bool:
     """Return whether rates may be a function of the states and inputs: no object has two rates at the same state.
 
     An oscillator, which passes a state in both directions, or balls that are thrown from one place at two speeds, are

@@ -12,15 +12,15 @@ from dataclasses import replace
 from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
 from commonlaw.discovery.method import ModelStructure
 from commonlaw.discovery.orders import (
-    may_be_of_first_order,
-    may_be_of_lower_order,
-    of_best_order,
-    stepped,
-    those_found,
-    with_order_said,
+    apply_to_each,
+    attempt_each,
+    is_first_order_possible,
+    is_implied_by_lower_order,
+    search_orders,
+    with_order_step,
 )
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import assemble, error_kinds, explains_whole_trials, most_explaining
+from commonlaw.inference import assemble, best_of_whole_trials, error_kinds, fits_whole_trials
 from commonlaw.law import Law
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order
@@ -43,8 +43,8 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
     several = any(len(each) > 1 for each in possible)
     candidates, refused = _plain_laws(search, structure, possible)
     best = min(candidates)
-    if several and (not best.is_simple or may_be_of_lower_order(best.pool)):
-        candidates, _ = stepped(search.finer, candidates)
+    if several and (not best.is_simple or is_implied_by_lower_order(best.pool)):
+        candidates, _ = apply_to_each(search.finer, candidates)
     candidates = _with_richer_terms(search, candidates)
     candidates, failed = _with_errors(search, candidates)
     best = min(candidates)
@@ -54,7 +54,7 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
     if not several:
         return law
     others = [(each.order, each.score - best.score) for each in candidates if each is not best]
-    return with_order_said(law, others, [*refused, *failed])
+    return with_order_step(law, others, [*refused, *failed])
 
 
 def _plain_laws(
@@ -75,7 +75,7 @@ def _plain_laws(
                 candidate = search.richer(candidate)
         return candidate
 
-    return of_best_order(of_order, possible)
+    return search_orders(of_order, possible)
 
 
 def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -85,19 +85,19 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
     rates may be a function of the states.
     """
     if not min(candidates).is_simple:
-        candidates = [(those_found(search.with_first_offer, [each])[0] or [each])[0] for each in candidates]
+        candidates = [(attempt_each(search.with_first_offer, [each])[0] or [each])[0] for each in candidates]
     left, done = sorted(candidates), list[Candidate]()
     while left:
         best = min([*done, *left])
         lowest = min(left, key=lambda each: each.total_order)
         is_lower = lowest.total_order < best.total_order
-        may_be_lower = is_lower and may_be_of_first_order(best.pool.best.problem)
-        implied = is_lower and may_be_of_lower_order(best.pool)
+        may_be_lower = is_lower and is_first_order_possible(best.pool.best.problem)
+        implied = is_lower and is_implied_by_lower_order(best.pool)
         if best.is_simple and not implied and not (may_be_lower and best.most_terms > MAX_TERMS_OF_HIGHER_ORDER):
             break
         chosen = lowest if implied or may_be_lower else left[0]
         left = [each for each in left if each is not chosen]
-        found, _ = those_found(search.richer, [chosen])
+        found, _ = attempt_each(search.richer, [chosen])
         done += found or [replace(chosen, has_richer=True)]
     return [*done, *left]
 
@@ -106,10 +106,10 @@ def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[
     """Return laws with the errors that are chosen, the largest evidence first, and why there are none of others."""
     is_auto, best, failed = search.options.errors == "auto", min(candidates), list[CommonlawError]()
     if len(candidates) > 1 and is_auto and not best.pool.best.reason_for_errors:
-        candidates, failed = stepped(search.resolved, candidates)  # A coarse mesh may hide a reason
+        candidates, failed = apply_to_each(search.resolved, candidates)  # A coarse mesh may hide a reason
         best = min(candidates)
     if len(candidates) == 1 or not is_auto or best.pool.best.reason_for_errors:
-        candidates, more = stepped(search.with_errors, candidates)
+        candidates, more = apply_to_each(search.with_errors, candidates)
         failed = [*failed, *more]
     return sorted(candidates), failed
 
@@ -117,12 +117,12 @@ def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[
 def _explaining_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> tuple[list[Candidate], Candidate]:
     """Return candidates, and that whose solutions explain whole trials where those of the best do not."""
     best, *others = ranked
-    if not others or search.options.errors != "auto" or explains_whole_trials(best.pool.best):
+    if not others or search.options.errors != "auto" or fits_whole_trials(best.pool.best):
         return ranked, best
     lacking = [each for each in others if each.pool.best.has_model_error and not each.pool.approximations]
-    found, _ = those_found(search.with_errors, lacking)
+    found, _ = attempt_each(search.with_errors, lacking)
     ranked = [best, *(each for each in others if each not in lacking), *found]
-    return ranked, ranked[most_explaining([each.pool for each in ranked])]
+    return ranked, ranked[best_of_whole_trials([each.pool for each in ranked])]
 
 
 def _law(search: CandidateSearch, best: Candidate) -> Law:

@@ -211,7 +211,7 @@ def recompared(fit: Fit) -> Fit:
     return fit.with_alternatives_of(best) if np.array_equal(best.supports, fit.supports) else best
 
 
-def beside_those_ahead(fit: Fit) -> Fit:
+def refit_leading(fit: Fit) -> Fit:
     """Return the best of a fit and the supports next to it that have more evidence as linearised about it, fitted.
 
     At most as many are fitted as laws are carried along.

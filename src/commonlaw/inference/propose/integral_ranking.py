@@ -1,8 +1,8 @@
-"""Small sets of terms, of many, that fit an equation best: ranked by sums of squares of integrals.
+"""Ranking of candidate supports of one equation by their residual sums of squares in integral form.
 
-All are compared: sums of a few plain terms, with one or two others that have parameters inside. As the states along
-which terms are integrated are not the true ones, sums of squares rank sets of as many numbers among themselves;
-trajectories have to judge the best of each size.
+All sums of a few plain terms with up to two parametric terms are compared. Terms are integrated along estimated states,
+which have errors, so sums of squares rank only supports with equally many parameters; the best of each size are then
+fitted to the trajectories.
 """
 
 from collections import Counter
@@ -27,10 +27,10 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class Start:
-    """What a fit begins with: coefficients of each object, shape (objects, terms), plain ones first, and parameters.
+    """Starting values of a fit: coefficients of each object, shape (objects, terms), and nonlinear parameters.
 
-    The terms of others come after these, in their order. Parameters of each of them have the shape (objects,
-    parameters).
+    The plain terms come first, then the others in their order; the parameters of each of these have the shape
+    (objects, parameters).
     """
 
     coefficients: Floats
@@ -39,11 +39,9 @@ class Start:
 
 @dataclass(frozen=True)
 class CandidateSupport:
-    """A few terms of one equation: plain ones, by their index, and others, with parameters inside, or a ratio of sums.
+    """A few terms of one equation: plain ones, by their index, and others: parametric terms, or a ratio of sums.
 
-    Terms that share their parameters are one of the others.
-
-    Equal sets have equal terms, whatever fits begin with.
+    Terms that share their parameters count as one of the others. Starting values do not enter comparisons.
     """
 
     plain: tuple[int, ...]
@@ -52,11 +50,11 @@ class CandidateSupport:
 
     @property
     def numbers(self) -> int:
-        """How many numbers each object has in it."""
+        """The number of coefficients and parameters of each object."""
         return len(self.plain) + sum(each.size + len(each.shared_parameters) for each in self.others)
 
     def places_of(self, k: int) -> range:
-        """Return where the coefficients of a term stand, by its place among the plain ones and the others."""
+        """Return the indices of the coefficients of the k-th term, plain ones first."""
         if k < len(self.plain):
             return range(k, k + 1)
         before, own = self.others[: k - len(self.plain)], self.others[k - len(self.plain)]
@@ -64,7 +62,7 @@ class CandidateSupport:
         return range(first, first + own.size)
 
     def without(self, k: int) -> "CandidateSupport":
-        """Return the set without one of its terms, by its place among the plain ones and the others."""
+        """Return the support without its k-th term, plain ones first."""
         places, m = self.places_of(k), k - len(self.plain)
         kept = [i for i in range(len(self.others)) if i != m]
         starts = tuple(
@@ -75,38 +73,45 @@ class CandidateSupport:
         return CandidateSupport(plain, tuple(self.others[i] for i in kept), starts)
 
 
-def matching_sets(
+def rank_supports(
     problem: SearchProblem,
     estimates: Sequence[Estimate],
     others: Sequence[ParametricTerm],
     most: Mapping[int, int],
-    hopeless: float = settings.MAX_SQUARES_RATIO,
+    max_ratio: float = settings.MAX_SQUARES_RATIO,
 ) -> dict[int, list[CandidateSupport]]:
-    """Return sets of terms that fit best for how many numbers they have, the most promising first, by equation.
+    """Return candidate supports of each equation, ranked by BIC.
 
-    Estimates are states near the true ones. The others have parameters inside, or are not taken together with many
-    plain ones. Sets have at `most` so many numbers, by equation; those that leave so many times the least sum of
-    squares are `hopeless` and not kept, but for the best of each size.
+    Parameters
+    ----------
+    problem, estimates
+        The measurements, and estimated states along which terms are integrated.
+    others
+        Parametric terms, and terms that are not combined with many plain ones.
+    most
+        The largest number of coefficients and parameters, by equation.
+    hopeless
+        Ratio to the least sum of squares above which a support is dropped, unless it is the best of its size.
     """
-    courses, found = courses_of(problem, estimates, others), dict[int, list[CandidateSupport]]()
+    courses, found = object_curves(problem, estimates, others), dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
         matches = [match for each in courses if len((match := each.match(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
-        ranked = _Ranked(matches, plain, others, numbers, hopeless)
+        ranked = _Ranking(matches, plain, others, numbers, max_ratio)
         found[equation] = ranked.best(len(problem.models)) if matches else []
     return found
 
 
-def courses_of(
+def object_curves(
     problem: SearchProblem, estimates: Sequence[Estimate], others: Sequence[ParametricTerm]
 ) -> list[CurveData]:
-    """Return the curves, along their estimated states, of the objects whose measurements are matched."""
+    """Return terms along the estimated states of the objects that are compared."""
     indices = evenly_spaced(len(problem.models), settings.MAX_OBJECTS)
     return in_parallel(lambda o: CurveData.of(problem, o, estimates[o], others), indices)
 
 
-def for_all(found: Floats, objects: int) -> Floats:
-    """Return values for all objects from those of the objects that were matched: typical ones for the others."""
+def expand_to_objects(found: Floats, objects: int) -> Floats:
+    """Return values for all objects from those of the compared ones; the others have the median."""
     where, every = evenly_spaced(objects, settings.MAX_OBJECTS), np.tile(np.median(found, axis=0), (objects, 1))
     if len(found) == len(where):
         every[where] = found
@@ -115,27 +120,27 @@ def for_all(found: Floats, objects: int) -> Floats:
 
 @dataclass(frozen=True)
 class InformationCriterion:
-    """The BIC of terms that leave sums of squares of so many measurements on so many objects."""
+    """The BIC n log(RSS) + k m log(n) of n measurements of m objects with k parameters each."""
 
     measurements: int
     objects: int
 
     def __call__(self, numbers: int, squares: float) -> float:
-        """Return the criterion of terms with so many numbers for each object."""
+        """Return the criterion for so many parameters of each object and a residual sum of squares."""
         deviance = self.measurements * np.log(max(squares, np.finfo(float).tiny))
         return float(deviance + numbers * self.objects * np.log(self.measurements))
 
     def enough(self, least: Mapping[int, float]) -> int:
-        """Return how many numbers have the least criterion, by the least squares for each; zero if there are none."""
+        """Return the number of parameters of least criterion, from the least sum of squares of each; zero if none."""
         return min(least, key=lambda numbers: self(numbers, least[numbers]), default=0)
 
     def kept(
-        self, ranked: Sequence[tuple[int, Sequence[tuple[float, _T]]]], at_most: int, hopeless: float
+        self, ranked: Sequence[tuple[int, Sequence[tuple[float, _T]]]], at_most: int, max_ratio: float
     ) -> list[tuple[float, _T]]:
-        """Return the best of each list of as many numbers, with their criterion, as far as more numbers pay.
+        """Return the best supports of each size with their criterion, up to one parameter more than the optimum.
 
-        Lists have sums of squares, the least first. Those that leave so many times the least are hopeless, but for the
-        first of each list.
+        Each list has sums of squares and supports of one size, the least first. Those above `max_ratio` times the least
+        are dropped, except for the first of each list.
         """
         least: dict[int, float] = {}
         for numbers, listed in ranked:
@@ -145,7 +150,7 @@ class InformationCriterion:
             (self(numbers, squares), each)
             for numbers, listed in ranked
             for place, (squares, each) in enumerate(listed[: settings.MAX_KEPT])
-            if numbers <= min(enough + 1, at_most) and (not place or squares <= hopeless * least[enough])
+            if numbers <= min(enough + 1, at_most) and (not place or squares <= max_ratio * least[enough])
         ]
 
 
@@ -154,8 +159,8 @@ _Key = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 @dataclass(frozen=True, eq=False)
-class _Compared:
-    """The sums of squares that sets of as many plain terms leave, shape (sets,), all with the same others."""
+class _SumsOfSquares:
+    """Residual sums of squares, shape (sets,), of sets of equally many plain terms with the same others."""
 
     sets: Sequence[tuple[int, ...]]
     others: tuple[int, ...]
@@ -163,29 +168,29 @@ class _Compared:
 
     @property
     def best(self) -> tuple[float, _Key]:
-        """The set that leaves least, and what it leaves."""
+        """The least sum of squares, and its set."""
         place = int(np.argmin(self.squares))
         return float(self.squares[place]), (self.sets[place], self.others)
 
 
 @dataclass(frozen=True, eq=False)
-class _Ranked:
-    """Sets of terms of an equation by what they leave of the measurements of all objects.
+class _Ranking:
+    """Ranking of the supports of an equation by their residual sums of squares over all objects.
 
-    Plain terms are those, by their index, whose coefficients are not known. Sets have so many numbers at most.
+    Plain terms, by their index, are those whose coefficients are estimated; supports have `at_most` so many parameters.
     """
 
     matches: Sequence[IntegralRegression]
     plain: Sequence[int]
     others: Sequence[ParametricTerm]
     at_most: int
-    hopeless: float
+    max_ratio: float
 
     def best(self, objects: int) -> list[CandidateSupport]:
-        """Return the best sets of each size, as far as more numbers pay for themselves, for so many objects."""
-        compared = self._of_one()
-        compared += self._of_two(compared)
-        groups, least = dict[tuple[int, int], list[_Compared]](), dict[int, float]()
+        """Return the best supports of each size up to one parameter more than the optimum of the BIC."""
+        compared = self._with_at_most_one()
+        compared += self._with_two(compared)
+        groups, least = dict[tuple[int, int], list[_SumsOfSquares]](), dict[int, float]()
         for each in compared:
             squares, key = each.best
             if numbers := self._numbers(key):
@@ -195,30 +200,30 @@ class _Ranked:
         ranked = list[tuple[int, list[tuple[float, _Key]]]]()
         for (numbers, _), listed in sorted(groups.items(), key=lambda pair: pair[0]):
             if numbers <= most + 1:
-                closest = self._closest(self._different(listed))
+                closest = self._closest(self._distinct(listed))
                 fits = {key: self._fitted(key, each) for key, each in closest.items()}
                 parameters |= closest
                 ranked.append((numbers, sorted((sum(float(r @ r) for _, r in fits[key]), key) for key in fits)))
-        kept = sorted(self._criterion.kept(ranked, self.at_most, self.hopeless))
+        kept = sorted(self._criterion.kept(ranked, self.at_most, self.max_ratio))
         return [self._with_starts(key, parameters[key], objects) for _, key in kept]
 
-    def _of_one(self) -> list[_Compared]:
-        """Return what plain terms leave, with at most one of the others."""
+    def _with_at_most_one(self) -> list[_SumsOfSquares]:
+        """Return sums of squares of plain terms with at most one of the others."""
         columns = [match.plain for match in self.matches]
         repeated = np.all([match.banks.repeated for match in self.matches], axis=0)
         repeated |= np.any([[match.repeats(a) for a in range(len(self.others))] for match in self.matches], axis=0)
         new = [(a,) for a in np.flatnonzero(~repeated).tolist()]
         return self._compared(columns, _subsets(self.plain, settings.MAX_SETS[0]), (), [(), *new])
 
-    def _of_two(self, compared: Sequence[_Compared]) -> list[_Compared]:
-        """Return the same with two of the others, one of them from the best sets with one, each with another one."""
+    def _with_two(self, compared: Sequence[_SumsOfSquares]) -> list[_SumsOfSquares]:
+        """Return sums of squares with two of the others: one from the best supports with one, and another one."""
         best: dict[tuple[int, ...], tuple[float, _Key]] = {}
         for each in compared:
             squares, key = each.best
             value = self._criterion(self._numbers(key), squares), key
             best[each.others] = min(value, best.get(each.others, value))
         best.pop((), None)
-        found, sets = list[_Compared](), _subsets(self.plain, settings.MAX_SETS[1])
+        found, sets = list[_SumsOfSquares](), _subsets(self.plain, settings.MAX_SETS[1])
         for _, (plain, others) in sorted(best.values())[: settings.MAX_KEPT]:
             columns = [
                 np.column_stack([match.plain, match.columns_at(others, match.best_values(plain, others))])
@@ -233,19 +238,19 @@ class _Ranked:
         sets: Sequence[tuple[int, ...]],
         added: tuple[int, ...],
         more: Sequence[tuple[int, ...]],
-    ) -> list[_Compared]:
-        """Return what sets leave with the others `added`, whose columns are the last ones, and one more or none."""
-        found = list[_Compared]()
+    ) -> list[_SumsOfSquares]:
+        """Return sums of squares of sets with the others `added`, whose columns come last, and one more or none."""
+        found = list[_SumsOfSquares]()
         last = range(columns[0].shape[1] - len(added), columns[0].shape[1])
         for size, group in groupby(sets, len):
             listed = list(group)
             few = [each for each in more if size + self._numbers(((), (*added, *each))) <= self.at_most]
             if few:
                 indices = np.array([(*each, *last) for each in listed], dtype=int)
-                sums = partial(_left_by_one, indices, [a for each in few for a in each])
+                sums = partial(_residual_squares, indices, [a for each in few for a in each])
                 squares = np.sum(in_parallel(sums, self.matches, columns), axis=0)
                 for each, own in zip(few, squares.T if () in few else squares.T[1:], strict=True):
-                    found.append(_Compared(listed, tuple(sorted((*added, *each))), own))
+                    found.append(_SumsOfSquares(listed, tuple(sorted((*added, *each))), own))
         return found
 
     def _numbers(self, key: _Key) -> int:
@@ -255,8 +260,8 @@ class _Ranked:
     def _criterion(self) -> InformationCriterion:
         return InformationCriterion(sum(len(each.target) for each in self.matches), len(self.matches))
 
-    def _different(self, listed: Sequence[_Compared]) -> list[_Key]:
-        """Return the sets that leave least, few with the same parametric terms, and none that leaves the same."""
+    def _distinct(self, listed: Sequence[_SumsOfSquares]) -> list[_Key]:
+        """Return supports of least squares, few with the same parametric terms and none with equal sums of squares."""
         found, before, alike = dict[_Key, None](), 0.0, Counter[tuple[int, ...]]()
         squares = np.concatenate([each.squares for each in listed])
         keys = [(each, place) for each in listed for place in range(len(each.sets))]
@@ -274,7 +279,7 @@ class _Ranked:
         return [*found]
 
     def _closest(self, keys: Sequence[_Key]) -> dict[_Key, list[tuple[Floats, ...]]]:
-        """Return the best parameters of each object, between those of the banks, of the sets best to first order."""
+        """Return locally optimal parameters of each object, for the supports that are best to first order."""
 
         def nearby(match: IntegralRegression) -> list[tuple[float, tuple[int, ...]]]:
             values = [match.best_values(*key) for key in keys]
@@ -290,32 +295,32 @@ class _Ranked:
         return found
 
     def _fitted(self, key: _Key, parameters: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:
-        """Return the coefficients of a set in each object, with parameters of its others there, and what is left."""
+        """Return the coefficients and residuals of a support in each object, at given parameters."""
         parts = [part for a in key[1] for part in self.others[a].parts]
         shared = [[self._shared(a, own) for a, own in zip(key[1], each, strict=True)] for each in parameters]
         inside = [[own for a, own in zip(key[1], each, strict=True) for _ in self.others[a].parts] for each in shared]
         return [match.fitted(key[0], parts, own) for match, own in zip(self.matches, inside, strict=True)]
 
     def _shared(self, a: int, parameters: Floats) -> Floats:
-        """Return the parameters that a law has of all that one of the others is compared with."""
+        """Return the parameters that are part of the law."""
         other = self.others[a]
         return parameters[[other.parameters.index(name) for name in other.shared_parameters]]
 
     def _with_starts(self, key: _Key, alone: Sequence[tuple[Floats, ...]], objects: int) -> CandidateSupport:
-        """Return a set with what fits begin with: parameters of each object, which may be far off, and typical ones."""
+        """Return a support with starting values: the parameters of each object, and their medians."""
         typical = tuple(np.median(own, axis=0) for own in zip(*alone, strict=True))
         starts = []
         for parameters in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
             fits = [coefficients for coefficients, _ in self._fitted(key, parameters)]
             of_each = zip(key[1], zip(*parameters, strict=True), strict=True)
             several = [np.array(fits), *(np.array([self._shared(a, own) for own in every]) for a, every in of_each)]
-            first, *others = (for_all(each, objects) for each in several)
+            first, *others = (expand_to_objects(each, objects) for each in several)
             starts.append(Start(first, tuple(others)))
         return CandidateSupport(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))
 
 
-def _left_by_one(sets: Indices, chosen: Sequence[int], match: IntegralRegression, columns: Floats) -> Floats:
-    """Return squares that sets of one size leave, alone and with each chosen other, shape (sets, 1 + chosen)."""
+def _residual_squares(sets: Indices, chosen: Sequence[int], match: IntegralRegression, columns: Floats) -> Floats:
+    """Return sums of squares of sets of one size, alone and with each chosen other, shape (sets, 1 + chosen)."""
     gram, inner = columns.T @ columns, columns.T @ match.target
     own = gram[sets[:, :, np.newaxis], sets[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(sets.shape[1])
     whiten = np.linalg.inv(np.linalg.cholesky(own))
@@ -334,7 +339,7 @@ def _left_by_one(sets: Indices, chosen: Sequence[int], match: IntegralRegression
 
 
 def _subsets(plain: Sequence[int], most: int) -> list[tuple[int, ...]]:
-    """Return the sets of some terms, smaller ones first, of sizes of which not too many are compared."""
+    """Return all sets of some terms, smaller ones first, up to the size at which there are too many."""
     found: list[tuple[int, ...]] = []
     for size in range(settings.MAX_SUM_TERMS[0] + 1):
         of_size = list(combinations(plain, size))

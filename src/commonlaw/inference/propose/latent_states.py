@@ -1,12 +1,11 @@
-"""A latent state, or forcing, in laws that are sought: what it may do, and whether the measurements ask for it.
+"""Latent states and forcing: candidate equations for them, compared by their evidence.
 
-What it does is one of few equations, each with a scale and a start, by which it is counted: then nothing that could be
-exchanged for something else is left in it. What it does to the measured states is chosen among their terms, by the
-likelihood linearised about a law of few terms, which a fit begins at whose states follow from their starts. All are
-hypotheses like others: the largest evidence decides, also against the law without such a state.
+The equation of a latent state is one of a few, with fixed scale and initial value, so that it is identifiable. Its
+effects on the measured states are selected among products with their terms, by the likelihood linearised about a fit
+of few terms. The law without a latent state is one of the candidates.
 
-Laws of second order may be forced by functions of time whose parameters are found. They are the solutions of the
-equations that such a forcing would have as a state, and so need none.
+Laws of second order may have forcing terms, functions of time with estimated parameters. They are solutions of the
+equations that such a forcing would have as a latent state.
 """
 
 from collections.abc import Sequence
@@ -38,42 +37,42 @@ from commonlaw.trials.trial import property_names
 
 @dataclass(frozen=True)
 class Family:
-    """What a latent state may do.
+    """A candidate equation of a latent state.
 
     Parameters
     ----------
-    words
-        What that is, with the measured state that it follows as ``{x}``.
+    description
+        In words, with ``{x}`` for the measured state in its equation.
     start
-        Where trials start in it.
-    found
-        The term of its equation whose coefficient is to be found, of ``{u}`` and ``{x}``; nothing if there is none.
-    given
-        The term whose coefficient is one, by which it is counted; nothing if its start says that.
+        Initial value of all trials.
+    estimated
+        The term with an estimated coefficient, of ``{u}`` and ``{x}``; empty if there is none.
+    fixed
+        The term with coefficient one, which fixes the scale; empty if the initial value does.
     """
 
-    words: str
+    description: str
     start: float
-    found: str = ""
-    given: str = ""
+    estimated: str = ""
+    fixed: str = ""
 
     @property
     def is_of_state(self) -> bool:
-        """Whether it follows one of the measured states."""
-        return "{x}" in self.found + self.given
+        """Whether its equation contains a measured state."""
+        return "{x}" in self.estimated + self.fixed
 
 
 FAMILIES = (
-    Family("decays from 1, as a depot or a drive does", 1.0, found="{u}"),
-    Family("is used up from 1 by {x}, as the susceptible are by the infected", 1.0, found="{u}*{x}"),
-    Family("adds up {x} from 0, as a pool does that keeps what it gets", 0.0, given="{x}"),
-    Family("is filled by {x} from 0 and decays, as a compartment does", 0.0, given="{x}", found="{u}"),
+    Family("decays from 1, as a depot or a drive does", 1.0, estimated="{u}"),
+    Family("is used up from 1 by {x}, as the susceptible are by the infected", 1.0, estimated="{u}*{x}"),
+    Family("adds up {x} from 0, as a pool does that keeps what it gets", 0.0, fixed="{x}"),
+    Family("is filled by {x} from 0 and decays, as a compartment does", 0.0, fixed="{x}", estimated="{u}"),
 )
-"""Of laws that fit equally well, the first is taken."""
+"""In order of preference among laws that fit equally well."""
 
 
 def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress: ProgressCallback) -> Pool:
-    """Return a pool of laws of first order with laws that have a latent state, too."""
+    """Return a pool of laws of first order, extended by laws with a latent state."""
     plain = pool.plain
     assert plain is not None
     taken = (*plain.problem.terms.variables.names, *property_names(trials.properties))
@@ -82,15 +81,15 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
     models = [_LatentStateModel(plain, each, state, name) for each, state in followed]
 
     def fitted(model: _LatentStateModel) -> Fit:
-        done.append(model.words)
+        done.append(model.description)
         share = len(done) / (len(models) + 1)
-        progress(Stage(f"trying a latent state that {model.words}", share))
+        progress(Stage(f"trying a latent state that {model.description}", share))
         return model.fitted(trials, most_samples)
 
     tried = [(each, fit) for each in models if (fit := fitted(each)).is_usable]
     tried.sort(key=lambda pair: pair[1])
     tried[: settings.MAX_RIVALS] = [
-        (each, each.again(trials, most_samples, fit)) for each, fit in tried[: settings.MAX_RIVALS]
+        (each, each.restarted(trials, most_samples, fit)) for each, fit in tried[: settings.MAX_RIVALS]
     ]
     tried.sort(key=lambda pair: models.index(pair[0]))
     multiplicity = 2 * float(np.log(len(models)))
@@ -99,33 +98,30 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
 
 
 def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Pool:
-    """Return a pool with fits of a latent state; of those that fit equally well the first, which stands for all.
-
-    They are one law in different words, which has the evidence of the best of them.
-    """
-    # Fits to what no law explains may get stuck, and their evidence is then too large
+    """Return a pool with fits of a latent state; of equivalent ones only the first, with the evidence of the best."""
+    # A fit with lack of fit may end away from its optimum, where the Laplace approximation is too large
     without = pool.best.with_score(pool.best.score.plus("Laplace correction", pool.best.predicted_decrease))
     best = min([without, *(fit for _, fit in fits)])
-    alike = [pair for pair in fits if _fit_alike(pair[1], best)]
-    others = [fit for _, fit in fits if not _fit_alike(fit, best)]
-    if not alike:
+    equivalent = [pair for pair in fits if _is_equivalent(pair[1], best)]
+    others = [fit for _, fit in fits if not _is_equivalent(fit, best)]
+    if not equivalent:
         more = [each.score - best.score for each in others]
         why = f"laws with one have at least {min(more):.3g} more of -2 log evidence" if more else "no law with one fits"
-        step = Step(UNMEASURED_STATE, "none", why)
+        step = Step(LATENT_STATE, "none", why)
         return pool.with_best(replace(without, steps=(step,))).joined(others)
-    (model, chosen), *same = alike
-    why = f"{model.words}; without it -2 log evidence is {without.score - best.score:.3g} more"
-    alternatives = "; or ".join(f"{'; '.join(_structure(fit))}, in which it {each.words}" for each, fit in same)
+    (model, chosen), *same = equivalent
+    why = f"{model.description}; without it -2 log evidence is {without.score - best.score:.3g} more"
+    alternatives = "; or ".join(f"{'; '.join(_structure(fit))}, in which it {each.description}" for each, fit in same)
     chosen = replace(
         chosen.with_score(best.score),
-        steps=(Step(UNMEASURED_STATE, _structure(chosen)[-1], why),),
+        steps=(Step(LATENT_STATE, _structure(chosen)[-1], why),),
         outcomes=(note("latent-state-not-identifiable", name=model.name, others=alternatives),) if same else (),
     )
     return pool.with_best(without).joined([chosen, *others])
 
 
 def _structure(fit: Fit) -> tuple[str, ...]:
-    """Return the form of each equation, with numbers for coefficients that are known."""
+    """Return the structure of each equation, with numbers for known coefficients."""
     coefficients = np.array([each.coefficients for each in fit.estimates])
     law, known = replace(fit.problem.law, coefficients=coefficients), fit.problem.known[0]
     letters = [
@@ -136,8 +132,8 @@ def _structure(fit: Fit) -> tuple[str, ...]:
     return structure(left_hand_sides(law), law.terms.factors, law.support & law.terms.is_factor, letters)
 
 
-def _fit_alike(one: Fit, other: Fit) -> bool:
-    """Return whether laws with a latent state leave the same, with as many coefficients."""
+def _is_equivalent(one: Fit, other: Fit) -> bool:
+    """Return whether laws with a latent state and equally many coefficients have the same deviance."""
     states = (one.problem.trials.schema.states, other.problem.trials.schema.states)
     return (
         states[0] == states[1]
@@ -147,7 +143,7 @@ def _fit_alike(one: Fit, other: Fit) -> bool:
 
 
 def _deviance(fit: Fit) -> float:
-    """Return twice the negative log-likelihood of what was measured, but for a constant."""
+    """Return minus twice the log-likelihood of the measurements, up to a constant."""
     problem = fit.problem
     measured = ~problem.trials.schema.unmeasured
     states = np.concatenate([trial.states for trial in problem.trials])[:, measured]
@@ -157,9 +153,16 @@ def _deviance(fit: Fit) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _LatentStateModel:
-    """A law with a latent state of this name, which does what a family says, perhaps to a state.
+    """The search for a law with a latent state of a family.
 
-    The law without it, as it was found, has the terms that are to choose from.
+    Parameters
+    ----------
+    without
+        The law without it, whose terms are the candidates.
+    family, followed
+        Its equation, and the measured state in that.
+    name
+        Of the latent state.
     """
 
     without: Fit
@@ -168,25 +171,25 @@ class _LatentStateModel:
     name: str
 
     @property
-    def words(self) -> str:
-        """What it does."""
-        return self.family.words.format(x=self.followed)
+    def description(self) -> str:
+        """Its equation in words."""
+        return self.family.description.format(x=self.followed)
 
     def fitted(self, trials: Trials, most_samples: int) -> Fit:
         """Return the law of largest evidence."""
-        return min(self._searched(trials, few, most_samples) for few in self._begins)
+        return min(self._run_search(trials, few, most_samples) for few in self._initial_supports)
 
-    def again(self, trials: Trials, most_samples: int, fit: Fit) -> Fit:
-        """Return the law that is found from the terms of another one: what a search begins with depends on them."""
+    def restarted(self, trials: Trials, most_samples: int, fit: Fit) -> Fit:
+        """Return the law of a search restarted from the terms of the last one while the evidence increases."""
         for _ in range(settings.ALTERNATIONS):
-            other = self._searched(trials, fit.supports, most_samples)
+            other = self._run_search(trials, fit.supports, most_samples)
             if not fit.score - other.score > settings.MIN_GAIN:
                 break
             fit = other
         return fit
 
-    def _searched(self, trials: Trials, few: Bools, most_samples: int) -> Fit:
-        """Return the law that is found from one of few terms, shape (equations, terms)."""
+    def _run_search(self, trials: Trials, few: Bools, most_samples: int) -> Fit:
+        """Return the law of a search that starts from few terms, shape (equations, terms)."""
         trials, fit = with_starts(trials, {self.name: self.family.start}), self.without
         try:
             for _ in range(settings.ALTERNATIONS):
@@ -197,13 +200,16 @@ class _LatentStateModel:
                     return fit.but(Status.WITHOUT_EFFECT)
                 if np.isfinite(fit.score.total) and fit.predicted_decrease < settings.MIN_GAIN * len(fit.estimates):
                     return replace(fit, problem=replace(fit.problem, solver=None), alternatives=())
-                few = fit.supports  # Fits that got stuck on the way may not from there
-        except (CommonlawError, np.linalg.LinAlgError):  # Trials that are too short, or start where nothing is finite
+                few = fit.supports  # Another start from the supports so far
+        except (
+            CommonlawError,
+            np.linalg.LinAlgError,
+        ):  # Too short trials, or infinite terms
             return fit.but(Status.REFUSED)
         return fit.but(Status.NOT_CONVERGED)
 
     def _prepared(self, trials: Trials, few: Bools, most_samples: int) -> SearchProblem:
-        """Return the problem among all terms, which begins with a fit of few, shape (equations, terms)."""
+        """Return the problem with all terms, whose starting values are a fit of few, shape (equations, terms)."""
         before, known, signs = self.without.problem, self._known, np.zeros_like(self._known)
         signs[:, -1] = -1.0  # The state decays
         problem = prepare(
@@ -219,48 +225,48 @@ class _LatentStateModel:
 
     @property
     def _has_state(self) -> Bools:
-        """Which terms have the state in them, shape (terms,)."""
+        """Which terms contain the latent state, shape (terms,)."""
         column = self.terms.variables.index(self.name)
         return np.array([column in term.columns() for term in self.terms.terms])
 
     @cached_property
     def terms(self) -> Terms:
-        """Those of the law without, and products of the state with one or none of the others."""
+        """Those of the law without it, the latent state, and its products with the measured states."""
         before = self.without.problem.terms
         variables = replace(before.variables, states=(*before.variables.states, self.name))
         texts = [term.expression(before.variables.names) for term in before.terms]
-        texts += [self._own, *(f"{self._own}*{quoted(x)}" for x in before.variables.states)]
+        texts += [self._symbol, *(f"{self._symbol}*{quoted(x)}" for x in before.variables.states)]
         texts += [quoted(x) for x in before.variables.states]
         return Terms(variables, tuple(dict.fromkeys(parse_term(each, variables) for each in texts)))
 
     @property
-    def _own(self) -> str:
+    def _symbol(self) -> str:
         return quoted(self.name)
 
     def _index(self, text: str) -> int:
         """Return the index of a term of a family."""
-        written = text.format(u=self._own, x=quoted(self.followed))
+        written = text.format(u=self._symbol, x=quoted(self.followed))
         return self.terms.terms.index(parse_term(written, self.terms.variables))
 
     @cached_property
     def _known(self) -> Floats:
-        """Coefficients that are known, shape (objects, equations, terms), NaN where they are to be found."""
+        """Known coefficients, shape (objects, equations, terms), NaN where they are estimated."""
         before = self.without.problem.known
         objects, equations, count = before.shape
         found = np.zeros((objects, equations + 1, len(self.terms)))
         found[:, :-1, :count] = before
         found[:, :-1, self._has_state] = np.nan
-        if self.family.found:
-            found[:, -1, self._index(self.family.found)] = np.nan
-        if self.family.given:
-            found[:, -1, self._index(self.family.given)] = 1.0
+        if self.family.estimated:
+            found[:, -1, self._index(self.family.estimated)] = np.nan
+        if self.family.fixed:
+            found[:, -1, self._index(self.family.fixed)] = 1.0
         return found
 
     @property
-    def _begins(self) -> list[Bools]:
-        """Supports to begin with, shape (equations, terms): linear ones, and that of the law without the state.
+    def _initial_supports(self) -> list[Bools]:
+        """Initial supports, shape (equations, terms): linear terms, and the terms of the law without the latent state.
 
-        Both with the state in them, and if it follows another one with their product.
+        Both have the latent state in each equation, and its product with the state in its equation.
         """
         free = np.isnan(self._known[0])
         effects = [self._index("{u}")] + ([self._index("{u}*{x}")] if self.family.is_of_state else [])
@@ -275,44 +281,41 @@ class _LatentStateModel:
         return [each & free for each in found]
 
 
-UNMEASURED_STATE = "latent state"
-"""Of the history of a law: what was chosen of a latent state."""
+LATENT_STATE = "latent state"
+"""Stage of the history of a law."""
 
 
 def drives(variables: Variables) -> tuple[ParametricTerm, ...]:
-    """Return what a law of second order may be driven by without an input: functions of time.
-
-    They are the solutions of u' = -r u and of u'' = -w^2 u.
-    """
+    """Return candidate forcing terms of laws of second order: solutions of u' = -r u and of u'' = -w^2 u."""
     t = variables.time
     return (parametric_term(f"exp(-r*{t})", variables), *terms_of_family("periodic", variables, (t,)))
 
 
-def with_drive_said(pool: Pool, offered: Sequence[ParametricTerm]) -> Pool:
-    """Return laws of second order, the best without terms that it is better without, and with a word on what drives it.
+def with_forcing_step(pool: Pool, offered: Sequence[ParametricTerm]) -> Pool:
+    """Return a pool of laws of second order with needless terms of the best eliminated, and a step on its forcing.
 
     Parameters
     ----------
     pool
-        The law of largest evidence among those with drives, and without.
+        Laws with and without forcing terms.
     offered
-        Those drives, see `drives`.
+        The forcing terms, see `drives`.
     """
-    fit = _without_needless_terms(pool.best)
+    fit = _eliminate_plain_terms(pool.best)
     terms = fit.problem.terms
     chosen = fit.supports.any(axis=0) & terms.is_factor
     named = [terms.names[k] for k in np.flatnonzero(chosen) if _is_one_of(terms, int(k), offered)]
     without = min((each.score for each in pool.rivals if each.problem.solver is not None), default=None)
     more = np.inf if without is None else without - fit.score
     why = f"latent forcing; without it -2 log evidence is {more:.3g} more"
-    step = Step(UNMEASURED_STATE, ", ".join(named) or "none", why)
+    step = Step(LATENT_STATE, ", ".join(named) or "none", why)
     if not named:
-        step = Step(UNMEASURED_STATE, "none", "no latent forcing increases the evidence")
+        step = Step(LATENT_STATE, "none", "no latent forcing increases the evidence")
     return pool.with_best(replace(fit, steps=(step,)))
 
 
 def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> bool:
-    """Return whether a term with parameters is one of those that were offered, whatever its parameters are called."""
+    """Return whether a parametric term is one of those offered, up to the names of its parameters."""
     first = len(terms.variables.measured)
     columns = sorted(column for column in terms.terms[index].columns() if column >= first)
     names = [terms.variables.names[column] for column in columns]
@@ -325,8 +328,8 @@ def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> b
     )
 
 
-def _without_needless_terms(fit: Fit) -> Fit:
-    """Return a law with parameters inside terms without plain terms that its evidence is larger without."""
+def _eliminate_plain_terms(fit: Fit) -> Fit:
+    """Return the law of largest evidence in a backward elimination of plain terms from a law with parametric ones."""
     terms = fit.problem.terms
     plain = terms.is_factor & ~np.array(terms.have_parameters, dtype=bool)
     while fit.problem.solver is None:

@@ -1,8 +1,8 @@
-"""Where parameters inside terms begin: a coarse bank of values, compared along smooth curves, then fitted.
+"""Starting values of nonlinear parameters: a coarse grid, compared along smoothed trials, then fitted.
 
-Of ``V s/(K + s)``, say, V is found by least squares once K is given (variable projection; Golub and Pereyra 1973). So
-values of K are compared by what they leave of the rates of smooth curves through the measurements; from the best of
-them, that of all objects together and that of each, trajectories are fitted.
+In ``V s/(K + s)``, say, V follows by least squares once K is given (variable projection; Golub and Pereyra 1973). So
+values of K are compared by their residuals in the rates of smoothed trials. Trajectories are fitted from the best
+values for all objects together, and for each alone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -40,48 +40,55 @@ from commonlaw.trials import Trials
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """What a law leaves of what was measured of an object, as a function of those parameters that are to be found.
+    """The profile likelihood of an object's nonlinear parameters: linear coefficients follow by least squares.
 
-    Variables along its curves, without parameters, have the shape (n, variables), known coefficients (equations,
-    terms), NaN where they are to be found. For each equation there is what is compared, rates or measurements, shape
-    (m,), and what terms, shape (n, terms), say of it.
+    Parameters
+    ----------
+    terms, known
+        Of the law, and its known coefficients, shape (equations, terms), NaN where they are estimated.
+    values
+        Variables along the smoothed trials, shape (n, variables).
+    targets
+        Rates, or measurements, of each equation, shape (m,).
+    regressors
+        For each equation the linear map from terms, shape (n, terms), to regressors, shape (m, terms).
     """
 
     terms: Terms
     known: Floats
     values: Floats
     targets: Sequence[Floats]
-    said: Sequence[Callable[[Floats], Floats]]
+    regressors: Sequence[Callable[[Floats], Floats]]
 
     @cached_property
     def divisors(self) -> list[str]:
-        """The code of what terms are divided by."""
+        """The code of the denominators of terms."""
         return divisors(self.terms)
 
     @cached_property
     def inside(self) -> Bools:
-        """Which coefficients are parameters that are to be found, shape (equations, terms)."""
+        """Which coefficients are estimated nonlinear parameters, shape (equations, terms)."""
         return np.asarray(np.isnan(self.known) & ~self.terms.is_factor)
 
     def coefficients(self, parameters: Floats) -> Floats:
-        """Return the coefficients, of which factors are found by least squares, shape (equations, terms)."""
+        """Return all coefficients, linear ones by least squares, shape (equations, terms)."""
         return self._fitted(parameters)[0]
 
-    def left(self, parameters: Floats) -> list[Floats]:
-        """Return what is left in each equation, infinite where a term is not finite."""
+    def residuals(self, parameters: Floats) -> list[Floats]:
+        """Return the residuals of each equation, infinite if a term is not finite."""
         return self._fitted(parameters)[1]
 
     def deviance(self, parameters: Floats) -> float:
-        """Return minus twice the log-likelihood where errors have any size; infinite where a term is, or has a pole."""
-        left = self.left(parameters)
-        if not all(np.isfinite(own).all() for own in left) or self.has_pole(parameters):
+        """Return minus twice the profile log-likelihood, sum of 2 m log(RMS); infinite if a term is, or has a pole."""
+        residuals = self.residuals(parameters)
+        if not all(np.isfinite(own).all() for own in residuals) or self.has_pole(parameters):
             return np.inf
         floors = [np.finfo(float).eps * np.std(own) + np.finfo(float).tiny for own in self.targets]
-        pairs = zip(left, floors, strict=True)
-        return float(sum(2 * len(own) * np.log(max(_size(own), floor)) for own, floor in pairs))
+        pairs = zip(residuals, floors, strict=True)
+        return float(sum(2 * len(own) * np.log(max(_rms(own), floor)) for own, floor in pairs))
 
     def has_pole(self, parameters: Floats) -> bool:
-        """Return whether something that terms are divided by vanishes along the curves or between their points."""
+        """Return whether a denominator changes its sign along the trials."""
         found = np.nan_to_num(self.known)
         found[self.inside] = parameters
         columns = self.terms.at(self.values, found).T
@@ -89,9 +96,9 @@ class _Profile:
             return any(np.ptp(np.sign(evaluate(code, columns))) for code in self.divisors)
 
     def by_factors(self) -> Floats:
-        """Return parameters by a coefficient c of least squares for each term: log c is the sum of powers times log p.
+        """Return parameters p that are factors of terms, from log c = sum of powers times log p by least squares.
 
-        They are NaN unless all of them are factors of terms.
+        They are NaN unless all parameters are factors of terms.
         """
         found, factors = np.nan_to_num(self.known), self.terms.is_factor
         found[self.inside] = 1.0
@@ -100,12 +107,12 @@ class _Profile:
         powers, rows, logarithms = factor_powers(self.terms)[:, columns], list[Floats](), list[float]()
         if not (np.isfinite(powers[factors]).all() and np.isfinite(library).all()):
             return np.full(len(columns), np.nan)
-        for j, (target, said) in enumerate(zip(self.targets, self.said, strict=True)):
+        for j, (target, regressors) in enumerate(zip(self.targets, self.regressors, strict=True)):
             free, given = np.isnan(self.known[j]) & factors, (found[j] != 0) & factors
             bound = np.flatnonzero(given & powers.any(axis=1))
             given[bound] = False
             parts = [library[:, given] @ found[j, given], library[:, bound] * found[j, bound], library[:, free]]
-            sides = said(np.column_stack(parts))
+            sides = regressors(np.column_stack(parts))
             numbers = solved(sides[:, 1:], target - sides[:, 0])[0][: len(bound)]
             weights = np.abs(numbers) * np.linalg.norm(sides[:, 1 : len(bound) + 1], axis=0)
             rows += list(powers[bound] * weights[:, np.newaxis])
@@ -114,7 +121,7 @@ class _Profile:
         return np.asarray(np.exp(np.linalg.lstsq(np.array(rows) / scale, np.array(logarithms) / scale)[0]))
 
     def derivatives(self, parameters: Floats, order: Order) -> Floats:
-        """Return the derivatives of rates by everything that is to be found, of unit norm, shape (m, parameters)."""
+        """Return the derivatives of rates by all estimated coefficients, of unit norm, shape (m, parameters)."""
         plain = replace(self.terms, variables=replace(self.terms.variables, logarithmic=()))
         field = VectorField(plain, self.coefficients(parameters), order, free=np.isnan(self.known))
         found = field.linearize(self.values).by_parameters
@@ -127,16 +134,16 @@ class _Profile:
         library = self.terms.evaluate(self.terms.at(self.values, found))
         if not np.isfinite(library).all():
             return found, [np.full_like(own, np.inf) for own in self.targets]
-        left, factors = list[Floats](), self.terms.is_factor
-        for j, (target, said) in enumerate(zip(self.targets, self.said, strict=True)):
+        residuals, factors = list[Floats](), self.terms.is_factor
+        for j, (target, regressors) in enumerate(zip(self.targets, self.regressors, strict=True)):
             free = np.isnan(self.known[j]) & factors
-            columns = said(np.column_stack([library[:, factors] @ found[j, factors], library[:, free]]))
-            found[j, free], residuals = solved(columns[:, 1:], target - columns[:, 0])
-            left.append(residuals)
-        return found, left
+            columns = regressors(np.column_stack([library[:, factors] @ found[j, factors], library[:, free]]))
+            found[j, free], of_equation = solved(columns[:, 1:], target - columns[:, 0])
+            residuals.append(of_equation)
+        return found, residuals
 
 
-def with_parameters_found(
+def with_initial_parameters(
     law: Law,
     trials: Trials,
     bounds: Sequence[Bound] = (),
@@ -150,21 +157,20 @@ def with_parameters_found(
     progress: ProgressCallback | None = None,
     **_: Any,
 ) -> Law:
-    """Return a law with the parameters inside its terms near where they fit best, for refinement to begin with.
+    """Return a law with starting values of its nonlinear parameters for `refine`.
 
     Parameters
     ----------
     law
-        As it was stated, whose parameters have any values.
+        As stated; its parameters have arbitrary values.
     bounds
         Of the named coefficients of the law.
     guesses
-        Where to begin with parameters, by name, in place of the values that are tried.
+        Starting values by name, in place of the grid.
     trials, positive, input_between, noise, huber_threshold, n_jobs, progress
-        See `refine`, whose other settings are of no matter here.
+        See `refine`; its other settings have no effect here.
 
-    Raises `CommonlawError` if no values make all terms finite, the trials cannot tell coefficients apart, or no fit
-    succeeds.
+    Raises `CommonlawError` if no values make all terms finite, coefficients are not identifiable, or no fit succeeds.
     """
     if not law.terms.variables.parameters:
         return law
@@ -177,7 +183,7 @@ def with_parameters_found(
         return law
     (on_terminal() if progress is None else progress)("looking for nonlinear parameters")
     with threads(n_jobs):
-        rates = _of_rates(setup)
+        rates = _rate_profiles(setup)
         grid = _Grid.of(setup.law, rates, bounds, guesses or {})
         deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in grid.values], rates))
         if not len(grid.values) or not np.isfinite(deviances).any(axis=1).all():
@@ -185,7 +191,7 @@ def with_parameters_found(
         least = grid.values[deviances.argmin(axis=1)]
         coefficients = [each.coefficients(own) for each, own in zip(rates, least, strict=True)]
         problem = replace(setup, law=replace(setup.law, coefficients=np.array(coefficients))).problem()
-        starts = grid.starts(_of_integrals(problem), deviances)
+        starts = grid.starts(_integral_profiles(problem), deviances)
         _check_identifiable(setup.law, rates, [each[rates[0].inside] for each in starts[-1]])
         fits: list[list[Estimate]] = [[] for _ in problem.models]
         for start in starts:
@@ -200,9 +206,9 @@ def with_parameters_found(
 
 
 def outcomes_of_parameters(law: Law) -> tuple[Outcome, ...]:
-    """Return that trials tell a combination of coefficients alone, where a term shows nothing of what is inside.
+    """Return notes on coefficients of which only a combination is identifiable.
 
-    As of V s/(K + s), where s is always small compared with K: both could be of any size.
+    This is the case of V s/(K + s), where s is always small compared with K: only V/K is.
     """
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
@@ -222,8 +228,8 @@ def outcomes_of_parameters(law: Law) -> tuple[Outcome, ...]:
     )
 
 
-def _of_rates(setup: FitSetup) -> list[_Profile]:
-    """Return what each object's rates say, of smooth curves along the trials in which all states were measured."""
+def _rate_profiles(setup: FitSetup) -> list[_Profile]:
+    """Return each object's profile in rates of smoothed trials in which all states were measured."""
     law, found = setup.law, list[_Profile]()
     for name, known in zip(law.objects, setup.known, strict=True):
         curves = [(trial, smooth_curves(trial, law.order)) for trial in setup.trials.of_object(name)]
@@ -239,23 +245,20 @@ def _of_rates(setup: FitSetup) -> list[_Profile]:
     return found
 
 
-def _of_integrals(problem: SearchProblem) -> list[_Profile]:
-    """Return what each object's measurements say of integrals along smoothed states: more than rates of curves say."""
+def _integral_profiles(problem: SearchProblem) -> list[_Profile]:
+    """Return each object's profile in integral form along smoothed states, which is more accurate than rates."""
     found = list[_Profile]()
     for o, (model, known, start) in enumerate(zip(problem.models, problem.known, problem.starts, strict=True)):
         values = values_along(problem, o, start)
         matched = [Integrals.and_target(problem, o, j, values) for j in range(len(known))]
-        said, targets = zip(*((each.of, target) for each, target in matched), strict=True)
-        found.append(_Profile(model.terms, known, values, targets, said))
+        regressors, targets = zip(*((each.of, target) for each, target in matched), strict=True)
+        found.append(_Profile(model.terms, known, values, targets, regressors))
     return found
 
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Values of each parameter that is to be found, by name, within its bounds, and combinations of them.
-
-    Combinations have the shape (values, parameters).
-    """
+    """Values of each estimated parameter within its bounds, and combinations of them, shape (values, parameters)."""
 
     law: Law
     names: Sequence[str]
@@ -267,7 +270,7 @@ class _Grid:
     def of(
         cls, law: Law, profiles: Sequence[_Profile], bounds: Sequence[Bound], guesses: Mapping[str, float]
     ) -> "_Grid":
-        """Return guesses or the values that terms suggest, with more, evenly spaced, where bounds are close."""
+        """Return guesses, or a grid of likely values, with evenly spaced ones within narrow bounds."""
         first, inside = profiles[0].values.shape[1], np.argwhere(profiles[0].inside)[:, 1]
         columns = [first + law.terms.parameters.index(k) for k in inside]
         names = [law.terms.variables.names[column] for column in columns]
@@ -287,10 +290,9 @@ class _Grid:
         return cls(law, names, bounds, banks, values)
 
     def starts(self, profiles: Sequence[_Profile], deviances: Floats) -> list[Floats]:
-        """Return coefficients to begin with, each of shape (objects, equations, terms), by deviances of all values.
+        """Return starting values, each of shape (objects, equations, terms), from the deviances of all combinations.
 
-        First with parameters that are best for all objects together, then with others for all of them that differ, then
-        with those that are best for each.
+        First come distinct parameters that are best for all objects together, then those that are best for each.
         """
         swept, swept_alone = list[Floats](), [list[Floats]() for _ in profiles]
         if np.prod([len(each) for each in self.banks], dtype=float) > settings.MAX_COMBINATIONS:
@@ -309,10 +311,10 @@ class _Grid:
         ]
 
     def _swept(self, profiles: Sequence[_Profile], begin: Floats) -> Floats:
-        """Return the parameters that leave least of all values of one of them, given the others, one after the other.
+        """Return the parameters of least deviance in a cyclic coordinate search over the grid.
 
-        Of several frequencies this is the periodogram of what the others leave, again and again (the relaxation of Li
-        and Stoica 1996), where their combinations are too many to be tried.
+        For several frequencies this is the repeated periodogram of the residuals (RELAX; Li and Stoica 1996). It is
+        used if there are too many combinations.
         """
 
         def deviance(parameters: Floats) -> float:
@@ -333,10 +335,10 @@ class _Grid:
         return now
 
     def _best(self, profiles: Sequence[_Profile], deviances: Floats, swept: Sequence[Floats]) -> list[Floats]:
-        """Return the parameters that leave least of some objects, from values that differ, and those found by sweeps.
+        """Return the parameters of least deviance for some objects, refined from distinct values of the grid.
 
-        Where several leave the same, as -n and the other side of a saturation do, it is those by which more of what has
-        a name is above zero, and then the smaller ones.
+        Among those of equal deviance, such as equivalent parametrizations of a saturation, parameters with more
+        positive named coefficients come first, then smaller ones.
         """
         letters = {each.name: each for each in named_parameters(self.law).definitions}
 
@@ -344,28 +346,28 @@ class _Grid:
             coefficients = [each.coefficients(parameters) for each in profiles] if self.bounds else []
             return all(bound.holds(letters[bound.name].of(own)) for bound in self.bounds for own in coefficients)
 
-        def unusual(parameters: Floats) -> tuple[int, float]:
+        def preference(parameters: Floats) -> tuple[int, float]:
             named = [each.of(profile.coefficients(parameters)) for profile in profiles for each in letters.values()]
             return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(parameters)))
 
         listed = [self.values[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
         low, high = np.array([limits_of(name, self.bounds) for name in self.names]).reshape(-1, 2).T
         begun, wanted = list[Floats](), holds
-        # Factors of terms may end at their bounds: where those of no values are within, the fit begins outside
+        # Linear coefficients may end at their bounds: if those of no value are within, the fit starts outside
         for wanted in (holds, lambda own: bool(np.all((low <= own) & (own <= high)))):
             first = islice(filter(wanted, listed), settings.MAX_REFINED)
-            begun = [*filter(wanted, swept), *first, *_different(listed, wanted)]
+            begun = [*filter(wanted, swept), *first, *_distinct(listed, wanted)]
             if begun:
                 break
         found = [*begun, *filter(wanted, (_refined(profiles, each, np.stack([low, high])) for each in begun))]
         values = [sum(each.deviance(own) for each in profiles) for own in found]
         ordered = [found[k] for k in np.argsort(values, kind="stable")]
         same = [k for k, value in enumerate(values) if value <= min(values) + settings.SAME_DEVIANCE]
-        return _different([*sorted((found[k] for k in same), key=unusual), *ordered])
+        return _distinct([*sorted((found[k] for k in same), key=preference), *ordered])
 
 
-def _different(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambda _: True) -> list[Floats]:
-    """Return the first few of some parameters that differ, by their signs or a step of the grid."""
+def _distinct(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambda _: True) -> list[Floats]:
+    """Return the first few distinct parameters, which differ in a sign or by a step of the grid."""
     found = list[Floats]()
     for each in listed:
         if len(found) == settings.MAX_REFINED:
@@ -378,26 +380,26 @@ def _different(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambd
 
 
 def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Floats:
-    """Return the parameters that leave least of the rates near some values, between limits, shape (2, parameters)."""
+    """Return a local optimum of the parameters between limits, shape (2, parameters), by nonlinear least squares."""
     from scipy.optimize import least_squares
 
     tiny = np.finfo(float).tiny
-    units = [[max(_size(own), tiny) for own in each.left(begin)] for each in profiles]
+    units = [[max(_rms(own), tiny) for own in each.residuals(begin)] for each in profiles]
 
-    def left(relative: Floats) -> Floats:
-        listed = [each.left(begin * relative) for each in profiles]
+    def residuals(relative: Floats) -> Floats:
+        listed = [each.residuals(begin * relative) for each in profiles]
         pairs = [pair for own, sizes in zip(listed, units, strict=True) for pair in zip(own, sizes, strict=True)]
         whole = np.concatenate([own / size for own, size in pairs])
         return np.where(np.isfinite(whole), whole, 1 / settings.ROUNDING)
 
     low, high = np.sort(limits / begin, axis=0)
     return np.asarray(
-        begin * least_squares(left, np.ones_like(begin), bounds=(low, high), max_nfev=settings.MAX_ITERATIONS).x
+        begin * least_squares(residuals, np.ones_like(begin), bounds=(low, high), max_nfev=settings.MAX_ITERATIONS).x
     )
 
 
 def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequence[Floats]) -> None:
-    """Refuse what no trial could tell: coefficients of which only a combination matters."""
+    """Refuse coefficients of which only a combination is identifiable."""
     listed = []
     for each, own in zip(profiles, parameters, strict=True):
         _, sizes, directions = np.linalg.svd(each.derivatives(own, law.order), full_matrices=False)
@@ -411,7 +413,7 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequ
 
 
 def _refuse_combination(law: Law, part: Bools) -> None:
-    """Refuse coefficients, shape (equations, terms), of which only a combination enters the equations."""
+    """Refuse coefficients, shape (equations, terms), of which only a combination is identifiable."""
     if not part.any():
         return
     before = [each for each in named_parameters(law).products if part[each.equation, each.term]]
@@ -420,7 +422,7 @@ def _refuse_combination(law: Law, part: Bools) -> None:
     raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure, variables=variables)
 
 
-def _size(left: Floats) -> float:
+def _rms(residuals: Floats) -> float:
     """Return the root mean square."""
     with np.errstate(over="ignore"):
-        return float(np.sqrt(np.mean(left**2)))
+        return float(np.sqrt(np.mean(residuals**2)))

@@ -1,9 +1,9 @@
-"""Ratios of two sums of terms that fit an equation best: ranked by sums of squares of integrals, see `term_sets`.
+"""Ranking of ratios of two sums of terms for one equation by residual sums of squares, see `integral_ranking`.
 
-Given the coefficients below, those above are found by least squares (variable projection; Golub and Pereyra 1973).
-Denominators of two terms are all compared at a bank of values, each with every small set of terms above; the best of
-them get another term, and so on. What is compared are measurements with integrals of ratios along near curves: the
-rates are not multiplied by the denominator, which would make errors of those of the regressors.
+Given the coefficients of the denominator, those of the numerator follow by least squares (variable projection; Golub
+and Pereyra 1973). All denominators of two terms are compared on a grid of values with every small numerator; the best
+of them get another term, and so on. Measurements are compared with integrals of the ratio along estimated states. The
+equation is not multiplied by the denominator, which would put measurement errors into the regressors.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,50 +24,50 @@ from commonlaw.inference.propose.integral_ranking import (
     CandidateSupport,
     InformationCriterion,
     Start,
-    courses_of,
-    for_all,
+    expand_to_objects,
+    object_curves,
 )
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
 from commonlaw.runtime.parallel import in_parallel
 
 
-def matching_ratios(
+def rank_ratios(
     problem: SearchProblem,
     estimates: Sequence[Estimate],
     offered: Sequence[Ratios],
     most: Mapping[int, int],
-    hopeless: float = settings.MAX_SQUARES_RATIO,
+    max_ratio: float = settings.MAX_SQUARES_RATIO,
 ) -> dict[int, list[CandidateSupport]]:
-    """Return the ratios among those offered that fit best for how many numbers they have, see `matching_sets`."""
-    courses = courses_of(problem, estimates, ())
+    """Return candidate supports with offered ratios, ranked by BIC, see `rank_supports`."""
+    courses = object_curves(problem, estimates, ())
     found = dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
         scored = list[tuple[float, CandidateSupport]]()
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
             sides = [own for own in sides if len(own.target)]
-            scored += _Ranked(problem, equation, each, sides, numbers, hopeless).best() if sides else []
+            scored += _Ranking(problem, equation, each, sides, numbers, max_ratio).best() if sides else []
         found[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
     return found
 
 
 @dataclass(frozen=True, eq=False)
 class _Sides:
-    """Terms above, below and added along the curves of an object, and its measurements of a state.
+    """Terms of the numerator, of the denominator and added ones along states of an object, with its measurements.
 
     Parameters
     ----------
     target
-        What was measured, relative to its noise, without what free starts explain, shape (m,).
+        Measurements of the state over their noise, projected orthogonally to free initial values, shape (m,).
     integrals
-        How rates are integrated.
+        The linear operator that integrates rates.
     added
         Integrals of plain terms, shape (m, terms).
     above, below
-        Values of terms along the curves, shape (n, terms).
+        Values of numerator and denominator terms along the states, shape (n, terms).
     between
-        Values of terms below at these states and others between them, shape (k, terms).
+        Values of denominator terms at these states and points between them, shape (k, terms).
     """
 
     target: Floats
@@ -79,7 +79,7 @@ class _Sides:
 
     @classmethod
     def of(cls, course: CurveData, equation: int, offered: Ratios) -> "_Sides":
-        """Return the terms of ratios along the curves of an object, for an equation."""
+        """Return the terms of ratios for an equation of an object."""
         match, values = course.match(equation), course.banks.values
         variables = course.problem.models[course.index].terms.variables
         added, above, below = (Terms(variables, each) for each in (offered.added, offered.above, offered.below))
@@ -93,22 +93,22 @@ class _Sides:
         )
 
     def columns(self, below: Sequence[int], coefficients: Floats) -> Floats:
-        """Return integrals of all terms above and added, shape (values, m, terms), at some coefficients below.
+        """Return integrals of all numerator and added terms, shape (values, m, terms).
 
-        These have the shape (values, terms below).
+        Coefficients of the denominator have the shape (values, denominator terms).
         """
         with np.errstate(all="ignore"):
             rates = self.above[:, np.newaxis, :] / (self.below[:, below] @ coefficients.T)[:, :, np.newaxis]
         ratios = self.integrals.of(rates.reshape(len(rates), -1)).reshape(-1, *rates.shape[1:]).transpose(1, 0, 2)
         return np.concatenate([ratios, np.broadcast_to(self.added, (len(ratios), *self.added.shape))], axis=2)
 
-    def whole(self, below: Sequence[int], coefficients: Floats) -> Bools:
-        """Return at which coefficients a denominator does not vanish, shape (values,)."""
+    def has_no_pole(self, below: Sequence[int], coefficients: Floats) -> Bools:
+        """Return at which coefficients the denominator has no zero along the states, shape (values,)."""
         signs = np.sign(self.between[:, below] @ coefficients.T)
         return np.asarray(np.ptp(signs, axis=0) == 0)
 
     def left(self, below: Sequence[int], coefficients: Floats, sets: Sequence[Indices]) -> Floats:
-        """Return what sets of terms leave of the sum of squares, shape (values, sets), see `columns`.
+        """Return residual sums of squares, shape (values, sets), see `columns`.
 
         The sets of each size have the shape (sets, size).
         """
@@ -120,21 +120,21 @@ class _Sides:
             found = np.linalg.solve(inside, inner[:, own][..., np.newaxis])[..., 0]
             gained.append(np.sum(inner[:, own] * found, axis=2))
         left = self.target @ self.target - np.concatenate(gained, axis=1)
-        left[~self.whole(below, coefficients)] = np.inf
+        left[~self.has_no_pole(below, coefficients)] = np.inf
         return np.asarray(np.maximum(left, np.finfo(float).tiny))
 
     def fitted(self, below: Sequence[int], coefficients: Floats, terms: Sequence[int]) -> tuple[Floats, Floats]:
-        """Return coefficients of terms above and added, and what is left: all where the denominator vanishes."""
-        if not self.whole(below, coefficients[np.newaxis]).all():
+        """Return coefficients of numerator and added terms, and residuals; the target if the denominator vanishes."""
+        if not self.has_no_pole(below, coefficients[np.newaxis]).all():
             return np.zeros(len(terms)), self.target
         return solved(self.columns(below, coefficients[np.newaxis])[0][:, terms], self.target)
 
     def closest(self, below: Sequence[int], begin: Floats, terms: Sequence[int]) -> Floats:
-        """Return the coefficients below that leave least, near some, of which none is zero."""
+        """Return locally optimal coefficients of the denominator, starting from nonzero ones."""
 
         def linearized(values: Floats) -> tuple[Floats, Floats]:
             several = np.column_stack([with_steps(values), np.full(len(begin), begin[-1])])
-            if not self.whole(below, several[:1]).all():
+            if not self.has_no_pole(below, several[:1]).all():
                 return self.target, np.zeros((len(self.target), len(values)))
             return projected(self.target, self.columns(below, several)[:, :, terms])
 
@@ -142,7 +142,7 @@ class _Sides:
 
 
 class _Shape(NamedTuple):
-    """Which terms are above, below and added, by their indices."""
+    """Indices of the numerator, denominator and added terms."""
 
     above: tuple[int, ...]
     below: tuple[int, ...]
@@ -154,17 +154,17 @@ class _Shape(NamedTuple):
 
 
 class _Score(NamedTuple):
-    """What a shape leaves of all measurements at coefficients below, of shape (objects, terms below)."""
+    """Residual sum of squares over all objects at denominator coefficients, shape (objects, denominator terms)."""
 
     squares: float
     below: Floats
 
 
 @dataclass(frozen=True, eq=False)
-class _Ranked:
-    """Ratios for an equation, of so many numbers at most, by what they leave of the measurements of all objects.
+class _Ranking:
+    """Ranking of the ratios for an equation by residual sums of squares over all objects.
 
-    Those with one more number are looked at, too, from which a term may be dropped.
+    Ratios with one parameter more than `at_most` are computed, too, from which a term may be dropped.
     """
 
     problem: SearchProblem
@@ -172,35 +172,35 @@ class _Ranked:
     offered: Ratios
     sides: Sequence[_Sides]
     at_most: int
-    hopeless: float
+    max_ratio: float
 
     def best(self) -> list[tuple[float, CandidateSupport]]:
-        """Return the best shapes of each size, with their criterion."""
+        """Return the best shapes of each size with their BIC."""
         found = self._all()
         groups: dict[int, list[tuple[float, _Shape]]] = {}
         for shape, score in found.items():
             groups.setdefault(shape.numbers, []).append((score.squares, shape))
         least = {numbers: min(listed)[0] for numbers, listed in groups.items()}
         most = min(self._criterion.enough(least), self.at_most)
-        closer: dict[int, list[tuple[float, _Shape]]] = {}
+        optimized: dict[int, list[tuple[float, _Shape]]] = {}
         for numbers in range(most + 2):
             for _, shape in sorted(groups.get(numbers, []))[: settings.MAX_REFINED]:
-                found[shape] = self._closely(shape, found[shape])
-                closer.setdefault(numbers, []).append((found[shape].squares, shape))
+                found[shape] = self._optimized(shape, found[shape])
+                optimized.setdefault(numbers, []).append((found[shape].squares, shape))
         for numbers in range(most + 1, 1, -1):
-            for _, shape in sorted(closer.get(numbers, []))[:1]:
+            for _, shape in sorted(optimized.get(numbers, []))[:1]:
                 for less, score in self._without_one(shape, found[shape]):
-                    listed = closer.setdefault(less.numbers, [])
+                    listed = optimized.setdefault(less.numbers, [])
                     if less not in {own for _, own in listed} or score.squares < found[less].squares:
                         found[less] = score
-                        closer[less.numbers] = [(score.squares, less), *(each for each in listed if each[1] != less)]
-        ranked = [(numbers, sorted(listed)) for numbers, listed in closer.items()]
-        kept = self._criterion.kept(ranked, self.at_most, self.hopeless)
+                        optimized[less.numbers] = [(score.squares, less), *(each for each in listed if each[1] != less)]
+        ranked = [(numbers, sorted(listed)) for numbers, listed in optimized.items()]
+        kept = self._criterion.kept(ranked, self.at_most, self.max_ratio)
         pairs = ((value, self._with_starts(shape, found[shape])) for value, shape in kept)
         return [(value, each) for value, each in pairs if each is not None]
 
     def _all(self) -> dict[_Shape, _Score]:
-        """Return what all shapes leave that are compared."""
+        """Return the scores of all compared shapes."""
         found = dict[_Shape, _Score]()
         count = len(self.offered.below)
         listed = [(below, np.ones((len(self.sides), 1))) for below in combinations(range(count), 1)]
@@ -211,24 +211,24 @@ class _Ranked:
                     if new not in below:
                         self._add(wider, (*below, new), coefficients)
             found |= wider
-            best = dict[tuple[int, ...], Floats]()  # Denominators of the most promising shapes, and their coefficients
+            best = dict[tuple[int, ...], Floats]()  # Denominators of the best shapes
             for shape in sorted(wider, key=lambda shape: self._criterion(shape.numbers, wider[shape].squares)):
                 best.setdefault(shape.below, wider[shape].below)
             listed = [*best.items()][: settings.MAX_KEPT]
         return found
 
     def _without_one(self, shape: _Shape, score: _Score) -> Iterator[tuple[_Shape, _Score]]:
-        """Yield shapes with one term less, at the coefficients below that leave least near those of the larger one."""
+        """Yield shapes with one term less, at denominator coefficients optimized from those of the larger one."""
         for place, terms in enumerate(shape):
             for k in range(len(terms)):
                 parts = [*shape]
                 parts[place] = terms[:k] + terms[k + 1 :]
                 less, columns = _Shape(*parts), np.delete(np.arange(len(shape.below)), k if place == 1 else [])
                 if less.above and len(less.below) > 1 and self.offered.is_reduced(less.above, less.below):
-                    yield less, self._closely(less, _Score(np.inf, score.below[:, columns]))
+                    yield less, self._optimized(less, _Score(np.inf, score.below[:, columns]))
 
     def _add(self, found: dict[_Shape, _Score], below: tuple[int, ...], coefficients: Floats) -> None:
-        """Add what all shapes leave of a denominator whose last term is new; the others have these coefficients."""
+        """Add the scores of all shapes with this denominator; coefficients are of all its terms but the last."""
         sets = [each for each in self._by_size if each.shape[1] + len(below) - 1 <= self.at_most + 1]
         if not sets:
             return
@@ -255,12 +255,12 @@ class _Ranked:
                 found[shape] = _Score(float(squares[k]), best)
 
     def _terms(self, shape: _Shape) -> list[int]:
-        """Return the columns of the terms above and added."""
+        """Return the column indices of the numerator and added terms."""
         return [*shape.above, *(len(self.offered.above) + k for k in shape.added)]
 
     @cached_property
     def _by_size(self) -> list[Indices]:
-        """The sets of terms above and added, shape (sets, size) for each size."""
+        """The sets of numerator and added terms, shape (sets, size) for each size."""
         plain, count = self.problem.models[0].terms.terms, len(self.offered.above)
         free = self.problem.allowed[self.equation]
         added = [count + k for k, each in enumerate(self.offered.added) if each in plain and free[plain.index(each)]]
@@ -282,8 +282,8 @@ class _Ranked:
     def _criterion(self) -> InformationCriterion:
         return InformationCriterion(sum(len(each.target) for each in self.sides), len(self.sides))
 
-    def _closely(self, shape: _Shape, score: _Score) -> _Score:
-        """Return a score at the coefficients below that leave least of each object, near those that are known."""
+    def _optimized(self, shape: _Shape, score: _Score) -> _Score:
+        """Return the score at denominator coefficients optimized for each object, starting from given ones."""
         terms = self._terms(shape)
         below = [side.closest(shape.below, own, terms) for side, own in zip(self.sides, score.below, strict=True)]
         pairs = zip(self.sides, below, strict=True)
@@ -291,7 +291,7 @@ class _Ranked:
         return _Score(sum(float(each @ each) for each in left), np.array(below))
 
     def _with_starts(self, shape: _Shape, score: _Score) -> CandidateSupport | None:
-        """Return a shape with what fits begin with: what each object has by itself, and with what is typical below."""
+        """Return a shape with starting values: those of each object, and with the median denominator."""
         variables, terms = self.problem.models[0].terms.variables, self._terms(shape)
         norms = [np.sqrt(np.mean(each.below[:, shape.below] ** 2, axis=0)) for each in self.sides]
         sizes = np.median(np.abs(score.below) * norms, axis=0)
@@ -305,6 +305,8 @@ class _Ranked:
                 continue
             fits = [side.fitted(shape.below, own, terms)[0] for side, own in zip(self.sides, below, strict=True)]
             ordered = np.roll(np.array(fits), len(shape.added), axis=1)
-            starts.append(Start(for_all(ordered, objects), (for_all(np.array(parameters), objects),)))
+            starts.append(
+                Start(expand_to_objects(ordered, objects), (expand_to_objects(np.array(parameters), objects),))
+            )
         added = tuple(plain.index(self.offered.added[k]) for k in shape.added)
         return CandidateSupport(added, (ratio,), tuple(starts)) if starts else None

@@ -1,9 +1,9 @@
-"""Few dozens of candidate terms out of hundreds, before supports are searched, and a look afterwards at all others.
+"""Screening of hundreds of candidate terms before the search for supports, and a score test of all others after it.
 
-Terms are chosen one after the other for each equation, by what they explain of smoothed rates of all objects together
-(orthogonal matching pursuit; Tropp and Gilbert 2007), and at each step those stay that explain nearly as much. Smoothed
-rates are less accurate than trajectories, so nothing rests on them: once a law is found, each term that was left out is
-tried on the likelihood linearised about it (a score test), and comes back if it would improve the evidence.
+Terms are selected for each equation by orthogonal matching pursuit on smoothed rates of all objects (Tropp and Gilbert
+2007), with the runners-up of each step. Smoothed rates are less accurate than trajectories, so the screening is not
+final: once a law is found, each excluded term is tested on the likelihood linearised about it (a score test), and is
+readmitted if it would increase the evidence.
 """
 
 from collections.abc import Iterator
@@ -24,11 +24,11 @@ from commonlaw.text import counted
 from commonlaw.trials import Trials
 
 
-def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> Bools:
-    """Return which terms are worth a search, shape (terms,): about forty, or all if there are no more than seventy.
+def screen_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> Bools:
+    """Return which terms enter the search, shape (terms,): about forty, or all if there are at most seventy.
 
-    Coefficients that are known have the shape (objects, equations, terms), NaN where they are to be found; terms that
-    are `needed`, shape (terms,), stay in any case.
+    Known coefficients have the shape (objects, equations, terms), NaN where they are estimated; `needed` terms, shape
+    (terms,), are always kept.
 
     Raises `CommonlawError` if a trial is too short, a term is not finite on it, or the terms take more memory than
     there is.
@@ -59,19 +59,19 @@ def promising_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) 
     return kept
 
 
-def missed_terms(fit: Fit, terms: Terms) -> Bools:
-    """Return which terms that were left out of all, shape (terms,), would improve the evidence of a law."""
+def terms_by_score_test(fit: Fit, terms: Terms) -> Bools:
+    """Return which of the screened-out terms, shape (terms,), would increase the evidence of a law."""
     problem, kept = fit.problem, np.isin(terms.names, fit.problem.terms.names)
     if kept.all():
         return np.zeros_like(kept)
     inside = np.flatnonzero(kept)[fit.supports.any(axis=0)]
-    mine, missed = np.isin(np.flatnonzero(kept), inside), np.zeros_like(kept)
+    is_selected, missed = np.isin(np.flatnonzero(kept), inside), np.zeros_like(kept)
     left_out = np.flatnonzero(~kept)
     for tried in np.array_split(left_out, -(-len(left_out) // settings.MAX_SCREENED_TERMS)):
         several = terms.take([*inside, *tried])
 
         def wider(values: Floats, new: float, count: int = len(tried)) -> Floats:
-            own = values[..., mine]
+            own = values[..., is_selected]
             return np.concatenate([own, np.full((*own.shape[:-1], count), new)], axis=-1)
 
         estimates = tuple(replace(each, coefficients=wider(each.coefficients, 0.0)) for each in fit.estimates)
@@ -91,7 +91,7 @@ def missed_terms(fit: Fit, terms: Terms) -> Bools:
 
 
 def _ranked(factors: Floats, equation: int, terms: int, allowed: Bools) -> Iterator[Indices]:
-    """Yield step by step the terms that explain most of what the best of the steps before leave, the best first."""
+    """Yield in each step the terms that reduce the residual sum of squares most; the first is selected."""
     columns = factors[:, :, [*range(terms), terms + equation]]
     norms = np.sum(columns**2, axis=1)
     rest, free = columns, allowed.copy()

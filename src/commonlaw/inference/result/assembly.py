@@ -1,4 +1,4 @@
-"""The last step from trials to a law: what was chosen with its errors, what else it could be, and every choice."""
+"""The last step from trials to a law: standard errors, plausible alternatives, and the history of choices."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -9,11 +9,11 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.forecast.population import with_pooled_forecasts
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.trial_heterogeneity import differing_trials
-from commonlaw.inference.fit.annealing import beside_those_ahead, rescale_noise
+from commonlaw.inference.fit.annealing import refit_leading, rescale_noise
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.result.approximation import approximated, with_approximation
+from commonlaw.inference.result.approximation import choose_deterministic, with_approximation
 from commonlaw.inference.result.held_out_forecasts import best_forecaster, standardized_errors, widening_of
 from commonlaw.inference.result.history import (
     Compared,
@@ -42,17 +42,17 @@ def assemble(
     seed: int,
     progress: ProgressCallback,
 ) -> Law:
-    """Return the law of the best fit: its terms, coefficients, their covariance, and every choice on the way.
+    """Return the law of the best fit: terms, coefficients, covariance, plausible alternatives, and the history.
 
-    A law with other kinds of errors takes its place if it forecasts better, see `best_forecaster`. `universal` returns
-    which coefficients of a law all objects have in common, shape (equations, terms); with partial pooling forecasts
-    draw the others to their means as far as objects are alike, see `commonlaw.law.pool_objects`.
+    A law under another error model replaces it if its forecasts are better, see `best_forecaster`. `universal` returns
+    which coefficients of a law are shared by all objects, shape (equations, terms); with partial pooling, forecasts
+    shrink the others to their means, see `commonlaw.law.pool_objects`.
     """
 
     def pooled(law: Law) -> Law:
         return pool_objects(law, universal(law), partial_pooling)
 
-    pool = ranked_first(approximated(pool, progress, pooled))
+    pool = with_leading_support(choose_deterministic(pool, progress, pooled))
     if pool.is_approximation:
         errors = standardized_errors(pool.best, pooled)
     else:
@@ -61,8 +61,8 @@ def assemble(
     compared = compared_terms(pool)
     fit, is_converged = pool.best, True
     problem = fit.problem
-    is_told = problem.tells_noise or problem.is_determined(fit.size * len(problem.models))
-    if is_told and not problem.trials.schema.unmeasured.any():  # Latent states have a prior
+    is_noise_identified = problem.tells_noise or problem.is_determined(fit.size * len(problem.models))
+    if is_noise_identified and not problem.trials.schema.unmeasured.any():  # Latent states have a prior
         fit, is_converged = converged(fit)
     template = problem.law
     law = fitted_law(template, fit, covariance, seed)
@@ -87,7 +87,7 @@ def assemble(
         ),
     )
     others = other_laws(pool.best, law) if problem.solver is not None else ()
-    different = list[Fit]()  # From each other and the law, not the same in other words
+    different = list[Fit]()  # Without reparametrizations of the same law
     for rival in pool.rivals:
         if not any(_is_same(rival, each) for each in (pool.best, *different)):
             different.append(rival)
@@ -101,20 +101,20 @@ def assemble(
     )
 
 
-def ranked_first(pool: Pool) -> Pool:
-    """Return a pool whose best is the best of what the comparison of terms ranks ahead of it, once fitted."""
+def with_leading_support(pool: Pool) -> Pool:
+    """Return a pool whose best has the supports that its linearization ranks first, if these have a better fit."""
     if pool.best.problem.solver is None:
         return pool
-    fit = beside_those_ahead(pool.best)
+    fit = refit_leading(pool.best)
     same = np.array_equal(fit.supports, pool.best.supports)
     return pool.with_best(fit if same else rescale_noise(fit))
 
 
 def _is_same(one: Fit, other: Fit) -> bool:
-    """Return whether laws with as many coefficients have the same trajectories, by far less than the noise."""
+    """Return whether two laws with equally many coefficients have equal trajectories, up to a share of the noise."""
 
     def ends(fit: Fit) -> Floats:
-        """Return where trajectories start and end, without rates and other processes, (trajectories, 2, states)."""
+        """Return the states at both ends of each trajectory, shape (trajectories, 2, states)."""
         return np.array([own[[0, -1], : len(fit.problem.noise)] for each in fit.estimates for own in each.states])
 
     if one.size != other.size or one.problem.trials.schema.states != other.problem.trials.schema.states:
@@ -124,10 +124,10 @@ def _is_same(one: Fit, other: Fit) -> bool:
 
 
 def compared_terms(pool: Pool) -> list[Compared]:
-    """Return for each equation the terms that were chosen and their rivals, the other equations' being the same.
+    """Return the chosen terms of each equation and their rivals, with the same terms in the other equations.
 
-    Of terms that are given, these are those of rivals alone. What ranks ahead of the law could not be fitted, or its
-    solutions do not follow the steps of the likelihood: it was no law to choose from, and is left out.
+    If the terms are given, only those of rival laws are listed. Supports that rank ahead of the chosen one failed when
+    they were fitted, and are left out.
     """
     best, laws = pool.best, [(each.score - pool.best.score, each.model.equations) for each in pool.rivals]
     template, first, compared = best.problem.law, best.model.equations, []
@@ -145,47 +145,49 @@ def compared_terms(pool: Pool) -> list[Compared]:
 
 
 def other_laws(chosen: Fit, law: Law) -> tuple[PlausibleLaw[Law], ...]:
-    """Return what else a law could be that was found, the most probable first, with its schema and objects."""
+    """Return the plausible alternatives to a law, the most probable first, with its schema and objects."""
     (own, _), *others = weighted(chosen)
     kept = [(share, fit) for share, fit in others if share > settings.MIN_PROBABILITY][: settings.MAX_MODELS - 1]
     total = own + sum(share for share, _ in kept)
-    laws = [fitted_law(law, replace(fit, problem=chosen.problem)) for _, fit in kept]  # Under the noise of the law
-    return tuple(PlausibleLaw(share / total, _beside(law, each)) for (share, _), each in zip(kept, laws, strict=True))
+    laws = [fitted_law(law, replace(fit, problem=chosen.problem)) for _, fit in kept]  # Under its noise
+    return tuple(
+        PlausibleLaw(share / total, _as_alternative(law, each)) for (share, _), each in zip(kept, laws, strict=True)
+    )
 
 
 def with_rivals(
     others: Sequence[PlausibleLaw[Law]], law: Law, rivals: Sequence[tuple[float, Fit]]
 ) -> tuple[PlausibleLaw[Law], ...]:
-    """Return what else a law could be, by `other_laws`, with laws of other terms that were fitted too.
+    """Return the plausible alternatives by `other_laws` together with rivals that have other terms.
 
-    Rivals have by how much their -2 log evidence is above that of the law, than which they are no more probable. Those
-    that measure something else are left out.
+    Each rival comes with its difference in -2 log evidence to the law; a negative one counts as zero. Rivals with other
+    measured states are left out.
     """
     own = 1.0 - sum(each.probability for each in others)
-    found, said = [*others], {each.law.structure for each in others} | {law.structure}
+    plausible, structures = [*others], {each.law.structure for each in others} | {law.structure}
     for above, fit in sorted(rivals, key=lambda pair: pair[0]):
         share = own * float(np.exp(-max(0.0, above) / 2))
-        if share <= settings.MIN_PROBABILITY or len(found) == settings.MAX_MODELS - 1:
+        if share <= settings.MIN_PROBABILITY or len(plausible) == settings.MAX_MODELS - 1:
             break
-        rival = with_parameters_of(_beside(law, fitted_law(fit.problem.law, fit)), law)
-        if rival.schema == law.schema and rival.structure not in said:
-            said.add(rival.structure)
-            found.append(PlausibleLaw(share, rival))
-    total = own + sum(each.probability for each in found)
-    found = [each._replace(probability=each.probability / total) for each in found]
-    return tuple(sorted(found, key=lambda each: -each.probability))
+        rival = with_parameters_of(_as_alternative(law, fitted_law(fit.problem.law, fit)), law)
+        if rival.schema == law.schema and rival.structure not in structures:
+            structures.add(rival.structure)
+            plausible.append(PlausibleLaw(share, rival))
+    total = own + sum(each.probability for each in plausible)
+    plausible = [each._replace(probability=each.probability / total) for each in plausible]
+    return tuple(sorted(plausible, key=lambda each: -each.probability))
 
 
-def _beside(law: Law, other: Law) -> Law:
-    """Return another law as it is kept with a law: without a record, its bands as much wider."""
+def _as_alternative(law: Law, other: Law) -> Law:
+    """Return an alternative as it is stored with a law: without provenance, its bands inflated alike."""
     uncertainty = replace(other.uncertainty, inclusion_probabilities=None, widening=law.uncertainty.widening)
     return replace(other, provenance=Provenance(), uncertainty=uncertainty)
 
 
 def weighted(chosen: Fit) -> list[tuple[float, Fit]]:
-    """Return a fit and its alternatives with probabilities that add up to one, the fit first.
+    """Return a fit and its alternatives with their posterior probabilities exp(-d/2)/sum exp(-d/2), the fit first.
 
-    By their evidence under the same errors; the chosen counts as no less probable than any other.
+    d is the difference in -2 log evidence to the fit under the same errors; a negative one counts as zero.
     """
     above = np.array([0.0, *(max(0.0, each.score - chosen.score) for each in chosen.alternatives)])
     shares = np.exp(-above / 2) / np.exp(-above / 2).sum()

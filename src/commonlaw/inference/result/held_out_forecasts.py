@@ -1,14 +1,12 @@
-"""How far forecasts of what was left out are off, by how far ahead they forecast.
+"""Errors of forecasts of held-out data, by their horizon, and the choice among laws by predictive scores.
 
-A trial is left out where the others of its object identify its coefficients, else the later half of each trial, and
-then its last quarter; the law is fitted to the rest, under the same errors, and forecasts what was left out. Errors are
-in units of the standard deviations of the forecast. Those of one trial are as good as one observation at a horizon.
+Whole trials are held out if the others of their object identify its coefficients; else the later half of each trial,
+and then its last quarter. The law is fitted to the rest under the same error model. Errors are standardized by the
+forecast's standard deviations; all errors of one trial at a horizon count as one observation.
 
-Evidence ranks laws by how probable they make each measurement after those before it, if one of them is right.
-Where none is, or few measurements may be imitated, the law that imitates them best may be the one that forecasts worst,
-beyond what was visited, or farther ahead than the next measurement. Laws are ranked then by how probable their
-forecasts make what they were not fitted to (Dawid 1984). All errors of a trial go together, so that each trial counts
-as one observation.
+Evidence ranks laws by their one-step predictions, which is right if one of them is true. If none is, or measurements
+are few, the law that fits them best may forecast worst beyond the visited states or over several steps. Laws are then
+ranked by the log predictive density of held-out data (Dawid 1984), in which each trial counts as one observation.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -24,7 +22,7 @@ from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.covariance import degrees_of_freedom, fitted_law
 from commonlaw.inference.fit.fit import Fit, best_of
 from commonlaw.inference.score.score import Kind, Score
-from commonlaw.inference.search.error_models import GROUPS, of_each_group, under_each_kind
+from commonlaw.inference.search.error_models import GROUPS, fit_each_kind, search_each_group
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
@@ -39,17 +37,17 @@ from commonlaw.trials import Trial, Trials
 
 @dataclass(frozen=True, eq=False)
 class StandardizedErrors:
-    """How far forecasts of one trial were off.
+    """Standardized errors of the forecasts of one trial.
 
     Parameters
     ----------
     ahead
-        How far ahead of what determined the initial state, shape (n,).
+        Horizon: time since the last sample used for the initial state, shape (n,).
     sizes
-        In units of what 95 % intervals reach, shape (n, states); NaN where nothing was measured, and for all of a
-        forecast that does not say what they reach; infinite for all of one that diverges.
+        Absolute errors over half widths of the 95 % intervals, shape (n, states); NaN for missing values, and for all
+        of a forecast without intervals; infinite for all of one that diverges.
     reach
-        What they reach, likewise.
+        The half widths, shape (n, states).
     """
 
     ahead: Floats
@@ -58,25 +56,24 @@ class StandardizedErrors:
 
     @property
     def standardized(self) -> Floats:
-        """Relative to the standard deviations of a normal distribution with these intervals."""
+        """Absolute errors in standard deviations of the normal distribution with these intervals."""
         return self.sizes * float(two_sided(settings.LEVEL))
 
     @property
     def std(self) -> Floats:
-        """These standard deviations; NaN where nothing was measured."""
+        """These standard deviations; NaN for missing values."""
         return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(settings.LEVEL)))
 
 
 def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
-    """Return by how much intervals should be wider at each horizon; None if nothing was forecast.
+    """Return the factors by which intervals are inflated at each horizon; None if nothing was forecast.
 
-    Where as many trials were left out as a conformal prediction takes, the quantile of their errors about a horizon, at
-    the level L (1 + 1/n) that holds for one more of n observations (Lei and others 2018): n is what the errors are
-    worth, from as many as there are trials to as many as errors, L (1 - L) over the variance of the share within the
-    quantile L, which is by that of the trials' shares. Where fewer were, the mean square of the
-    errors, next to which what the law says of itself counts as two trials. Intervals are not made narrower: later
-    times, and other starts, are seldom forecast better than what was learned from; nor are they widened less where they
-    are farther ahead.
+    With enough held-out trials, the factor is the conformal quantile of the errors near a horizon at the level
+    L (1 + 1/n), which covers one more of n exchangeable observations (Lei et al. 2018). Here n is the effective sample
+    size, between the number of trials and that of errors: L (1 - L) over the variance of the coverage of the quantile
+    L, estimated from its scatter between trials. With fewer trials it is the root mean square of the standardized
+    errors, with a prior of mean one that counts as two trials. Factors are at least one, because other conditions are
+    seldom forecast better than the training data, and do not decrease with the horizon.
     """
     longest = max((float(each.ahead.max()) for each in found if len(each.ahead)), default=0.0)
     if not longest > 0:
@@ -92,9 +89,9 @@ def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
 
 
 def _factor(trials: Sequence[Floats]) -> float:
-    """Return the factor from the errors of some trials, each of which counts once, however often it was measured."""
+    """Return the inflation factor from the errors of some trials, which have equal weights."""
     count = len(trials)
-    if count * (1 - settings.LEVEL) >= settings.LEVEL:  # Enough for the quantile of one more (conformal prediction)
+    if count * (1 - settings.LEVEL) >= settings.LEVEL:  # Enough for a conformal quantile
         sizes = np.concatenate(trials)
         order, weights = np.argsort(sizes), np.concatenate([np.full(len(each), 1 / len(each)) for each in trials])
         share = np.cumsum(weights[order]) / count
@@ -102,7 +99,7 @@ def _factor(trials: Sequence[Floats]) -> float:
         def quantile(level: float) -> float:
             return float(sizes[order][min(int(np.searchsorted(share, level)), len(sizes) - 1)])
 
-        # Independent observations worth as much as these, which are correlated within a trial (Kish 1965)
+        # Effective sample size of observations that are correlated within a trial (Kish 1965)
         scatter = np.var([np.mean(each <= quantile(settings.LEVEL)) for each in trials], ddof=1)
         worth = np.clip(
             count * settings.LEVEL * (1 - settings.LEVEL) / max(scatter, np.finfo(float).tiny), count, len(sizes)
@@ -116,10 +113,10 @@ def _factor(trials: Sequence[Floats]) -> float:
 
 @unannounced()
 def standardized_errors(fit: Fit, pooled: Callable[[Law], Law], *, both_ways: bool = False) -> list[StandardizedErrors]:
-    """Return how far forecasts by a law are off, of trials or parts of trials that were left out.
+    """Return the errors of forecasts of held-out trials or parts of trials.
 
-    `pooled` says how coefficients of objects learn from each other. Both ways, the earlier half of trials is forecast,
-    too, by what is fitted to the later one.
+    `pooled` pools the coefficients of the objects. With `both_ways` the earlier half of each trial is predicted by a
+    fit to the later half, too.
     """
     whole, trials = fitted_law(fit.problem.law, fit), fit.problem.trials
     found: dict[tuple[str, str], list[StandardizedErrors]] = {}
@@ -131,7 +128,7 @@ def standardized_errors(fit: Fit, pooled: Callable[[Law], Law], *, both_ways: bo
                 if determined := _well_determined(listed, kept, own, whole):
                     for key, errors in _standardized_errors(law, trials.with_trials(determined), start):
                         found.setdefault(key, []).append(errors)
-        except CommonlawError:  # Trials that are too few or too short for the law forecast nothing
+        except CommonlawError:  # Too few or too short trials for this law
             continue
     return [
         StandardizedErrors(
@@ -142,10 +139,10 @@ def standardized_errors(fit: Fit, pooled: Callable[[Law], Law], *, both_ways: bo
 
 
 def _well_determined(left_out: Sequence[Trial], kept: Sequence[Trial], law: Law, whole: Law) -> list[Trial]:
-    """Return the parts of trials that were left out, and whole ones of which others tell what all trials tell.
+    """Return held-out parts of trials, and held-out whole trials whose coefficients the remaining trials identify.
 
-    Of two species whose trial together is left out, trials of each alone say nothing of how they compete: forecasts by
-    these do not show how well the law forecasts.
+    Trials of two species alone do not identify their competition: if the trial of both is held out, its forecast does
+    not measure how well the law forecasts.
     """
     errors, own = np.nan_to_num(standard_errors(law)), [object_index(whole, name) for name in law.objects]
     sizes = np.hypot(whole.coefficients, np.nan_to_num(standard_errors(whole)))[own]
@@ -156,11 +153,11 @@ def _well_determined(left_out: Sequence[Trial], kept: Sequence[Trial], law: Law,
 
 
 LeftOut = list[tuple[list[Trial], int | None]]
-"""Trials that are forecast, and how many of their samples tell the start; None as it is by default."""
+"""Trials that are forecast, and how many of their samples determine the initial state; None for the default."""
 
 
 def _folds(trials: Trials, both_ways: bool) -> Iterator[tuple[list[Trial], LeftOut]]:
-    """Yield what laws are fitted to, and what they forecast then."""
+    """Yield training data and held-out data of each fold."""
     names = [trials.objects[i] for i in evenly_spaced(len(trials.objects), settings.MAX_CHECKED_OBJECTS)]
     groups = [trials.of_object(name) for name in names]
     repeated = [group for group in groups if len(group) > 1]
@@ -184,7 +181,7 @@ def _folds(trials: Trials, both_ways: bool) -> Iterator[tuple[list[Trial], LeftO
 
 
 def _fitted_to(fit: Fit, kept: Sequence[Trial]) -> Law:
-    """Return the law with the terms and errors of a fit, fitted to some of the trials."""
+    """Return the law with the terms and error model of a fit, fitted to some of the trials."""
     problem = fit.problem
     objects = problem.trials.with_trials(kept).objects
     indices = [problem.trials.objects.index(name) for name in objects]
@@ -204,7 +201,7 @@ def _fitted_to(fit: Fit, kept: Sequence[Trial]) -> Law:
 def _standardized_errors(
     law: Law, trials: Trials, start: int | None
 ) -> Iterator[tuple[tuple[str, str], StandardizedErrors]]:
-    """Yield how far forecasts of trials are off, by object and name."""
+    """Yield the errors of forecasts of trials, by object and name."""
     forecast = law.predict(trials, start=start, return_std=True, tolerance=1e-6)
     forecast = forecast.followed or forecast
     for trial, trajectory, (low, high), ahead in zip(
@@ -227,47 +224,47 @@ def _standardized_errors(
 def best_forecaster(
     pool: Pool, kinds: Sequence[ErrorKind], pooled: Callable[[Law], Law], progress: ProgressCallback
 ) -> tuple[Pool, list[StandardizedErrors]]:
-    """Return a pool whose best forecasts best what was left out, and how far its forecasts are off.
+    """Return a pool whose best has the best forecasts of held-out data, and the errors of its forecasts.
 
-    It is the one of largest evidence where forecasts are as good as they say, or many measurements are explained by a
-    law without errors of its own. Laws that evidence prefers to another under the same errors are the rivals of that.
-    `pooled` says how coefficients of objects learn from each other.
+    It remains that of largest evidence if its standardized errors are as expected, or if a deterministic law explains
+    many measurements. If another one is chosen, laws of larger evidence under the same errors become its rivals.
+    `pooled` pools the coefficients of the objects.
     """
     own = standardized_errors(pool.best, pooled)
-    if not _is_in_doubt(pool.best, own):
+    if not _are_forecasts_off(pool.best, own):
         return pool, own
     progress("comparing forecasts of held-out data")
-    errors_of = partial(standardized_errors, pooled=pooled, both_ways=_tell_by_halves(pool.best))
-    weighed = [(_score(errors_of(pool.best)), pool.best)]
+    errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))
+    scored = [(_score(errors_of(pool.best)), pool.best)]
     for fit in _others(pool, kinds, progress):
         errors = errors_of(fit)
         if len(errors) == len(own):
-            weighed.append((_score(errors), fit))
-    most, best = max(weighed, key=lambda each: each[0])
+            scored.append((_score(errors), fit))
+    most, best = max(scored, key=lambda each: each[0])
     if best is pool.best:
         return pool, own
-    preferred = [(score, fit) for score, fit in weighed if fit.errors == best.errors and fit < best]
-    others = [weighed_by_forecasts(fit, most - score) for score, fit in sorted(preferred, key=lambda each: -each[0])]
-    return replace(pool, fits=(weighed_by_forecasts(best, 0.0), *others)), standardized_errors(best, pooled)
+    preferred = [(score, fit) for score, fit in scored if fit.errors == best.errors and fit < best]
+    others = [scored_by_forecasts(fit, most - score) for score, fit in sorted(preferred, key=lambda each: -each[0])]
+    return replace(pool, fits=(scored_by_forecasts(best, 0.0), *others)), standardized_errors(best, pooled)
 
 
-def weighed_by_forecasts(fit: Fit, less: float) -> Fit:
-    """Return a law that is less probable by the logarithm of the probability of what was left out."""
+def scored_by_forecasts(fit: Fit, less: float) -> Fit:
+    """Return a fit whose score is twice its difference in log predictive density to the best."""
     score = Score({"forecasts": 2 * less}, Kind.FORECASTS)
     return replace(fit.with_score(score), problem=replace(fit.problem, solver=None), alternatives=())
 
 
 def score_of_forecasts(fit: Fit, pooled: Callable[[Law], Law]) -> float:
-    """Return the logarithm of how probable forecasts make what was left out; minus infinity if any diverges."""
-    errors = standardized_errors(fit, pooled, both_ways=_tell_by_halves(fit))
+    """Return the log predictive density of held-out data; minus infinity if a forecast diverges."""
+    errors = standardized_errors(fit, pooled, both_ways=_is_forecast_testable(fit))
     return _score(errors) if errors else -np.inf
 
 
-def _is_in_doubt(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
-    """Return whether forecasts of a law that errs, or that few measurements tell, are farther off than it says.
+def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
+    """Return whether standardized errors are too large for a law with process noise, or with few measurements.
 
-    It may imitate these. All errors of an object go together: one alone may have met with chaos; but what a law that
-    errs was learned from did not diverge.
+    Such a law may overfit. The test uses the mean over trials of the median squared error, which exceeds one by more
+    than `SIGNIFICANT` standard errors sqrt(2/n); a forecast that diverges is enough for a law with process noise.
     """
     count, errs = len(fit.problem.trials.objects), fit.has_process_noise
     if errs and any(np.isinf(each.sizes).any() for each in errors):
@@ -275,19 +272,21 @@ def _is_in_doubt(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
     finite = [known for each in errors if len(known := each.standardized[np.isfinite(each.sizes)])]
     if min(count, len(finite)) < 2 or not (errs or fit.has_few_measurements):
         return False
-    squares = [np.median(each**2) for each in finite]  # Outliers of the measurements are not the law's
+    squares = [np.median(each**2) for each in finite]  # Robust to outliers of the measurements
     return float(np.mean(squares)) > 1 + settings.SIGNIFICANT * float(np.sqrt(2 / count))
 
 
-def _tell_by_halves(fit: Fit) -> bool:
-    """Return whether the later half of each trial tells a law, which may then forecast the earlier one."""
+def _is_forecast_testable(fit: Fit) -> bool:
+    """Return whether the later half of each trial identifies a law, which may then predict the earlier half."""
     return not (fit.has_few_measurements or fit.problem.trials.schema.starts)
 
 
 def _score(errors: Sequence[StandardizedErrors]) -> float:
-    """Return the logarithm of how probable forecasts make what was left out, with bands as wide as they should be.
+    """Return the log predictive density of held-out data, with bands inflated to their errors.
 
-    That of no law whose forecasts diverge, or do not say how far off they may be.
+    With mean squares q of standardized errors, mean logarithms w of standard deviations in each trial, and the
+    inflation s = max(1, mean of q), it is -sum of (w + log(s)/2 + q/(2 s)). It is minus infinity if a forecast diverges
+    or has no intervals.
     """
     if not all(np.isfinite(each.sizes).any() and not np.isinf(each.sizes).any() for each in errors):
         return -np.inf
@@ -299,19 +298,19 @@ def _score(errors: Sequence[StandardizedErrors]) -> float:
 
 @unannounced()
 def _others(pool: Pool, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> Iterator[Fit]:
-    """Yield laws of no more coefficients with other terms or errors: the likeliest of each size under each errors."""
-    largest, likeliest = pool.best.size, dict[int, Fit]()
+    """Yield the most probable laws of each size, up to that of the best, under each group of error models."""
+    largest, best_of_size = pool.best.size, dict[int, Fit]()
     for fit in pool.rivals:
-        likeliest.setdefault(fit.size, fit)
-    yield from (fit for size, fit in likeliest.items() if size <= largest)
+        best_of_size.setdefault(fit.size, fit)
+    yield from (fit for size, fit in best_of_size.items() if size <= largest)
     if pool.plain is None:
         return
     problem, supports = pool.plain.problem.under_white_noise, dict[bytes, Bools]()
     plain = replace(pool.plain, problem=problem)
-    for under_errors in of_each_group(plain, kinds, progress):
-        supports |= {each.tobytes(): each for each in of_each_size(under_errors, largest)}
+    for under_errors in search_each_group(plain, kinds, progress):
+        supports |= {each.tobytes(): each for each in best_of_each_size(under_errors, largest)}
     for own in supports.values():
-        fits = under_each_kind(problem, own, kinds)
+        fits = fit_each_kind(problem, own, kinds)
         for group in GROUPS:
             of_group = [each for each in fits if ERRORS[each.errors].group == group]
             best = min(of_group, default=None)
@@ -319,8 +318,8 @@ def _others(pool: Pool, kinds: Sequence[ErrorKind], progress: ProgressCallback) 
                 yield best
 
 
-def of_each_size(pool: Pool, largest: int) -> Iterable[Bools]:
-    """Return the likeliest supports of each size, of those that a pool proposes."""
+def best_of_each_size(pool: Pool, largest: int) -> Iterable[Bools]:
+    """Return the most probable support of each size among those that a pool proposes."""
     proposed = [each for each in pool.proposals() if 0 < each.sum() <= largest]
     best, values = dict[int, Bools](), [pool.best.evidence.value(each) for each in proposed]
     for i in np.argsort(values):

@@ -1,4 +1,4 @@
-"""Error models, each with its supports and maximum-marginal-likelihood levels, and the choice among them."""
+"""The choice among error models, each with its supports and its levels by maximum marginal likelihood."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 
 GROUPS = ("white", "measurement", "law")
-"""White noise, other errors of measurements, and those of laws: the best of each is sought with its own law."""
+"""White noise, other measurement errors, and model errors: supports are searched for under the best of each group."""
 
 
 def choose_errors(
@@ -39,11 +39,10 @@ def choose_errors(
     propose: Callable[[Fit], Bools | None],
     progress: ProgressCallback,
 ) -> Pool:
-    """Return a pool with the errors that are chosen.
+    """Return a pool under the chosen error model.
 
-    With ``"auto"`` they are those of largest evidence, where white noise does not explain the measurements. Compared
-    are the supports of the pool, which is by `begin_search`, and those that are proposed by the best fit among plain
-    terms, shape (equations, terms).
+    With ``"auto"`` it is that of largest evidence if the residuals are not white noise. Compared are the supports of
+    the pool, and that which `propose` returns for the best fit among plain terms, shape (equations, terms).
     """
     reason = pool.best.reason_for_errors if errors == "auto" else "as asked for"
     if not reason:
@@ -60,7 +59,7 @@ def choose_errors(
 def with_error_models(
     pool: Pool, proposed: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
 ) -> Pool:
-    """Return a pool with the law of largest evidence, and errors of these kinds; its terms stay if they are given."""
+    """Return a pool with the law of largest evidence under these error models; given terms are kept."""
     near = [*pool.fits[: 1 + settings.MAX_RIVALS]]
     if pool.plain is not None and pool.plain not in near and not any(fit.problem.solver for fit in near):
         near.append(pool.plain)
@@ -75,62 +74,62 @@ def with_error_models(
 def _with_error_model(
     fit: Fit, explored: Sequence[Fit], proposed: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
 ) -> tuple[Fit, list[Fit]]:
-    """Return a fit with the errors of largest evidence, and if the law has process noise, that under white noise."""
+    """Return the fit of largest evidence, and if that has process noise, the best one under white noise."""
     problem = fit.problem
     if problem.solver is None:
-        compared = under_each_kind(problem, fit.supports, kinds)
+        compared = fit_each_kind(problem, fit.supports, kinds)
     else:
-        pools = of_each_group(fit, kinds, part(progress, 0.0, 0.5))
+        pools = search_each_group(fit, kinds, part(progress, 0.0, 0.5))
         others = [each.supports for each in explored] + ([] if proposed is None else [proposed & problem.allowed])
         progress(Stage("comparing laws under each error model", 0.5))
-        compared = _under_all(pools, others)
+        compared = _fit_all_pairs(pools, others)
         if compared:
             progress("comparing error models of the chosen law")
-            compared += under_each_kind(problem, most_probable(compared).supports, kinds)
+            compared += fit_each_kind(problem, most_probable(compared).supports, kinds)
     if not compared:
         return fit, []
-    # Given terms are fitted by least squares
+    # Given terms are fitted by least squares unless the evidence against it is very strong
     best = most_probable(compared, settings.VERY_STRONG if problem.solver is None else 0.0)
     kind, white = best.errors, [each for each in compared if each.errors == "white"]
-    # Levels about the law itself, to the last digits: units and origins do not show
+    # Levels at the optimum of the chosen law, so that the result does not depend on units and origins
     exact = best if kind == "white" else estimate_error_model(best, kind)
     chosen = exact if exact.is_usable else best
     chosen = chosen.with_alternatives([each for each in compared if each.errors == kind])
     return chosen, [most_probable(white).with_alternatives(white)] if white and best.has_process_noise else []
 
 
-def of_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> list[Pool]:
-    """Return white noise, the best other errors of measurements, and the best of the law, each with its own law.
+def search_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> list[Pool]:
+    """Return a pool for the best error model of each group, with supports searched for under it, the best first.
 
-    The best are those of largest evidence with the supports that were found. The largest evidence comes first.
+    The best model of a group is that of largest evidence for the supports of the fit.
     """
     progress("comparing error models")
-    starts, pools = under_each_kind(fit.problem, fit.supports, kinds), list[Pool]()
+    starts, pools = fit_each_kind(fit.problem, fit.supports, kinds), list[Pool]()
     for number, group in enumerate(GROUPS, start=1):
         show = part(progress, number / (len(GROUPS) + 1), (number + 1) / (len(GROUPS) + 1))
         of_group = [each for each in starts if ERRORS[each.errors].group == group]
         if of_group:
             start = min(of_group)
             show(f"searching for a law with {ERRORS[start.errors].label}")
-            pools.append(_in_turn(start, show))
+            pools.append(_alternate(start, show))
     return sorted((pool for pool in pools if pool.best.is_usable), key=lambda pool: pool.best.score)
 
 
 @unannounced()
-def under_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Fit]:
-    """Return supports, shape (equations, terms), under each kind of errors that can be fitted, with its own levels."""
+def fit_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Fit]:
+    """Return fits of supports, shape (equations, terms), under each error model with its levels estimated."""
     fits, white = list[Fit](), problem.under_white_noise
     for begin in (white, problem) if problem.errors else (white,):
         solved = fit_solutions(begin, supports)
-        own = [each for each in kinds if each != "walk" and (begin is white or each == problem.errors.kind)]
-        fits += [estimate_error_model(solved, kind) for kind in own]
+        fitted_kinds = [kind for kind in kinds if kind != "walk" and (begin is white or kind == problem.errors.kind)]
+        fits += [estimate_error_model(solved, kind) for kind in fitted_kinds]
     if "walk" in kinds:
         fits.append(estimate_error_model(fit_supports(white, supports), "walk"))
     return [fit for fit in fits if fit.is_usable]
 
 
-def _in_turn(fit: Fit, progress: ProgressCallback) -> Pool:
-    """Return errors of a kind with the supports and the levels that are found in turn, and what was explored."""
+def _alternate(fit: Fit, progress: ProgressCallback) -> Pool:
+    """Return a fit by alternating between the search for supports and the estimation of error levels."""
     kind, explored = fit.errors, list[Fit]()
     for _ in range(settings.ALTERNATIONS):
         if fit.has_model_error:
@@ -147,38 +146,39 @@ def _in_turn(fit: Fit, progress: ProgressCallback) -> Pool:
 
 
 @unannounced()
-def _under_all(pools: Sequence[Pool], others: Sequence[Bools]) -> list[Fit]:
-    """Return the supports that were found under any kind of errors under each: those of largest evidence there."""
+def _fit_all_pairs(pools: Sequence[Pool], others: Sequence[Bools]) -> list[Fit]:
+    """Return fits under each error model of the most probable among the supports found under any of them."""
     listed = [*(supports for pool in pools for supports in pool.proposals()), *others]
     most = max((pool.best.problem.most_terms for pool in pools[:1]), default=0)
     distinct = list({each.tobytes(): each for each in listed if each.sum(axis=1).max() <= most}.values())
     fits = list[Fit]()
     for pool in pools:
         values = [pool.best.evidence.value(each) for each in distinct]
-        fits += [fitted_alike(pool.best, distinct[i]) for i in np.argsort(values)[: settings.MAX_PROPOSED]]
+        fits += [fit_under_errors_of(pool.best, distinct[i]) for i in np.argsort(values)[: settings.MAX_PROPOSED]]
     return [fit for fit in fits if fit.is_usable]
 
 
-def fitted_alike(fit: Fit, supports: Bools) -> Fit:
-    """Return supports, shape (equations, terms), under errors of the kind of a fit, with levels of their own."""
+def fit_under_errors_of(fit: Fit, supports: Bools) -> Fit:
+    """Return supports, shape (equations, terms), under the error model of a fit with its levels estimated again."""
     if fit.errors == "white":
         return fit_solutions(fit.problem, supports)
     return estimate_error_model(fit_with(fit.problem, supports, fit.model_error), fit.errors)
 
 
 def most_probable(fits: Sequence[Fit], needed: float = 0.0) -> Fit:
-    """Return the fit of largest evidence whose solutions exist along the trials that it was learned from.
+    """Return the fit of largest evidence whose solutions exist over the whole of its trials.
 
-    Errors other than white noise, under which coefficients are those of least squares, need so much evidence (2 log B).
+    Error models other than white noise must exceed its evidence by 2 log B = `needed`.
     """
     ranked = sorted(fits, key=lambda fit: fit.score.total + (0.0 if fit.errors == "white" else needed))
     return next((fit for fit in ranked if fit.is_solved), ranked[0])
 
 
 def estimate_error_model(fit: Fit, kind: ErrorKind) -> Fit:
-    """Return the supports of a fit under errors of a kind.
+    """Return the fit of the same supports under an error model.
 
-    Levels, and times, are those of largest evidence with the likelihood linearised about the fit (empirical Bayes).
+    Its levels and correlation times maximize the evidence with the likelihood linearised about the fit (empirical
+    Bayes).
     """
     if not fit.is_usable:
         return fit
@@ -196,32 +196,35 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
             np.ceil(settings.LEVEL_MEASUREMENTS / np.mean(problem.measured)), settings.MIN_OBJECTS, settings.MAX_OBJECTS
         )
     )
-    few = evenly_spaced(len(problem.models), count)
-    some, estimates = levels.problem(levels.starts[0], problem.of_objects(few)), [fit.estimates[i] for i in few]
-    about = AboutEstimates(some.models, some.padded(estimates), fit.supports & some.allowed)
-    value = partial(_value, levels, some, about)
+    indices = evenly_spaced(len(problem.models), count)
+    subset, estimates = (
+        levels.problem(levels.starts[0], problem.of_objects(indices)),
+        [fit.estimates[i] for i in indices],
+    )
+    about = AboutEstimates(subset.models, subset.padded(estimates), fit.supports & subset.allowed)
+    value = partial(_value, levels, subset, about)
     starts = [(value(each), i) for i, each in enumerate(levels.starts)]
     index = min(starts)[1]
-    found = minimum(value, levels.starts[index], *levels.bounds)
-    changed = levels.problem(found, problem)
-    return fitted(changed, changed.padded(fit.estimates), fit.supports, levels.model_error(found))
+    optimum = minimum(value, levels.starts[index], *levels.bounds)
+    changed = levels.problem(optimum, problem)
+    return fitted(changed, changed.padded(fit.estimates), fit.supports, levels.model_error(optimum))
 
 
 @dataclass(frozen=True, eq=False)
 class _Levels:
-    """The logarithms of all levels and times of a kind of errors: noise first, times last."""
+    """The logarithms of all levels and correlation times of an error model: noise first, times last."""
 
     before: SearchProblem
     kind: ErrorKind
 
     def errors(self, logs: Floats) -> tuple[Floats, ErrorModel]:
-        """Return the noise of each state, shape (d,), and the other errors."""
+        """Return the noise of each state, shape (d,), and the parameters of the other errors."""
         d, values = len(self.before.noise), np.exp(logs)
         return values[:d], ERRORS[self.kind].model(values[d:])
 
     def problem(self, logs: Floats, before: SearchProblem) -> SearchProblem:
         """Return a problem with these levels."""
-        return before.with_errors(*self.errors(logs), "level of largest evidence for errors of this kind, with the law")
+        return before.with_errors(*self.errors(logs), "maximum-marginal-likelihood estimate under this error model")
 
     def model_error(self, logs: Floats) -> float:
         """Return the random walk, relative to the noise."""
@@ -229,7 +232,7 @@ class _Levels:
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
-        """The least and the largest values, each of shape (levels and times,)."""
+        """Lower and upper bounds, each of shape (levels and times,)."""
         scales, floor, noise = self._scales, noise_floor(self.before.trials), self.before.noise_estimate
         fixed = self.before.noise_given | self.before.trials.schema.unmeasured
         least, largest = ERRORS[self.kind].bounds(scales)
@@ -239,7 +242,7 @@ class _Levels:
 
     @property
     def starts(self) -> list[Floats]:
-        """Where to begin: some levels that errors may have besides the noise, and some times."""
+        """Starting values of the search: several levels and correlation times."""
         noise, (low, high) = np.log(self.before.noise), self.bounds
         others = ERRORS[self.kind].starts(noise, low[len(noise) :], high[len(noise) :])
         return [np.clip(np.append(noise, each), low, high) for each in others]
@@ -249,9 +252,9 @@ class _Levels:
         problem, d = self.before, len(self.before.noise)
         groups = [problem.trials.of_object(name) for name in problem.trials.objects]
         trials = [trial for group in groups for trial in group]
-        curves = [own[:, -d:] for group in problem.smoothed for own in group]
+        curves = [curve[:, -d:] for group in problem.smoothed for curve in group]
         states = np.where(problem.trials.schema.unmeasured, noise_floor(problem.trials), spread_within(problem.trials))
-        rates = [np.gradient(own, trial.times, axis=0) for own, trial in zip(curves, trials, strict=True)]
+        rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, trials, strict=True)]
         steps = np.concatenate([np.diff(trial.times) for trial in trials])
         longest = max(float(trial.times[-1] - trial.times[0]) for trial in trials)
         deviations = np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0))
@@ -260,7 +263,7 @@ class _Levels:
 
 
 def _value(levels: _Levels, problem: SearchProblem, about: AboutEstimates, logs: Floats) -> float:
-    """Return minus twice the log-evidence of the supports of estimates, linearised about them, at these levels."""
+    """Return minus twice the log-evidence at given levels, with the likelihood linearised about the estimates."""
     measurements, (noise, errors), model_error = problem.measurements, levels.errors(logs), levels.model_error(logs)
     std = measurements.white_std(noise, errors)
     try:
@@ -270,36 +273,36 @@ def _value(levels: _Levels, problem: SearchProblem, about: AboutEstimates, logs:
     prior = measurements.counted(noise, errors, std).prior
     evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), Measured(measurements.count))
     price = measurements.price(noise, errors, std) + price_of_model_error(model_error, measurements.count)
-    found = evidence + prior + log_determinant + price
-    return found if np.isfinite(found) else 1e12
+    optimum = evidence + prior + log_determinant + price
+    return optimum if np.isfinite(optimum) else 1e12
 
 
 def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: Floats) -> Floats:
-    """Return where a function is least near a start, within bounds, by Newton's method (Nocedal and Wright 2006, 3.4).
+    """Return a local minimum within bounds by Newton's method (Nocedal and Wright 2006, section 3.4).
 
-    Derivatives are by central differences, and curvatures that are negative are turned round. The arrays have the shape
-    (variables,).
+    Derivatives are central differences; negative eigenvalues of the Hessian are replaced by their absolute values.
+    Arrays have the shape (variables,).
     """
-    found, least = start, value(start)
+    optimum, least = start, value(start)
     for _ in range(MAX_ITERATIONS):
-        step = _step(value, found, least, low, high)
+        step = _step(value, optimum, least, low, high)
         length = float(np.abs(step).max(initial=0.0))
         if length < ROUNDING:
-            return np.clip(found + step, low, high)
+            return np.clip(optimum + step, low, high)
         step *= min(1.0, 1 / length)
         for share in (1, 1 / 4, 1 / 16, 1 / 64, 1 / 256):
-            tried = np.clip(found + share * step, low, high)
-            if (own := value(tried)) < least:
+            tried = np.clip(optimum + share * step, low, high)
+            if (value_there := value(tried)) < least:
                 break
         else:
-            return found
-        found, least = tried, own
-    return found
+            return optimum
+        optimum, least = tried, value_there
+    return optimum
 
 
 def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Floats, high: Floats) -> Floats:
-    """Return Newton's step from where the value is known, without variables that a bound holds."""
-    # At a bound values are taken from its inner side
+    """Return Newton's step in the variables that no bound is active for."""
+    # At a bound, differences are taken on its inner side
     center = np.clip(at, np.minimum(low + DIFFERENCE_SPACING, high), np.maximum(high - DIFFERENCE_SPACING, low))
     free = np.flatnonzero(high - low > 2 * DIFFERENCE_SPACING)
     middle = known if np.array_equal(center, at) else value(center)
@@ -315,7 +318,7 @@ def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Float
 
 
 def _derivatives(value: Callable[[Floats], float], at: Floats, middle: float, free: Indices) -> tuple[Floats, Floats]:
-    """Return the gradient and the second derivatives by some of the variables, about a value in the middle."""
+    """Return the gradient and the Hessian in the free variables by central differences."""
     count = len(free)
     moves = DIFFERENCE_SPACING * np.eye(len(at))[free]
     after, before = (np.array([value(at + sign * move) for move in moves]) for sign in (1, -1))

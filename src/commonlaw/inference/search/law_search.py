@@ -1,7 +1,7 @@
-"""The search among plain terms, or the fit of terms that are given, on meshes that are fine enough.
+"""The search for supports among plain terms, or the fit of given terms, on refined meshes.
 
-Of long trials and many objects, supports are sought in some of them, and all weigh what is found there: a search
-linearizes the likelihood with all candidate terms many times, and some thousand samples show it the same supports.
+A search linearizes the likelihood with all candidate terms many times, and a few thousand samples suffice to find the
+supports. With long trials or many objects it runs on a subset; all samples then decide among the supports found.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ from commonlaw.solvers import AbstractSolver, BestSubset
 from commonlaw.trials import Trials
 
 PATH = BestSubset(largest=8, nodes=1)
-"""Lists the candidates of an equation. They need not be proven the best: neighbours of the chosen are compared too."""
+"""Lists candidate supports of an equation. None is proven optimal: neighbours of the chosen one are compared, too."""
 
 
 def search_supports(
@@ -55,17 +55,17 @@ def search_supports(
     most_samples: int,
     progress: ProgressCallback,
 ) -> Pool:
-    """Search for the supports of largest evidence on the coarsest mesh, see `explained_on_finer_mesh`.
+    """Return the supports of largest evidence on the coarsest mesh, see `search_on_finer_mesh`.
 
-    Coefficients that are known have the shape (objects, equations, terms), NaN where they are to be found. Solver and
-    differentiation are those of a `SearchProblem`, noise, Huber threshold and samples those of `prepare`; noise is in
-    proportion where that is among the kinds of errors and differences show it.
+    Known coefficients have the shape (objects, equations, terms), NaN where they are estimated. Solver and
+    differentiation are those of a `SearchProblem`; noise, Huber threshold and samples those of `prepare`. The noise is
+    heteroscedastic if that is among the error models and differences of the measurements indicate it.
 
     Raises `CommonlawError` if a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     progress("estimating noise, smoothing")
 
-    def prepared(most_samples: int) -> SearchProblem:
+    def prepare_problem(most_samples: int) -> SearchProblem:
         problem = prepare(
             trials,
             terms,
@@ -78,18 +78,21 @@ def search_supports(
         problem = replace(problem, solver=solver, differentiation=differentiation)
         return with_growing_noise(problem) if "proportional" in kinds else problem
 
-    problem, rest = prepared(most_samples=most_samples), part(progress, 0.05, 1.0)
+    problem, rest = prepare_problem(most_samples=most_samples), part(progress, 0.05, 1.0)
     _ = problem.law  # Refused if there is none, such as of second order on a logarithmic scale
-    few = few_of(problem, prepared)
-    fits = search_by_few(problem, few, rest) if few else search(problem, rest)
+    smaller = subproblems(problem, prepare_problem)
+    fits = search_subproblems(problem, smaller, rest) if smaller else search(problem, rest)
     return Pool((rescale_noise(fits[0]),), fits)
 
 
-def explained_on_finer_mesh(pool: Pool, progress: ProgressCallback) -> Pool:
-    """Return a search on a finer mesh if its law has a model error, as a coarse mesh looks, too."""
+def search_on_finer_mesh(pool: Pool, progress: ProgressCallback) -> Pool:
+    """Return the result of a search on finer meshes while the best law has a model error.
+
+    The discretization error of a coarse mesh acts as a model error.
+    """
     fits = pool.explored
     while fits[0].has_model_error and fits[0].problem.points < settings.MAX_MESH_POINTS[0]:
-        # The random walk is to be the same in twice as many steps
+        # Twice as many steps of a random walk of the same variance in time
         finer = on_finer_mesh(fits[0], (fits[0].model_error / np.sqrt(2),))
         if finer is None:
             break
@@ -99,7 +102,7 @@ def explained_on_finer_mesh(pool: Pool, progress: ProgressCallback) -> Pool:
 
 
 def fit_terms(setup: FitSetup) -> Pool:
-    """Fit the terms of a law to what was measured, on a mesh that is fine enough.
+    """Fit the given terms of a law on a mesh that is refined until the estimates converge.
 
     Raises `CommonlawError` if a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
@@ -108,7 +111,7 @@ def fit_terms(setup: FitSetup) -> Pool:
     return Pool((rescale_noise(until_resolved(fit, lambda finer: finer)),))
 
 
-def begin_search(
+def choose_interpolation(
     begin: Callable[[Trials, ProgressCallback], Pool],
     trials: Trials,
     *,
@@ -117,14 +120,13 @@ def begin_search(
     progress: ProgressCallback,
     is_chosen: bool = False,
 ) -> tuple[Pool, list[Step]]:
-    """Return a search with the interpolation of inputs that is chosen, and what to say of that.
+    """Return a pool under the input interpolation of largest evidence, and the step of the history that records it.
 
-    It begins by `search_supports`, or fits terms that are given by `fit_terms`. The interpolation ``"auto"`` is that of
-    largest evidence; if laws of plain terms have chosen that of the trials, only one without lack of fit is taken
-    instead.
+    `begin` searches for supports (`search_supports`) or fits given terms (`fit_terms`). Interpolations are compared if
+    `input_between` is ``"auto"``. If plain terms have already chosen that of the trials (`is_chosen`), it is replaced
+    only by one without lack of fit.
 
-    Raises `CommonlawError` if the likelihood cannot be computed, or the `errors` that are asked for do not go with the
-    trials.
+    Raises `CommonlawError` if the likelihood cannot be computed, or the error model is not defined for the trials.
     """
     error_kinds(errors, trials.schema)
     pool, steps = begin(trials, part(progress, 0.0, 0.75)), list[Step]()
@@ -137,13 +139,13 @@ def begin_search(
 
 
 def best_interpolation(fit: Fit, is_chosen: bool) -> Step:
-    """Return the interpolation of inputs of largest evidence, for the supports that were found.
+    """Return the input interpolation of largest evidence for the supports of a fit.
 
-    That of the fit stays unless the evidence for another is strong; where laws of plain terms chose it, without a lack
-    of fit of the law with the other.
+    That of the fit is kept unless the evidence for another one is strong and, if plain terms chose it (`is_chosen`),
+    the law has no lack of fit under the other.
     """
     before, gains = fit.problem.trials.schema.input_between, dict[str, float]()
-    for other in (_fitted_with(fit, each) for each in BETWEEN if each != before):
+    for other in (_with_interpolation(fit, each) for each in BETWEEN if each != before):
         gain = fit.score - other.score
         if gain > settings.STRONG and not (is_chosen and other.lack_of_fit):
             gains[other.problem.trials.schema.input_between] = gain
@@ -155,8 +157,8 @@ def best_interpolation(fit: Fit, is_chosen: bool) -> Step:
     return Step("inputs", before, f"between samples: {why}")
 
 
-def _fitted_with(fit: Fit, between: str) -> Fit:
-    """Return the supports of a fit fitted with another interpolation of inputs."""
+def _with_interpolation(fit: Fit, between: str) -> Fit:
+    """Return the fit of the same supports under another input interpolation."""
     problem = fit.problem
     groups = [problem.trials.of_object(name) for name in problem.trials.objects]
     models = tuple(
@@ -169,12 +171,12 @@ def _fitted_with(fit: Fit, between: str) -> Fit:
 
 
 def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
-    """Return a pool whose best is on a mesh that is fine enough.
+    """Return the pool with its best fit on a mesh that is refined until the estimates converge.
 
-    Plain terms are chosen again there, together with all that is plausible.
+    There, plain terms are selected again among all plausible supports.
     """
 
-    def again(fit: Fit) -> Fit:
+    def reselect(fit: Fit) -> Fit:
         if fit.problem.solver is None:
             return fit
         progress("choosing terms again on a finer mesh")
@@ -182,54 +184,56 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
 
     fit, done = pool.best, set[bytes]()
     while True:
-        fit = best_of([rescale_noise(until_resolved(fit, again))])
+        fit = best_of([rescale_noise(until_resolved(fit, reselect))])
         if fit.problem.solver is None:
             return pool.with_best(fit)
         done.add(fit.supports.tobytes())
         best = recompared(fit)
-        if best.supports.tobytes() in done:  # Each of two may be the better one under the noise that the other leaves
+        if best.supports.tobytes() in done:  # Two supports may each win under the residual variance of the other
             return pool.with_best(best)
         progress("fitting more plausible candidates")
         fit = best
 
 
-def few_of(problem: SearchProblem, prepared: Callable[..., SearchProblem]) -> list[SearchProblem]:
-    """Return the problems of some of the samples or objects, none where there are few of both.
+def subproblems(problem: SearchProblem, prepare_problem: Callable[..., SearchProblem]) -> list[SearchProblem]:
+    """Return problems with a subset of the samples or objects; none if there are few of both.
 
-    That of so many samples is `prepared`, see `prepare`.
+    `prepare_problem` returns the problem with at most so many samples, see `prepare`.
     """
     objects, (size, count) = len(problem.models), settings.OBJECT_GROUPS
     groups = [range(first, objects, objects // size) for first in range(count)] if objects > size * count else []
     most = settings.FEW_SAMPLES * objects // size if groups else settings.FEW_SAMPLES
     if sum(map(len, problem.trials)) > 2 * most:
-        fewer = prepared(most_samples=most)
+        fewer = prepare_problem(most_samples=most)
         return [fewer.of_objects(each) for each in groups] or [fewer]
     return [problem.of_objects(each) for each in groups]
 
 
-def search_by_few(problem: SearchProblem, few: Sequence[SearchProblem], progress: ProgressCallback) -> list[Fit]:
-    """Return what a search finds, see `search`, where `few` are some of the samples or objects.
+def search_subproblems(
+    problem: SearchProblem, smaller: Sequence[SearchProblem], progress: ProgressCallback
+) -> list[Fit]:
+    """Return the fits of a search on smaller problems, compared on all samples.
 
-    Where the measurements depart from all laws by more than their noise, in few or in all, the size of that decides
-    with the supports: these are sought in all then.
+    If the best law of a smaller problem, or of all samples, has a model error, its size and the supports depend on each
+    other: then the search runs on all samples.
     """
-    show = part(progress, 0.0, 0.7) if len(few) == 1 else lambda _: None
+    show = part(progress, 0.0, 0.7) if len(smaller) == 1 else lambda _: None
     pays = threads_pay(problem.models)
-    best = [fits[0] for fits in in_parallel(lambda each: search(each, show), few, pays=pays)]
+    best = [fits[0] for fits in in_parallel(lambda each: search(each, show), smaller, pays=pays)]
     if not any(fit.has_model_error for fit in best):
         progress(Stage("re-evaluating candidates on all samples", 0.7))
         distinct = {fit.supports.tobytes(): fit for fit in best}.values()
-        ways = in_parallel(lambda each: _chosen_again(problem, each), distinct, pays=pays)
-        weighed = [fit for way in ways for fit in way]
-        if all(fit.is_usable for fit in weighed):
-            weighed = with_close_neighbours(weighed)
-            if not weighed[0].has_model_error:
-                return weighed
-    return search(problem, progress, proposals=[fit.supports for fit in best] if len(few) > 1 else [])
+        candidates = in_parallel(lambda each: _reselected(problem, each), distinct, pays=pays)
+        compared = [fit for group in candidates for fit in group]
+        if all(fit.is_usable for fit in compared):
+            compared = with_close_neighbours(compared)
+            if not compared[0].has_model_error:
+                return compared
+    return search(problem, progress, proposals=[fit.supports for fit in best] if len(smaller) > 1 else [])
 
 
-def _chosen_again(problem: SearchProblem, fit: Fit) -> list[Fit]:
-    """Return a law that some show with a model error, and without one chosen again by all."""
+def _reselected(problem: SearchProblem, fit: Fit) -> list[Fit]:
+    """Return a fit of all samples with a model error, and the support selected from there without one."""
     large, _ = settings.SCHEDULES[1]
     if len(fit.estimates) == len(problem.starts):
         first = fit_with(problem, fit.supports, large, problem.starts_with(fit.estimates))

@@ -1,4 +1,4 @@
-"""Fits of models to the same trials, of which the best is chosen."""
+"""The fits of all models to the same trials, ranked by their scores."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -25,13 +25,13 @@ class Pool:
     Parameters
     ----------
     fits
-        The best first, then its rivals. Those whose problem has a solver were chosen among plain terms.
+        The best first, then its rivals. Those whose problem has a solver were selected among plain terms.
     explored
-        All that the search among plain terms came by, the largest evidence first.
+        All fits of the search among plain terms, the largest evidence first.
     approximations
-        Of laws with process noise: the fits of largest evidence under white noise, whose solutions fit best.
+        Fits of largest evidence under white noise, if the best has process noise.
     is_approximation
-        Whether the best was taken in place of a law with process noise, as its solutions explain more.
+        Whether the best replaces a law with process noise because its solutions fit whole trials better.
 
     Raises `CommonlawError` if the best fit failed.
     """
@@ -49,7 +49,7 @@ class Pool:
     def of(cls, fits: Sequence[Fit], explored: Sequence[Fit] = (), approximations: Sequence[Fit] = ()) -> "Pool":
         """Return the pool of fits, the largest evidence first.
 
-        Laws that are too fast for their steps, of those as likely as this, come last.
+        Plausible laws too stiff for their mesh come last.
         """
         first, last = list[Fit](), list[Fit]()
         for fit in sorted(fits):
@@ -62,12 +62,12 @@ class Pool:
         return Pool.of((*self.fits, *others), self.explored, (*self.approximations, *approximations))
 
     def with_best(self, fit: Fit) -> "Pool":
-        """Return the pool with another fit in place of the best: the same law, on a finer mesh or chosen again."""
+        """Return the pool with the best fit replaced: the same law on a finer mesh, or with supports selected again."""
         return replace(self, fits=(fit, *self.fits[1:]))
 
     @property
     def best(self) -> Fit:
-        """The fit that was chosen."""
+        """The chosen fit."""
         return self.fits[0]
 
     @property
@@ -77,39 +77,39 @@ class Pool:
 
     @property
     def plain(self) -> Fit | None:
-        """The best among plain terms, if any was chosen among these."""
+        """The best fit selected among plain terms, if there is one."""
         return next((fit for fit in self.fits if fit.problem.solver is not None), None)
 
     @property
     def chosen_by(self) -> str:
-        """What the best was chosen by, in the words of the history of a law."""
+        """The criterion by which the best was chosen, as recorded in the history."""
         kind = self.best.score.kind
         if self.is_approximation and kind is Kind.EVIDENCE:
             return f"{kind} without process noise: solutions of the law with it explain whole trials less well"
         return kind
 
     def proposals(self) -> Iterator[Bools]:
-        """Yield the supports of large evidence under the errors of the best, and those on the path of the solver."""
+        """Yield supports of large evidence under the error model of the best, and those on the path of the solver."""
         best = self.best
         yield best.supports
         yield from (fit.supports for fit in self.explored[: settings.MAX_PROPOSED])
         equations, solver = range(len(best.supports)), best.problem.solver
         assert solver is not None
         for j, listed in zip(equations, best.neighbours(), strict=True):
-            yield from (_exchanged(best.supports, j, own) for _, own in listed[: settings.MAX_PROPOSED])
+            yield from (_with_support(best.supports, j, own) for _, own in listed[: settings.MAX_PROPOSED])
         for j in equations:
-            yield from (_exchanged(best.supports, j, own) for own in best.evidence.path(best.supports, j, solver))
+            yield from (_with_support(best.supports, j, own) for own in best.evidence.path(best.supports, j, solver))
 
     def law(self) -> Law:
-        """Return the law of the best, with its coefficients and their errors."""
+        """Return the law of the best fit, with coefficients and standard errors."""
         return fitted_law(self.best.problem.law, self.best)
 
     @cached_property
     def is_determined(self) -> bool:
-        """Whether no coefficient is within its error on average over objects, and no object has them all within errors.
+        """Whether each coefficient exceeds its standard error (RMS over objects), and in each object at least one does.
 
-        Evidence keeps a term for what it explains; where its coefficient is within its error nonetheless, others make
-        up for it, and the likelihood has no maximum to speak of.
+        A term is kept for what it explains. If its coefficient is smaller than its standard error all the same, terms
+        are collinear and the likelihood is flat along a combination of them.
         """
         law = self.law()
         chosen = np.broadcast_to(self.best.supports, law.coefficients.shape)
@@ -120,22 +120,24 @@ class Pool:
         return not squares.size or bool(min(*of_terms, *of_objects) > 1)
 
 
-def _exchanged(supports: Bools, equation: int, support: Bools) -> Bools:
-    """Return supports with another one of an equation, shape (terms,)."""
+def _with_support(supports: Bools, equation: int, support: Bools) -> Bools:
+    """Return supports with that of one equation replaced by another one, shape (terms,)."""
     changed = supports.copy()
     changed[equation] = support
     return changed
 
 
 def score_of_order(fit: Fit) -> Score:
-    """Return minus twice the log-evidence of a law, which compares with that of a law of another order.
+    """Return the score of a law in a form that is comparable between orders.
 
-    The evidence of a search is the density of all that was measured after the start of each segment, with any start
-    being as likely: so of a law of first order. Rates at starts of states of second order are to be found besides.
-    While one order is sought their distribution is one that says next to nothing, and narrows as meshes get coarser.
-    Here it is the normal distribution about zero as wide as rates are in all trials (root mean square of smoothed
-    rates). What the linearised likelihood promises away from the estimates counts as not there: of an order that does
-    not suit, fits may get stuck in stiff laws.
+    Initial values of states have a flat prior. A law of second order has initial rates v0 in addition, whose prior
+    within one order is vague and depends on the mesh. Here it is the normal distribution N(0, s^2) with s the
+    root mean square of smoothed rates of all trials, which adds
+
+        sum over trials and states of v0^2/s^2 + log(s^2/s_mesh^2).
+
+    The predicted decrease of the deviance is added, too: a fit of an unsuitable order may end in a stiff law far from
+    the optimum of its linearization.
     """
     problem, states = fit.problem, len(fit.problem.noise)
     score = fit.score.plus("Laplace correction", fit.predicted_decrease)

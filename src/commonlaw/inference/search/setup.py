@@ -1,8 +1,7 @@
-"""Where a fit begins: trials on the scale of a law and between its samples, and, where terms are known, what is fitted.
+"""The input of a fit: trials on the scale of the law with interpolated inputs, and the coefficients to estimate.
 
-States on a logarithmic scale go with laws of first order, and with noise that does not grow with them.
-
-Finding a law begins with `as_followed`; refining, comparing, adapting and its discrepancy begin with a `FitSetup`.
+A search for a law begins with `transform_trials`; `refine`, `compare`, `adapt` and the discrepancy with a `FitSetup`.
+States on a logarithmic scale need a law of first order, and noise that is not heteroscedastic.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,33 +28,33 @@ from commonlaw.trials.transformations import with_logarithms
 from commonlaw.trials.trial import check_gaps
 
 
-def as_followed(trials: Trials, logarithmic: Sequence[str], input_between: str) -> Trials:
-    """Return trials as a law follows them: the logarithms of some states, and how inputs go on between samples.
+def transform_trials(trials: Trials, logarithmic: Sequence[str], input_between: str) -> Trials:
+    """Return trials with the logarithms of some states and an interpolation of the inputs.
 
-    ``"auto"`` begins with what the samples of the inputs support.
+    With ``"auto"`` the interpolation is that of `supported_interpolation`.
     """
     between = supported_interpolation(trials) if input_between == "auto" else input_between
     return with_interpolation(with_logarithms(trials, logarithmic), between)
 
 
 def with_interpolation(trials: Trials, input_between: str) -> Trials:
-    """Return trials with an interpolation of inputs between samples."""
+    """Return trials with an interpolation of the inputs."""
     return replace(trials, schema=replace(trials.schema, input_between=input_between))
 
 
 def supported_interpolation(trials: Trials) -> str:
-    """Return the interpolation that the samples of the inputs support: linear, or cubic if all that vary are smooth.
+    """Return the interpolation of smaller leave-one-out error: linear, or cubic if all varying inputs are smooth.
 
-    Each sample is left out and interpolated by its two neighbours, u_i ~ sum_j u_j prod_k (t_i - t_k)/(t_j - t_k), or
-    by four. A fit alone does not show that chords are shallower than the input: the gain makes up for it.
+    Each sample is predicted by Lagrange interpolation u_i ~ sum_j u_j prod_k (t_i - t_k)/(t_j - t_k) from its two or
+    four neighbours. The likelihood of a fit does not decide it: a larger gain compensates for a flattened input.
     """
-    squares = np.sum([_left_out(trial) for trial in trials], axis=0)
+    squares = np.sum([_leave_one_out_squares(trial) for trial in trials], axis=0)
     bent = squares[0] > np.finfo(float).eps * np.sum([np.sum(each.inputs**2, axis=0) for each in trials], axis=0)
     return "cubic" if bent.any() and (squares[0] > settings.MIN_SMOOTHNESS * squares[1])[bent].all() else "linear"
 
 
-def _left_out(trial: Trial) -> Floats:
-    """Return the sums of squared leave-one-out errors of straight lines and cubics, shape (2, inputs)."""
+def _leave_one_out_squares(trial: Trial) -> Floats:
+    """Return the sums of squared leave-one-out errors of linear and cubic interpolation, shape (2, inputs)."""
     middle = np.arange(2, len(trial) - 2)
     found = []
     for steps in ((-1, 1), (-2, -1, 1, 2)):
@@ -68,14 +67,14 @@ def _left_out(trial: Trial) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class FitSetup:
-    """A law whose terms are known, and the trials that its coefficients are fitted to.
+    """A law of given terms, and the trials that its coefficients are fitted to.
 
     Parameters
     ----------
     law
         Of the objects of the trials.
     trials
-        What was measured, in the units of the law, as it follows them.
+        The measurements in the units of the law, transformed by `transform_trials`.
     noise
         Standard deviation of each state's noise, shape (states,), if it is known.
     huber_threshold
@@ -83,7 +82,7 @@ class FitSetup:
     input_between
         The interpolation of inputs between samples, or ``"auto"``, which begins with what these support.
     priors
-        What the coefficients of each object are beforehand, where the others say it; none of any if it is empty.
+        Priors of the coefficients of each object, None for flat; all flat if empty.
     """
 
     law: Law
@@ -103,13 +102,13 @@ class FitSetup:
         input_between: str | None = None,
         positive: Sequence[str] | None = None,
     ) -> "FitSetup":
-        """Return the setup for a law and trials of any units and objects that go together.
+        """Return the setup for a law and trials, which may differ in units.
 
-        The noise is given by state, in the units of the trials; without them the interpolation of inputs, and the
-        states on a logarithmic scale, are those of the law.
+        The noise is given by state in the units of the trials. The interpolation of inputs and the states on a
+        logarithmic scale are those of the law by default.
 
         Raises `CommonlawError` if the law is of discrete time, its objects do not share their terms, or law, trials and
-        noise do not fit.
+        noise do not match.
         """
         law = law if positive is None else on_log_scale(law, positive)
         levels = matched_noise(law, trials, noise)
@@ -118,19 +117,19 @@ class FitSetup:
         trials = matched(law, trials)
         check_gaps(tuple(trials), trials.schema)
         between = law.schema.input_between if input_between is None else input_between
-        trials = as_followed(trials, law.schema.logarithmic, between)
+        trials = transform_trials(trials, law.schema.logarithmic, between)
         return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold, between)
 
     @property
     def known(self) -> Floats:
-        """Coefficients that are known, shape (objects, equations, terms), NaN where one is to be found."""
+        """Known coefficients, shape (objects, equations, terms), NaN where they are estimated."""
         found, law = np.where(self.law.support, np.nan, 0.0) + np.zeros_like(self.law.coefficients), self.law
         certain = standard_errors(law) == 0
         found[certain] = law.coefficients[certain]
         return found
 
     def problem(self) -> SearchProblem:
-        """Return what was measured, ready to be fitted by the terms of the law."""
+        """Return the measurements prepared for a fit of the terms of the law."""
         noise, huber, law = self.noise, self.huber_threshold, self.law
         begin = law.coefficients
         problem = prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, guess=begin)
@@ -139,7 +138,7 @@ class FitSetup:
 
 
 def _of_objects(law: Law, trials: Trials) -> Law:
-    """Return the law of the objects of these trials, which it can be fitted to."""
+    """Return the law of the objects of these trials."""
     if law.order == 0:
         raise CommonlawError("discrete-not-refined")
     law = law.select(trials.objects)
@@ -149,9 +148,9 @@ def _of_objects(law: Law, trials: Trials) -> Law:
 
 
 def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[ErrorKind, ...]:
-    """Return the kinds of errors that are compared for trials of a schema.
+    """Return the error models that are compared for trials of a schema.
 
-    Raises `CommonlawError` if noise is to grow with the logarithm of a state.
+    Raises `CommonlawError` if the noise of a logarithmic state is to be heteroscedastic.
     """
     grown = [kind for kind, each in ERRORS.items() if isinstance(each, Heteroscedastic)] if schema.logarithmic else []
     if errors in grown:
@@ -160,7 +159,7 @@ def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[Er
 
 
 def check_one_scale(laws: Sequence[Law]) -> None:
-    """Refuse to compare laws that follow states on different scales."""
+    """Refuse to compare laws with states on different scales."""
     scales = [", ".join(law.schema.logarithmic) or "none" for law in laws]
     if len(set(scales)) > 1:
         raise CommonlawError("log-states-differ", scales=dict.fromkeys(scales))
@@ -169,11 +168,10 @@ def check_one_scale(laws: Sequence[Law]) -> None:
 def on_log_scale(law: Law, states: Sequence[str]) -> Law:
     """Return a law with these states, and no others, on a logarithmic scale.
 
-    Its equations are the same. Forecasts follow the logarithms of these states, so that they and their bands stay
-    above zero, and errors of measurement are shares of the state. As they mean something else then, what is known of
-    them goes if the scale changes.
+    Its equations are the same. Solutions are computed for the logarithms of these states, so that forecasts and their
+    bands stay positive, and measurement errors are relative. Estimates of the errors are dropped if the scale changes.
 
-    Raises `CommonlawError` if the law is not of order 1, or has no such state, or it is latent.
+    Raises `CommonlawError` if the law is not of order 1, has no such state, or the state is latent.
     """
     names = tuple(dict.fromkeys(find_name(name, law.schema.states, "state") for name in states))
     if unmeasured := [name for name in names if name in law.schema.starts]:

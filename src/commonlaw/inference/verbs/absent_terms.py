@@ -1,4 +1,4 @@
-"""How large the coefficient of a term that is not in a law could be, without the measurements showing it."""
+"""Upper limits of the coefficients of terms that are not in a law."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,22 +26,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Bound:
-    """What the measurements say of the coefficient that an object would have of a term that is not in the law.
+    """The estimate and upper limit of an object's coefficient of a term that is not in the law.
 
     Parameters
     ----------
     equation, term, object
-        Whose coefficient.
+        The equation, term and object of the coefficient.
     coefficient, error
-        As it is fitted with the terms of the law, and its standard error.
+        Estimate together with the terms of the law, and its standard error.
     low, high
-        The ends of its interval.
+        Ends of its confidence interval.
     at_most
-        What its size stays below with the probability of the interval, if beforehand all values were as probable.
+        Upper limit of its absolute value, with the probability of the interval under a flat prior.
     effect
-        What the term then adds to the equation at most, over the trajectories of the trials.
+        Largest contribution to the equation along the trajectories at that limit.
     unit
-        Of the coefficient; empty where the units of the variables do not tell it.
+        Of the coefficient; empty if it does not follow from the units of the variables.
     """
 
     equation: str
@@ -57,25 +57,24 @@ class Bound:
 
     @property
     def seen(self) -> bool:
-        """Whether the interval does not hold zero."""
+        """Whether the interval excludes zero."""
         return self.low > 0 or self.high < 0
 
 
 @dataclass(frozen=True)
 class Bounds(ShownInNotebooks):
-    """How large coefficients of absent terms could be, without the trials showing it; it prints as sentences.
+    """Upper limits of the coefficients of absent terms; prints as sentences.
 
-    Each term is fitted with those of the law, with free starts and all errors, and objects learn from each other as
-    in `commonlaw.refine`. A coefficient stays below its bound with the probability `level`, if beforehand all values
-    were as probable; next to it stands what the term then adds to the equation at most, over the trajectories of the
-    trials.
+    Each term is fitted together with those of the law, with free initial values and its error model, as in
+    `commonlaw.refine`. The limit is that of the absolute value with the probability `level` under a flat prior; the
+    contribution is the largest one to the equation along the trajectories at that limit.
 
     Parameters
     ----------
     bounds
         One for each equation, term and object.
     level
-        Of bounds and intervals.
+        Of limits and intervals.
 
     Examples
     --------
@@ -98,7 +97,7 @@ class Bounds(ShownInNotebooks):
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What the measurements say of each term, in words."""
+        """The limits of each term in words."""
         found = list[str]()
         for equation, term in dict.fromkeys((each.equation, each.term) for each in self.bounds):
             objects = [each for each in self.bounds if (each.equation, each.term) == (equation, term)]
@@ -125,7 +124,7 @@ def bounds(
     level: float = 0.95,
     progress: ProgressCallback | None = None,
 ) -> Bounds:
-    """Return how large coefficients of absent terms, by default all of the library, could be unseen: see `Bounds`.
+    """Return upper limits of the coefficients of absent terms, by default all of the library: see `Bounds`.
 
     Raises `CommonlawError` if there are more than 30 such terms, or one is named that is in the law or cannot be read.
     """
@@ -146,7 +145,7 @@ def bounds(
 
 
 def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
-    """Return equations and terms that are not in them: those of the library, or those that are named."""
+    """Return pairs of an equation and a term absent from it: those of the library, or named ones."""
     if terms is None:
         factors = np.flatnonzero(law.terms.is_factor).tolist()
         return [
@@ -177,7 +176,7 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
     index = wider.terms.index(name)
     support = wider.support.copy()
     support[equation, index] = True
-    estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
+    estimated = law.uncertainty.degrees_of_freedom is not None  # Given noise is kept
     fitted = candidate_law(wider, trials, support, own_noise=estimated).law
     place = fitted.terms.index(name)
     units = coefficient_units(fitted)
@@ -207,7 +206,7 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
 
 
 def _with_term(law: Law, name: str) -> Law:
-    """Return a law with a term in its library, which it may have already."""
+    """Return a law whose library contains a term."""
     bare = replace(
         law, provenance=Provenance(), uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=())
     )

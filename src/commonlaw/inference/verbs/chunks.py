@@ -1,4 +1,4 @@
-"""Laws that are fitted part by part, each object in one part: what parts come to, and the law of all objects."""
+"""Fits of a stream part by part, each object in one part, and the law of all objects."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from commonlaw.trials import Trials, TrialStream
 
 
 def typical(law: Law, objects: tuple[str, ...]) -> Law:
-    """Return the law in which each of these objects is the typical one; what is known of all stays known."""
+    """Return the law with the average coefficients of a law for each of these objects; known ones stay known."""
     mean, count = average_law(law), len(objects)
     covariance = mean.uncertainty.known_covariance()
     return replace(
@@ -67,7 +67,7 @@ def fitted_by_parts(
 
 
 def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> tuple[Law, int]:
-    """Return a law fitted to a part, without what takes memory and is not needed of it, and how many samples it has."""
+    """Return a law fitted to a part, without its large members, and the number of samples."""
     fit, trials = piece[0], piece[1].read()
     with unannounced():
         law = fit(trials)
@@ -82,7 +82,7 @@ def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> tuple[Law, in
 
 
 def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
-    """Return the errors of all parts; times are means over those that have such errors."""
+    """Return the error model of all parts; correlation times are means over the parts that have them."""
     kinds = dict.fromkeys(kind for each in parts for kind in each.heteroscedastic)
     grown = {kind: _root_mean_square(weights, [each.heteroscedastic.get(kind) for each in parts]) for kind in kinds}
     levels = {
@@ -98,7 +98,7 @@ def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
 
 
 def _root_mean_square(weights: Floats, values: Sequence[Floats | None]) -> Floats | None:
-    """Return the root mean square of some values, None being zero; None if all are."""
+    """Return the weighted root mean square; None counts as zero, and is returned if all are None."""
     size = next((np.zeros_like(each) for each in values if each is not None), None)
     if size is None:
         return None

@@ -1,4 +1,4 @@
-"""From the candidates that a law was chosen from to laws: each fitted to the same trials, from few terms to many."""
+"""Fits of the alternatives that a law was chosen from, from few terms to many."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -19,21 +19,21 @@ from commonlaw.text import counted
 from commonlaw.trials import Trials
 
 _MEASURES = ("2 log B", LOG_SCORE, "held-out error", "BIC", "EBIC", "AIC", "AICc")
-"""What tells the best candidate of a size, the first that all have; small is good."""
+"""Criteria that rank the candidates of a size, the first that all have; smaller is better."""
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateLaw:
-    """A law that might have been chosen.
+    """A law with an alternative support.
 
     Parameters
     ----------
     law
-        With its coefficients fitted to the trials.
+        Fitted to the trials.
     evidence
-        2 log B against the most probable candidate, summed over equations; None if it is not known.
+        2 log B relative to the most probable candidate, summed over equations; None if not computed.
     chosen
-        Whether it is the law that was chosen, as it is.
+        Whether it is the chosen law.
     """
 
     law: Law
@@ -49,21 +49,20 @@ class CandidateLaw:
 def candidate_laws(
     law: Law, trials: Trials, most: int = 8, progress: Callable[[str], None] = lambda _: None
 ) -> tuple[CandidateLaw, ...]:
-    """Return the law among those that it was chosen from, from the fewest terms to the most.
+    """Return a law and the alternatives that it was chosen from, from the fewest terms to the most.
 
-    Of each number of terms that an equation may have, the best candidate comes first; of several equations one after
-    the other grows. If there is room, others follow that differ in one equation. Coefficients are fitted as `refine`
-    does it, with the noise of the law, or where it has other errors with errors of that kind, whose levels are found
-    for each candidate.
+    They form a path: the best support of each size, one equation growing after the other. If there is room, others
+    follow that differ in one equation. Coefficients are fitted by `refine` under the noise of the law or, if it has
+    another error model, under that model with levels estimated for each alternative.
 
     Parameters
     ----------
     law
-        A law of order 1 or 2 whose objects share their terms; any other stands alone.
+        A law of order 1 or 2 whose objects share their terms; any other is returned alone.
     trials
-        Those that it was learned from.
+        Its training data.
     most
-        How many laws there may be.
+        Largest number of laws.
     progress
         Takes what is being done.
 
@@ -75,12 +74,12 @@ def candidate_laws(
     >>> [each.law.structure[0] for each in candidate_laws(law, drops, most=3)]
     ["x'' = a", "x'' = a + b v", "x'' = a + b x + c v"]
     """
-    found = candidates_in_turn(law, trials, most, progress)
+    found = iterate_candidates(law, trials, most, progress)
     return tuple(sorted(found, key=lambda each: (each.size, -(each.evidence or 0.0), each.chosen)))
 
 
-def candidates_in_turn(law: Law, trials: Trials, most: int, progress: Callable[[str], None]) -> Iterator[CandidateLaw]:
-    """Yield the law, and the others of `candidate_laws` as soon as each is fitted, those near to it in size first."""
+def iterate_candidates(law: Law, trials: Trials, most: int, progress: Callable[[str], None]) -> Iterator[CandidateLaw]:
+    """Yield the laws of `candidate_laws` as soon as each is fitted, those of similar size first."""
     yield CandidateLaw(law, _evidence(law, law.support), True)
     if law.order == 0 or not shares_terms(law):
         return
@@ -89,24 +88,24 @@ def candidates_in_turn(law: Law, trials: Trials, most: int, progress: Callable[[
         progress(Stage(f"fitting the candidate with {counted(int(support.sum()), 'term')}", k / len(supports)))
         try:
             candidate = candidate_law(law, trials, support)
-        except CommonlawError:  # What cannot be fitted is no alternative
+        except CommonlawError:  # Not an alternative
             continue
         yield candidate
 
 
 def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool = False) -> CandidateLaw:
-    """Return the law with other terms of its library, fitted as `candidate_laws` does it.
+    """Return the law with other terms of its library, fitted as by `candidate_laws`.
 
     Parameters
     ----------
     law
         A law of order 1 or 2 whose objects share their terms.
     trials
-        Those that it was learned from.
+        Its training data.
     support
-        Which terms there are, shape (equations, terms); known coefficients stay in any case.
+        Which terms it has, shape (equations, terms); known coefficients are always kept.
     own_noise
-        Whether its white noise is what it leaves itself, and not that of the law.
+        Whether the white noise is estimated from its own residuals, and not that of the law.
 
     Raises
     ------
@@ -133,10 +132,10 @@ def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool =
 
 
 def _supports(law: Law, most: int) -> list[Bools]:
-    """Return the supports of so many other candidates, shape (equations, terms), each once, none of them empty.
+    """Return up to `most` other supports, shape (equations, terms), without duplicates or empty ones.
 
-    Those along the path come first, the nearest to the law in their number of terms before others; then those that
-    differ in one equation, by what speaks for them.
+    Those along the path come first, ordered by their difference in size to the law; then those that differ in one
+    equation, the best first.
     """
     size, found = int(law.support.sum()), dict[bytes, Bools]()
     along = sorted(_along_path(law), key=lambda each: abs(int(each.sum()) - size))
@@ -147,7 +146,7 @@ def _supports(law: Law, most: int) -> list[Bools]:
 
 
 def _in_one_equation(law: Law) -> Iterator[Bools]:
-    """Yield the supports with another candidate for one of the equations, the best first."""
+    """Yield supports with an alternative in one of the equations, the best first."""
     known = (
         [value for name in _MEASURES if (value := each.measures.get(name)) is not None]
         for each in law.provenance.alternatives
@@ -162,10 +161,7 @@ def _in_one_equation(law: Law) -> Iterator[Bools]:
 
 
 def _along_path(law: Law) -> Iterator[Bools]:
-    """Yield supports from few terms to many.
-
-    From the smallest candidates of all equations on, that equation grows which gains most by it.
-    """
+    """Yield supports from few terms to many, in each step growing the equation that gains most."""
     paths = [_path(law, left) or [_NestedModel(law.support[j], 0.0)] for j, left in enumerate(left_hand_sides(law))]
     at = [0] * len(paths)
     while True:
@@ -178,14 +174,14 @@ def _along_path(law: Law) -> Iterator[Bools]:
 
 
 class _NestedModel(NamedTuple):
-    """The best candidate of an equation that has so many terms: which these are, shape (terms,), and its measure."""
+    """The best support of an equation with so many terms, shape (terms,), and its criterion."""
 
     terms: Bools
     measure: float
 
 
 def _path(law: Law, left: str) -> list[_NestedModel]:
-    """Return the best candidate of each size of an equation, from the fewest terms to the most."""
+    """Return the best support of each size of an equation, from the fewest terms to the most."""
     own = [each for each in law.provenance.alternatives if each.equation == left]
     name = next((name for name in _MEASURES if all(each.measures.get(name) is not None for each in own)), "")
     best: dict[int, Alternative] = {}
@@ -198,7 +194,7 @@ def _path(law: Law, left: str) -> list[_NestedModel]:
 
 
 def _evidence(law: Law, support: Bools) -> float | None:
-    """Return the sum over equations of how far a support stays behind the most probable one."""
+    """Return 2 log B of a support relative to the most probable one, summed over equations; None if not computed."""
     terms, listed = np.array(law.terms.names, dtype=object), law.provenance.alternatives
     measures = {(each.equation, frozenset(each.terms)): each.measures.get("2 log B") for each in reversed(listed)}
     pairs = zip(left_hand_sides(law), support, strict=True)
@@ -207,9 +203,9 @@ def _evidence(law: Law, support: Bools) -> float | None:
 
 
 def _fitted(law: Law, support: Bools, trials: Trials, own_noise: bool = False) -> Law:
-    """Return the law with other terms, fitted with errors of its kind; its known coefficients stay.
+    """Return the law with other terms, fitted under the same error model; known coefficients are kept.
 
-    White noise has the level of the law. What else a law leaves, other terms leave more or less of.
+    White noise has the level of the law; levels of other errors are estimated, as they depend on the lack of fit.
     """
     certain = (standard_errors(law) == 0).all(axis=0)
     support = support | certain

@@ -17,7 +17,7 @@ from commonlaw.inference.fit.covariance import fitted_law, residual_freedom, tot
 from commonlaw.inference.fit.latent_initialization import visited_besides
 from commonlaw.inference.fit.multistart import priors_from
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.result.approximation import approximated, with_approximation
+from commonlaw.inference.result.approximation import choose_deterministic, with_approximation
 from commonlaw.inference.result.history import (
     fit_steps,
     noise_step,
@@ -27,7 +27,7 @@ from commonlaw.inference.result.history import (
     without_outcomes_of_fit,
 )
 from commonlaw.inference.search.error_models import choose_errors
-from commonlaw.inference.search.law_search import begin_search, fit_terms
+from commonlaw.inference.search.law_search import choose_interpolation, fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.law import Law, Step, pool_objects
@@ -145,7 +145,7 @@ class _Fit:
         progress("estimating noise, smoothing, fitting coefficients")
         if alike and setup.law.terms.parameters and not trials.schema.starts:  # There `known_starts` does so
             setup = replace(setup, priors=priors_from(setup.problem(), setup.law.coefficients))
-        pool, steps = begin_search(
+        pool, steps = choose_interpolation(
             lambda own, _: fit_terms(replace(setup, trials=own)),
             setup.trials,
             input_between=setup.input_between,
@@ -155,7 +155,7 @@ class _Fit:
         # Of few measurements the residuals do not show what kind of errors they have
         errors = "white" if self.errors == "auto" and pool.best.has_few_measurements else self.errors
         pool = choose_errors(pool, errors=errors, propose=lambda _: None, progress=progress)
-        pool = approximated(pool, progress)
+        pool = choose_deterministic(pool, progress)
         fit, is_converged = converged(pool.best, self.least_squares)
         problem = fit.problem
         if not (problem.noise_given or problem.tells_noise) and total_freedom(residual_freedom(fit)) < 1:
