@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import commonlaw as cl
@@ -61,6 +62,32 @@ def test_phase_planes_have_nullclines_fixed_points_and_trajectories():
     with refused("phase-plane-time"):
         law = Law.from_text("x'' = -x + sin(t)")
         plot_phase_plane(law, cl.Trials.from_arrays([0.0, 1.0, 2.0], [1.0, 0.5, 0.0], names=["x"]))
+
+
+def test_phase_planes_of_laws_with_observation_equations_are_of_their_states():
+    random, times = np.random.default_rng(3), np.linspace(0.0, 8.0, 50)
+    exact = solve_ivp(lambda _, s: (s[1], -2 * s[0] - 0.4 * s[1]), (0, 8), (1.5, 0.0), t_eval=times, rtol=1e-10).y
+    signal = 3 * exact[0] + 0.5 + 0.001 * random.standard_normal(50)
+    trials = Trials.from_arrays(times, signal, names=["signal"])
+    law = cl.fit("x'' = -k x - c v; signal = 3 x + 0.5", trials)
+    forecast = law.predict(trials, start="all")
+    np.testing.assert_allclose(forecast.latent[0], exact.T, atol=5e-3)
+    (panel,) = plot_phase_plane(law, trials).axes
+    (path,) = [line.get_xydata() for line in panel.lines if len(line.get_xdata()) > 50]
+    np.testing.assert_allclose(path[[0, -1]], exact.T[[0, -1]], atol=5e-3)
+    point = next(line for line in panel.lines if line.get_marker() == "o")
+    np.testing.assert_allclose(point.get_xydata(), [[0.0, 0.0]], atol=1e-9)
+
+    first = solve_ivp(lambda _, s: (s[0] - s[0] * s[1], s[0] * s[1] - s[1]), (0, 8), (1.5, 1.0), t_eval=times).y
+    counts = np.column_stack([first[0], first.sum(axis=0)]) + 0.001 * random.standard_normal((50, 2))
+    trials = Trials.from_arrays(times, counts, names=["x", "all"])
+    law = cl.fit("x' = a x - b x z; z' = c x z - d z; `all` = x + z", trials)
+    figure = plot_phase_plane(law, trials)
+    (panel,) = figure.axes
+    (path,) = [line.get_xydata() for line in panel.lines if len(line.get_xdata()) > 50]
+    np.testing.assert_allclose(path[0], [1.5, 1.0], atol=5e-3)
+    shown = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert shown >= {"$z$ constant", "centre of its linearization"}
 
 
 def test_a_profile_is_the_least_sum_of_squares_over_all_other_unknowns():

@@ -155,19 +155,22 @@ class _Curve:
         until = float(trial.times[used][-1]) if used.any() else float(whole.times[0])
         return cls(both, problem, unknowns, known, inverse, sensitivity, until)
 
-    def at(self, times: Floats, return_std: bool) -> tuple[Floats, Floats]:
-        """Return observables, those that are log-scaled by their logarithms, and standard deviations, (n, m) each."""
+    def at(self, times: Floats, return_std: bool) -> tuple[Floats, Floats, Floats]:
+        """Return observables, their standard deviations, shape (n, m) each, and the states, shape (n, D).
+
+        Observables that are log-scaled are given by their logarithms.
+        """
         grid, count = np.union1d(self.data.times[:1], times), len(self.parameter_covariance)
         data = replace(self.data, times=grid, rows=np.searchsorted(grid, times))
         found = self.problem.predicted(data, self.unknowns, return_std)
         if found.slopes is None:
-            return found.values, np.zeros(found.values.shape)
+            return found.values, np.zeros(found.values.shape), found.states
         by_initial = found.slopes[:, :, count:]
         by_parameters = found.slopes[:, :, :count] + by_initial @ self.sensitivity
         with np.errstate(all="ignore"):
             variance = np.einsum("nmp,pq,nmq->nm", by_parameters, self.parameter_covariance, by_parameters)
             variance += np.einsum("nmp,pq,nmq->nm", by_initial, self.covariance, by_initial)
-            return found.values, np.sqrt(np.maximum(variance, 0.0))
+            return found.values, np.sqrt(np.maximum(variance, 0.0)), found.states
 
 
 def _used(trial: Trial, start: int | Literal["all"] | None, from_time: float | None) -> Bools:
@@ -205,14 +208,15 @@ class _Curves:
 
     def forecast(self) -> Forecast:
         """Return the curves at the times of the trials."""
-        trajectories, deviations = list[Trajectory](), list[Floats]()
+        trajectories, deviations, latent = list[Trajectory](), list[Floats](), list[Floats]()
         for trial, curve in zip(self.trials, self.curves, strict=True):
-            shown, std = curve.at(trial.times, self.return_std)
+            shown, std, states = curve.at(trial.times, self.return_std)
             values, finite = natural(shown, self.observation.measured), np.isfinite(shown).all(axis=1)
             ended = None if finite.all() else float(trial.times[int(np.argmin(finite))])
             outcome = None if ended is None else diverged(ended, "a state is not finite", trial.label)
             trajectories.append(Trajectory(trial.times, values, outcome, ended))
             deviations.append(np.where(curve.problem.logarithmic, std * values, std))
+            latent.append(states)
         levels = self.observation.noise_levels
         pairs = list(zip(self.trials, self.curves, strict=True))
         return Forecast(
@@ -223,6 +227,7 @@ class _Curves:
             self.from_time,
             at_more_times=self.at_more_times,
             horizons=tuple(np.maximum(0.0, trial.times - curve.known_until) for trial, curve in pairs),
+            latent=tuple(latent),
         )
 
     def at_more_times(self, times: Sequence[Floats]) -> Forecast:

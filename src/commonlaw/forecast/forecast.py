@@ -83,6 +83,9 @@ class Forecast(ShownInNotebooks):
         How far ahead each sample of each trial is of those that determined its initial state, zero before, shape (n,).
     widening
         Factor by which intervals are wider that far ahead, see `Uncertainty`.
+    latent
+        States and rates of a law with observation equations, for each trial of shape (n, states + rates); empty for
+        other laws, whose trajectories hold them.
     """
 
     trials: Trials
@@ -97,6 +100,7 @@ class Forecast(ShownInNotebooks):
     parts: tuple[Part, ...] = ()
     horizons: tuple[Floats, ...] = ()
     widening: Widening | None = None
+    latent: tuple[Floats, ...] = ()
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""

@@ -38,7 +38,8 @@ def plot_phase_plane(
     """Plot the phase plane of one object: flow, nullclines, fixed points with their stability, and fitted trajectories.
 
     For laws of two first-order states, or of one state of second order, whose plane is that of the state and its rate.
-    Where two states were measured, points are measurements.
+    With observation equations it is the plane of the states, not of what was measured. Where both states were
+    measured, points are measurements.
 
     Raises `CommonlawError` if the law has other states, or time in its terms.
 
@@ -57,8 +58,11 @@ def plot_phase_plane(
     forecast = trials if isinstance(trials, Forecast) else fitted(law, trials.select(object=owner))
     smooth = forecast.smooth()
     chosen = [i for i, each in enumerate(smooth.trials) if each.object == owner]
-    paths = [smooth.trajectories[i].states[:, :2] for i in chosen]
-    measured = [forecast.trials[i].states for i in chosen if forecast.trials[i].states.shape[1] == 2]
+    states = smooth.latent or [each.states for each in smooth.trajectories]
+    paths = [states[i][:, :2] for i in chosen]
+    observed = () if law.observation is None else law.observation.equations
+    columns = [j for j, each in enumerate(forecast.trials.schema.states) if each not in observed]
+    measured = [forecast.trials[i].states[:, columns] for i in chosen if len(columns) == 2]
     low, high = _window(np.concatenate([*paths, *measured]))
     names = (schema.states[0], rate_names(law)[0]) if len(schema.states) == 1 else schema.states
     units = [schema.units.get(each, "") for each in names]
@@ -77,15 +81,15 @@ def plot_phase_plane(
         if np.nanmin(rates[..., j]) < 0 < np.nanmax(rates[..., j]):
             panel.contour(across, up, rates[..., j], [0.0], colors=[color], linewidths=1.8)
             keys.append(key(f"{label} constant", color=color, linewidth=1.8))
-    for states in measured:
-        panel.plot(states[:, 0], states[:, 1], ".", color=COLORS[0], alpha=0.35, markersize=4, markeredgewidth=0)
+    for points in measured:
+        panel.plot(points[:, 0], points[:, 1], ".", color=COLORS[0], alpha=0.35, markersize=4, markeredgewidth=0)
     for path in paths:
         panel.plot(path[:, 0], path[:, 1], color=COLORS[0])
         panel.plot(path[0, 0], path[0, 1], ">", color=COLORS[0], markersize=5)
     keys.append(key(smooth.title, color=COLORS[0]))
     box = low[: len(schema.states)], high[: len(schema.states)]
-    points = fixed_points(law, followed_coefficients(law, owner), *box, held)
-    marked = [(np.append(point, 0.0)[:2], kind(values)) for point, values in points]
+    found = fixed_points(law, followed_coefficients(law, owner), *box, held)
+    marked = [(np.append(point, 0.0)[:2], kind(values)) for point, values in found]
     looks: dict[str, dict[str, Any]] = {
         name: {"marker": "o", "color": "black", **_MARKS.get(name.split()[0], {})} for _, name in marked
     }
