@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from selenium.webdriver import Keys
 
+import commonlaw as cl
 from commonlaw.app.equations import named, solved
 from commonlaw.app.question import Columns, Equations, Table
 from commonlaw.law import from_json
@@ -152,6 +153,37 @@ def test_equations_are_typed_moved_by_sliders_fitted_and_compared(page, tmp_path
         wait(page, "!$('result').hidden && $('equations').value")
         assert page.find_element("id", "equations").get_attribute("value") == "x' = a x - b x y\ny' = d x y"
         assert [each for each in page.get_log("browser") if is_fault(each)] == []
+
+
+def test_groups_of_objects_are_compared_with_the_reference_that_is_chosen(page, tmp_path):
+    hulls = ["bare", "bare", "finned", "finned", "rough", "rough"]
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.12, -0.5, -0.52, -0.3, -0.28), noise=0.05).until(2.0)
+    drops = drops.with_properties({name: {"hull": hull} for name, hull in zip(drops.objects, hulls, strict=True)})
+    path = tmp_path / "drops.csv"
+    drops.to_csv(path)
+    with served(path) as app:
+        open_page(page, app)
+        wait(page, "$('counts').textContent.includes('12 trials of 6 objects')")
+        page.execute_script("document.getElementById('write').open = true")
+        page.find_element("id", "equations").send_keys("x'' = -g - c v")
+        wait(page, "$('parameters').children.length === 2")
+        choose(page, "setting_errors", "white")
+        page.find_element("id", "fit").click()
+        wait(page, "!$('result').hidden && $('going').hidden")
+        page.find_element("css selector", "#groups_part summary").click()
+        wait(page, "$('groups').tBodies[0].rows.length === 4")
+        choose(page, "groups_by", "hull")
+        choose(page, "groups_reference", "1")
+        wait(page, "$('groups').tHead.textContent.includes('difference from finned')")
+        rows = wait(page, "[...$('groups').tBodies[0].rows].map(row => [...row.cells].map(cell => cell.textContent))")
+        law = cl.fit("x'' = -g - c v", cl.Trials.read(path), errors="white")
+        expected = cl.law.contrasts(law, "hull", "finned")
+        assert [row[0].split()[0] for row in rows] == ["g", "g", "c", "c"]
+        assert [row[1] for row in rows] == ["bare", "rough"] * 2
+        for row, ends in zip(rows, expected[["low", "high"]].to_numpy(dtype=float), strict=True):
+            shown = [float(each) for each in row[2].split("\n")[1].split(" to ")]
+            np.testing.assert_allclose(shown, ends, rtol=0.03, atol=0.03 * np.ptp(ends))
+        assert serious(page) == []
 
 
 SET = """

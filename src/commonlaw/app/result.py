@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from commonlaw.app.question import message, text_in_page
@@ -19,6 +20,7 @@ from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors
+from commonlaw.law.pooling import comparable_groups, contrasts
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import shown_quantities
 from commonlaw.law.text import rounded, said_within_errors, with_error
@@ -112,6 +114,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "terms": law.terms.names,
         "known": _terms(law, (standard_errors(law) == 0).all(axis=0)),
         "others": shares_terms(law) and law.order != 0,
+        "groups": {name: [_level(each) for each in values] for name, values in comparable_groups(law).items()},
         "follows": () if law.uncertainty.explanation is None else law.uncertainty.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
         "views": [
@@ -174,6 +177,36 @@ def _summary(found: Found, evidence: float | None) -> dict[str, Any]:
         "evidence": evidence,
         "errors": errors,
     }
+
+
+class Groups(msgspec.Struct, forbid_unknown_fields=True):
+    """A property whose values divide objects into groups, and the index of the value that others are compared with."""
+
+    by: str
+    reference: int = 0
+    candidate: int = 0
+
+
+def compared_groups(found: Found, asked: Groups) -> dict[str, Any]:
+    """Return how parameters of objects differ between groups, as a table.
+
+    Raises
+    ------
+    CommonlawError
+        If the property does not divide the objects into groups, there is no such value, or standard errors are missing.
+    """
+    law = found.candidate(asked.candidate)
+    values = comparable_groups(law).get(asked.by, [])
+    check_choice("index of the reference", asked.reference, range(len(values)))
+    rows = [
+        [f"{name} ({unit})" if unit else name, _level(value), _cell(*numbers)]
+        for name, value, _, *numbers, unit in contrasts(law, asked.by, values[asked.reference]).values.tolist()
+    ]
+    return {"head": ["parameter", asked.by, f"difference from {_level(values[asked.reference])}"], "rows": rows}
+
+
+def _level(value: str | float) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:
@@ -319,7 +352,7 @@ def _figure_kinds(law: Law, has_forecast: bool) -> list[dict[str, Any]]:
     if shares_terms(law):
         found.append(("coefficients", "Coefficients by object"))
     of_object = []
-    if law.observation is None and (law.order, len(law.schema.states)) in ((1, 2), (2, 1)):
+    if (law.order, len(law.schema.states)) in ((1, 2), (2, 1)):
         of_object.append(("phase-plane", "Phase plane with nullclines and fixed points", False))
     if shares_terms(law) and law.order != 0 and named_parameters(law).names:
         of_object.append(("profile", "Profile likelihood of a parameter", True))

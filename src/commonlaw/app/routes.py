@@ -24,7 +24,7 @@ from commonlaw.app.equations import Asked, solved
 from commonlaw.app.figures import curves, figure_file, one_draws
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
 from commonlaw.app.question import Columns, Question, message, named, settings_form, text_in_page
-from commonlaw.app.result import Found, compared
+from commonlaw.app.result import Found, Groups, compared, compared_groups
 from commonlaw.app.saved import Named, SavedSessions
 from commonlaw.app.sessions import Search, Sessions
 from commonlaw.app.working import prepare
@@ -125,6 +125,7 @@ def application(sessions: Sessions) -> Starlette:
         ("/searches/{name}/forecasts", "POST", _forecast),
         ("/searches/{name}/experiments", "POST", _experiments),
         ("/searches/{name}/comparison", "POST", _comparison),
+        ("/searches/{name}/groups", "POST", _groups),
         ("/searches/{name}/figures/{file}", "GET", _figure_file),
         ("/searches/{name}/{file}", "GET", _file),
     ):
@@ -297,6 +298,12 @@ async def _comparison(sessions: Sessions, request: Request) -> Response:
     asked = read_json(await request.body(), _Rival)
     one, other = (sessions.searches.get(name).found for name in (request.path_params["name"], asked.search))
     return _json(await run_in_threadpool(lambda: compared(one.of_candidate(asked.candidate), other)))
+
+
+async def _groups(sessions: Sessions, request: Request) -> Response:
+    found = sessions.searches.get(request.path_params["name"]).found
+    asked = read_json(await request.body(), Groups)
+    return _json(await run_in_threadpool(compared_groups, found, asked))
 
 
 async def _file(sessions: Sessions, request: Request) -> Response:

@@ -235,6 +235,12 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
 
     names = property_names(law.properties)
     check_choice("property", by, names)
+    own = law
+    if law.uncertainty.unpooled is not None:  # Pooled estimates depend on those of the other groups
+        estimates, coefficients = law.uncertainty.unpooled, law.coefficients.copy()
+        coefficients[:, law.support] = estimates.coefficients
+        uncertainty = replace(law.uncertainty, covariance=estimates.covariance, other_laws=())
+        own = replace(law, coefficients=coefficients, uncertainty=uncertainty)
     groups = [law.properties.get(owner, {}).get(by) for owner in law.objects]
     if None in groups:
         raise CommonlawError("property-missing", object=law.objects[groups.index(None)], property=by)
@@ -246,9 +252,11 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
         check_choice(f"value of {by}", reference, values)
     base = values[0] if reference is None else reference
     inside = np.array([[group == value for value in values] for group in groups], dtype=np.float64)
-    named, rows = named_parameters(law), list[dict[str, object]]()
-    for name, estimates, errors, unit in zip(named.names, named.values.T, named.errors.T, named.units, strict=True):
-        if np.ptp(estimates) == 0 or not errors.any():  # Of all objects, or known
+    named, rows = named_parameters(own), list[dict[str, object]]()
+    shared = np.ptp(named_parameters(law).values, axis=0) == 0
+    columns = zip(named.names, shared, named.values.T, named.errors.T, named.units, strict=True)
+    for name, is_shared, estimates, errors, unit in columns:
+        if is_shared or not errors.any():
             continue
         if not np.isfinite(errors).all():
             raise CommonlawError("contrast-without-errors", parameter=name)
@@ -265,8 +273,19 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
                 row = {"parameter": name, "value": value, "reference": base, "difference": difference}
                 row |= {"standard error": error, "low": difference - half, "high": difference + half, "unit": unit}
                 rows.append(row)
-    columns = ["parameter", "value", "reference", "difference", "standard error", "low", "high", "unit"]
-    return pd.DataFrame(rows, columns=columns)
+    heads = ["parameter", "value", "reference", "difference", "standard error", "low", "high", "unit"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def comparable_groups(law: Law) -> dict[str, list[str | float]]:
+    """Return the values of each property by which objects can be compared, two or more of a value on average."""
+    found = dict[str, list[str | float]]()
+    for name in property_names(law.properties) if shares_terms(law) else ():
+        groups = [law.properties.get(owner, {}).get(name) for owner in law.objects]
+        values = sorted({each for each in groups if each is not None}, key=lambda value: (str(type(value)), value))
+        if None not in groups and 1 < len(values) <= len(groups) / 2:
+            found[name] = values
+    return found
 
 
 def _between(estimates: Floats, errors: Floats, inside: Floats) -> float:

@@ -19,6 +19,7 @@ from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
 from commonlaw.law import Law, relations_frame, to_script
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import named_parameters, state_rates
+from commonlaw.law.pooling import comparable_groups, contrasts
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import Source
 from commonlaw.law.tables import MEANINGS, readable_candidates, shown_quantities
@@ -281,6 +282,7 @@ def coefficients(case: LawCase) -> Section:
             ends = "" if not known else "; an infinite end says that there is none"
             caption = f"Quantities that follow from the coefficients{', with 95 % intervals' if known else ''}{ends}."
             blocks.append(folded(Table("quantities", caption, quantities), "Quantities"))
+        blocks += _contrasts(case) if known else ()
     else:
         blocks.append(Text("The law has no term: all rates are zero."))
     return Section("coefficients", "Coefficients", tuple(blocks))
@@ -331,6 +333,22 @@ def _relations(law: Law) -> list[Block]:
             "relation-plots", "Estimates by object against properties that explain them.", partial(plot_relations, law)
         ),
     ]
+
+
+def _contrasts(case: LawCase) -> Iterator[Block]:
+    """Yield how parameters differ between groups of objects, for each property that makes some."""
+    for i, (name, (reference, *_)) in enumerate(comparable_groups(case.law).items()):
+        title = f"Differences from {name} {reference}"
+        try:
+            frame = contrasts(case.law, name, reference)
+        except CommonlawError as error:
+            yield Text(f"{literal(title)}: {case.said(error)}.")
+            continue
+        if len(frame):
+            frame = frame.drop(columns="reference").dropna(axis=1, how="all")
+            frame.columns = [name if each == "value" else each for each in frame.columns]
+            caption = f"{literal(title)}, with 95 % intervals of Student's t that contain the scatter between objects."
+            yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
 
 
 def _by_object(law: Law) -> pd.DataFrame:

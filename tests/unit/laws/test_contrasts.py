@@ -3,10 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import t, ttest_ind
 
 import commonlaw as cl
+from commonlaw.law.pooling import comparable_groups
 from tests.known_laws import known
 from tests.refusals import refused
 
@@ -52,6 +54,20 @@ def test_intervals_hold_with_scatter_and_errors():
         row = cl.law.contrasts(law_of(rates, errors, ["a"] * 4 + ["b"] * 4), "drug").iloc[0]
         held.append(row["low"] < 0.3 < row["high"])
     assert 0.92 < np.mean(held) < 0.99
+
+
+def test_pooled_laws_are_compared_by_the_estimates_of_their_objects():
+    law = law_of(RATES, np.full(7, 0.1), DRUGS)
+    pooled = cl.law.pool_objects(law)
+    assert np.ptp(pooled.coefficients) < 0.9 * np.ptp(law.coefficients)
+    pd.testing.assert_frame_equal(cl.law.contrasts(pooled, "drug"), cl.law.contrasts(law, "drug"))
+
+
+def test_properties_that_many_objects_have_in_common_divide_them_into_groups():
+    law = law_of(RATES, np.full(7, 0.1), DRUGS)
+    assert comparable_groups(law) == {"drug": ["high", "none"]}
+    own = {name: {"drug": DRUGS[i], "dose": i // 2, "mass": i} for i, name in enumerate(law.objects)}
+    assert [*comparable_groups(replace(law, properties=own))] == ["drug"]  # Four doses of seven objects
 
 
 def test_groups_that_cannot_be_compared_are_refused():

@@ -1,6 +1,6 @@
 // The page: a table, a question, a law. All that a law needs is here once it was found; moving along candidates asks nobody.
 import { $, ask, remember, state, trying } from "./basics.js";
-import { compare } from "./compare.js";
+import { compare, compareGroups, offerReferences } from "./compare.js";
 import { choose, drawFigure } from "./figures.js";
 import { changeView, showCurves, togetherOrAlone } from "./curves.js";
 import { exclude, subtractBlanks, toggleMouse, undo } from "./edits.js";
@@ -47,6 +47,9 @@ for (const id of ["figure", "figure_object", "figure_parameter"]) $(id).addEvent
 $("draw").addEventListener("click", drawFigure);
 for (const [id, work] of [["session_open", openSession], ["session_save", saveSession], ["session_delete", deleteSession], ["session_undo", undoSession], ["copy", copyCoefficients]]) $(id).addEventListener("click", work);
 $("rival").addEventListener("change", compare);
+$("groups_part").addEventListener("toggle", compareGroups);
+$("groups_by").addEventListener("change", () => { offerReferences(); compareGroups(); });
+$("groups_reference").addEventListener("change", compareGroups);
 $("write_from").addEventListener("change", startFrom);
 $("write_object").addEventListener("change", showValues);
 $("equations").addEventListener("input", () => { complete(); read(); });

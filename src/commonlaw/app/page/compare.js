@@ -1,4 +1,4 @@
-// Two laws side by side: the candidate that is shown, and the law of another search in the same table.
+// Comparisons: of the candidate that is shown with the law of another search in the same table, and of groups of objects.
 import { $, ask, element, fill, state, trying } from "./basics.js";
 import { showCurves } from "./curves.js";
 
@@ -27,6 +27,31 @@ export async function compare() {
   });
   $("comparing").textContent = "";
   showCurves();
+}
+
+/** Offer the properties by which objects can be compared. */
+export function offerGroups() {
+  const names = Object.keys(state.found.groups), before = $("groups_by").value;
+  $("groups_part").hidden = !names.length;
+  $("groups_by").replaceChildren(...names.map(name => element("option", name, { value: name })));
+  if (names.includes(before)) $("groups_by").value = before;
+  else offerReferences();
+  compareGroups();
+}
+
+export function offerReferences() {
+  $("groups_reference").replaceChildren(...(state.found.groups[$("groups_by").value] ?? []).map((value, i) => element("option", value, { value: i })));
+}
+
+let asked = null;
+
+export async function compareGroups() {
+  if ($("groups_part").hidden || !$("groups_part").open) return;
+  const { search } = state, now = asked = { by: $("groups_by").value, reference: Number($("groups_reference").value), candidate: state.at };
+  await trying("groups_failed", async () => {
+    const { head, rows } = await ask(`searches/${search}/groups`, "POST", now);
+    if (state.search === search && asked === now) fill($("groups"), head, rows);
+  });
 }
 
 function showComparison(found) {

@@ -1,7 +1,7 @@
 // 3. The law: its formula and terms, the slider along its rivals, and laws of other terms.
 import { $, ask, begin, element, fill, follow, plural, pretty, state, tell, trying } from "./basics.js";
 import { endWritten, showCurves, showViews, showResult } from "./curves.js";
-import { offerRivals } from "./compare.js";
+import { offerGroups, offerRivals } from "./compare.js";
 import { offerFigures } from "./figures.js";
 import { offerStarts } from "./equations.js";
 import { showNext } from "./next.js";
@@ -79,6 +79,7 @@ export function move(index) {
   endWritten();
   offerStarts();
   offerRivals();
+  offerGroups();
   offerFigures();
   showCurves();
   showFiles();
