@@ -13,7 +13,7 @@ import commonlaw as cl
 from commonlaw.app.question import Question, in_page, settings_form
 from commonlaw.cli.method_options import setting_options
 from commonlaw.cli.options import SettingsOption, with_options
-from commonlaw.discovery.kept_laws import digest
+from commonlaw.discovery.cache import digest
 from commonlaw.law.script import written
 from commonlaw.runtime.fit_options import (
     CovarianceKind,

@@ -1,4 +1,4 @@
-"""The search for the law of one order: terms that a screening keeps, the best law so far, and the pipeline's steps."""
+"""The search for the law of one order: screened terms, the best law so far, and the steps of the pipeline."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +48,7 @@ from commonlaw.trials.transformations import with_logarithms
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """What is sought among the terms that a screening has kept of many, shape (terms,); all if they are not many."""
+    """The structure with the candidate terms kept by a screening, shape (terms,); all if they are few."""
 
     whole: ModelStructure
     terms: Terms
@@ -56,7 +56,7 @@ class Screened:
 
     @classmethod
     def of(cls, trials: Trials, structure: ModelStructure) -> "Screened":
-        """Return what is sought in trials, of many terms those that explain most."""
+        """Return the structure after a screening of its terms on trials."""
         terms, schema = structure.terms(trials.schema), trials.schema
         known = structure.known_coefficients(schema, trials.objects)
         needed = (structure.universal_coefficients(schema) | ~np.isnan(known).any(axis=0)).any(axis=0)
@@ -64,7 +64,7 @@ class Screened:
 
     @cached_property
     def structure(self) -> ModelStructure:
-        """The same question with the plain terms that were kept."""
+        """The structure with the plain terms that were kept."""
         if self.kept.all() and not self.whole.library.parametric(self.terms.variables):
             return self.whole
         names = tuple(self.terms.names[i] for i in np.flatnonzero(self.kept))
@@ -72,24 +72,24 @@ class Screened:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """What is said of it."""
+        """The step of the history that records it."""
         if self.kept.all():
             return ()
         why = "terms that explain most of the smoothed rates; none of the others improves the law"
         return (Step("screening", f"{int(self.kept.sum())} of {counted(len(self.terms), 'term')}", why),)
 
     def among(self, fit: Fit) -> "Screened":
-        """Return the same with the terms among which a law was chosen."""
+        """Return the structure with the candidate terms of a fit."""
         return replace(self, kept=np.isin(self.terms.names, fit.problem.terms.names))
 
     def with_missed(self, fit: Fit) -> "Screened | None":
-        """Return the same with terms that were left out and improve a law; None if there are none."""
+        """Return the structure with readmitted terms by a score test of a fit; None if there are none."""
         missed = terms_by_score_test(fit, self.terms)
         return replace(self, kept=self.kept | missed) if missed.any() else None
 
 
 MAX_TERMS_OF_SIMPLE_LAW = 5
-"""Coefficients and parameters of an equation more than which may stand for a latent state, or for richer terms."""
+"""An equation with more coefficients may approximate a latent state, or richer terms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,25 +99,25 @@ class Candidate:
     Parameters
     ----------
     screened
-        The terms that were kept.
+        The candidate terms.
     pool
         The law among them, and its rivals.
     steps
-        What is to be said of the way there.
-    followed
-        The trials as the law follows them.
+        Steps of the history.
+    transformed
+        The trials after `transform_trials`.
     has_richer
-        Whether richer terms were sought, too.
+        Whether richer terms were searched.
     is_coarse
-        Whether a finer mesh may explain what was measured.
+        Whether only a coarse mesh was tried, on which the law has a model error.
     is_of_higher_degree
-        Whether plain terms are of higher degree, which the evidence prefers.
+        Whether the plain terms are of higher degree.
     """
 
     screened: Screened
     pool: Pool
     steps: Sequence[Step]
-    followed: Trials
+    transformed: Trials
     has_richer: bool
     is_coarse: bool = False
     is_of_higher_degree: bool = False
@@ -143,34 +143,34 @@ class Candidate:
 
     @cached_property
     def is_simple(self) -> bool:
-        """Whether the law explains what was measured, and no richer terms could say it in fewer numbers."""
+        """Whether the law has no lack of fit, and too few coefficients for richer terms to need fewer."""
         if self.pool.best.lack_of_fit or not self.pool.is_determined:
             return False
         if self.has_richer:
             return True
         most = MAX_TERMS_OF_SIMPLE_LAW
-        if self.is_of_higher_degree:  # A few of these stand for no shorter law, as a series has a third of them
+        if self.is_of_higher_degree:  # A truncated series has a third of them
             most = max(most, len(self.pool.best.problem.terms) // 3)
         return not (may_be_simpler(self.pool.best, most) or is_truncated_series(self.pool.best))
 
     @cached_property
     def score(self) -> Score:
-        """By its evidence, comparable between orders."""
+        """The score, comparable between orders."""
         return score_of_order(self.pool.best)
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateSearch:
-    """How laws are sought: in which trials, and under which options. Each step takes a candidate and returns one.
+    """The steps of the search for laws; each takes a candidate and returns a better one.
 
     Parameters
     ----------
     trials
-        What was measured.
+        The measurements.
     options
         See `TrajectoryLikelihood`.
     progress
-        Takes what is being done.
+        Callback for the progress.
     """
 
     trials: Trials
@@ -178,56 +178,56 @@ class CandidateSearch:
     progress: ProgressCallback
 
     def plain(self, structure: ModelStructure, is_coarse: bool) -> Candidate:
-        """Search among plain terms, and what is offered first, with the interpolation of inputs chosen.
+        """Return the best law among plain terms, and terms offered first, under the chosen interpolation of inputs.
 
-        On a coarse mesh alone, if that is asked for and the law departs from the measurements there: where another
-        order takes less time, or explains them.
+        With `is_coarse`, only the coarse mesh is tried if the law has a model error there: another order may be
+        faster, or fit better.
         """
         options = self.options
         screened = Screened.of(with_logarithms(self.trials, options.positive), structure)
-        followed = transform_trials(self.trials, options.positive, options.input_between)
+        transformed = transform_trials(self.trials, options.positive, options.input_between)
         first = next(iter(structure.library.offers(screened.terms.variables)))
         if first.count or options.unmeasured:
-            return self._candidate(screened, followed, None, richer=True)
-        begun = None
+            return self._candidate(screened, transformed, None, richer=True)
+        coarse = None
         if is_coarse:
-            begun = self._among(followed, screened.structure, self.progress)
-            if begun.best.has_model_error:
-                return Candidate(screened, begun, (), followed, has_richer=False, is_coarse=True)
-        return self._candidate(screened, followed, begun, richer=False)
+            coarse = self._among(transformed, screened.structure, self.progress)
+            if coarse.best.has_model_error:
+                return Candidate(screened, coarse, (), transformed, has_richer=False, is_coarse=True)
+        return self._candidate(screened, transformed, coarse, richer=False)
 
     def finer(self, candidate: Candidate) -> Candidate:
-        """Return a law on a mesh that may explain what was measured, if it was sought on a coarse one."""
+        """Return a candidate searched on finer meshes if only a coarse one was tried."""
         if not candidate.is_coarse:
             return candidate
-        return self._candidate(candidate.screened, candidate.followed, candidate.pool, richer=False)
+        return self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=False)
 
     def resolved(self, candidate: Candidate) -> Candidate:
-        """Return a law on a mesh that is fine enough; on its own if it does not explain what was measured anyway."""
+        """Return a candidate on a refined mesh; unchanged if it has a lack of fit."""
         if candidate.pool.best.lack_of_fit:
             return candidate
         return replace(candidate, pool=resolved(candidate.pool, self.progress))
 
     def of_higher_degree(self, candidate: Candidate) -> Candidate:
-        """Return the law among plain terms of higher degree where fewer may be wrong, if those explain the trials.
+        """Return the best law among plain terms of higher degree, if it is simple where the candidate is not.
 
-        They are a linear problem, so they come before terms with parameters inside, latent states and other orders.
-        A law that leaves something unexplained, or is a truncated series, extrapolates worse than one of fewer terms.
+        Their fit is linear, so they come before parametric terms, latent states and other orders. A law of higher
+        degree with a lack of fit, or a truncated series, extrapolates worse than one of fewer terms.
         """
         whole, higher = candidate.screened.whole, candidate.screened.whole.library.higher
         if candidate.is_simple or candidate.has_richer or candidate.is_coarse or not higher:
             return candidate
         self.progress("searching among terms of higher degree")
-        screened = Screened.of(candidate.followed, replace(whole, library=higher))
-        more = self._candidate(screened, candidate.followed, None, richer=False)
+        screened = Screened.of(candidate.transformed, replace(whole, library=higher))
+        more = self._candidate(screened, candidate.transformed, None, richer=False)
         more = replace(more, is_of_higher_degree=True)
         return more if more.is_simple and more.score < candidate.score else candidate
 
     def with_first_offer(self, candidate: Candidate) -> Candidate:
-        """Return the law with some of what is offered first besides plain terms, if it is simple then.
+        """Return the law with terms of the first offer, if it is simple.
 
-        That of fewer terms than plain ones, with more offers to come: such as central forces of vectors, which come
-        before terms of higher degree in all their variables, and before what is offered to other orders.
+        The offer must have fewer terms than the library and not be the last. Central forces of vectors are an example:
+        they come before terms of higher degree in all variables, and before other orders.
         """
         offers = self._offers(candidate.screened)[1]
         first = next((i for i, offer in enumerate(offers) if offer.count), len(offers))
@@ -235,20 +235,20 @@ class CandidateSearch:
             return candidate
         if offers[first].count > len(candidate.screened.terms):
             return candidate
-        more = self._candidate(candidate.screened, candidate.followed, candidate.pool, richer=True, most=first + 1)
+        more = self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=True, most=first + 1)
         return replace(more, has_richer=True) if more.is_simple else candidate
 
     def richer(self, candidate: Candidate) -> Candidate:
-        """Return the law of largest evidence among terms of higher degree, parametric terms and latent states, too."""
+        """Return the law of largest evidence among terms of higher degree, parametric terms and latent states."""
         candidate = self.of_higher_degree(candidate)
         if candidate.is_simple or candidate.has_richer or not any(x.count for x in self._offers(candidate.screened)[1]):
             return candidate
-        return self._candidate(candidate.screened, candidate.followed, candidate.pool, richer=True)
+        return self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=True)
 
     def with_errors(self, candidate: Candidate) -> Candidate:
-        """Choose errors, and search again where terms that were left out improve the law under these.
+        """Return the candidate under the chosen error model, searched again if that readmits screened-out terms.
 
-        They are chosen again on the mesh that the law needs if a coarser one hid what speaks against white noise.
+        The choice is repeated on the refined mesh if a coarser one had hidden the departures from white noise.
         """
         progress, may_hide = self.progress, self.options.errors == "auto"
         while True:
@@ -261,7 +261,7 @@ class CandidateSearch:
             problem = pool.best.problem
             more = screened.with_missed(pool.best) if problem.solver and problem.errors else None
             if more is not None:
-                candidate = self._candidate(more, candidate.followed, None, richer=candidate.has_richer)
+                candidate = self._candidate(more, candidate.transformed, None, richer=candidate.has_richer)
                 continue
             fine = resolved(pool, progress)
             candidate = replace(candidate, screened=screened, pool=fine)
@@ -270,16 +270,16 @@ class CandidateSearch:
             may_hide = False
 
     def _candidate(
-        self, screened: Screened, followed: Trials, plain: Pool | None, *, richer: bool, most: int | None = None
+        self, screened: Screened, transformed: Trials, plain: Pool | None, *, richer: bool, most: int | None = None
     ) -> Candidate:
-        """Search for a law with the interpolation of inputs that is chosen.
+        """Return the best law under the chosen interpolation of inputs.
 
-        The search among plain terms may be done, but for those that were left out and finer meshes. Richer terms are
-        what is offered besides plain ones: all of it, or the first offers, so many at `most`.
+        `plain` is the result of a search among plain terms, if it was done before. With `richer`, offered terms are
+        added: all offers, or the first `most`.
         """
 
         def begin(trials: Trials, progress: ProgressCallback) -> Pool:
-            done = plain if trials is followed else None
+            done = plain if trials is transformed else None
             if not richer:
                 return self._plain(screened, trials, progress, done)
             pool = done or self._plain(screened, trials, part(progress, 0.0, 0.2))
@@ -292,29 +292,31 @@ class CandidateSearch:
         options = self.options
         pool, steps = choose_interpolation(
             begin,
-            followed,
+            transformed,
             input_between=options.input_between,
             errors=options.errors,
             progress=self.progress,
             is_chosen=richer and plain is not None,
         )
         chosen = pool.best.problem.trials.schema.input_between
-        if chosen != followed.schema.input_between:
-            followed = with_interpolation(followed, chosen)
+        if chosen != transformed.schema.input_between:
+            transformed = with_interpolation(transformed, chosen)
         if richer and most is None:
-            # Once, as this takes longest: under the interpolation that laws without such a state choose
-            pool = self._with_latent_state(screened, pool, followed)
-        return Candidate(screened, pool, steps, followed, richer and most is None)
+            # Only once, as it takes longest, under the interpolation chosen without a latent state
+            pool = self._with_latent_state(screened, pool, transformed)
+        return Candidate(screened, pool, steps, transformed, richer and most is None)
 
-    def _plain(self, screened: Screened, trials: Trials, progress: ProgressCallback, begun: Pool | None = None) -> Pool:
-        """Search for the supports of largest evidence, until no finer mesh or term that was left out improves them."""
-        pool = search_on_finer_mesh(begun or self._among(trials, screened.structure, progress), progress)
+    def _plain(
+        self, screened: Screened, trials: Trials, progress: ProgressCallback, coarse: Pool | None = None
+    ) -> Pool:
+        """Return the supports of largest evidence after mesh refinement and readmission of screened-out terms."""
+        pool = search_on_finer_mesh(coarse or self._among(trials, screened.structure, progress), progress)
         while more := screened.with_missed(pool.best):
             progress("searching again with screened-out terms that improve the law")
             screened = more
             pool = search_on_finer_mesh(self._among(trials, more.structure, progress), progress)
         if pool.best.problem.least_variance >= 1 and not (pool.best.lack_of_fit or pool.is_determined):
-            # Of exact measurements a needless term may stand for the discretization error of a coarse mesh
+            # With exact measurements a needless term may fit the discretization error of a coarse mesh
             pool = resolved(pool, progress)
         return pool
 
@@ -335,8 +337,8 @@ class CandidateSearch:
         )
 
     def _with_latent_state(self, screened: Screened, pool: Pool, trials: Trials) -> Pool:
-        """Return the law of largest evidence with a latent state or without, if one is asked for or may be missing."""
-        # With more objects it takes minutes; one trial alone has no other start to tell such a state by
+        """Return the pool with laws with a latent state, if one is requested or the law may lack one."""
+        # With more objects it takes minutes; with one trial a latent state is hardly identifiable
         few = len(trials.objects) <= 10 and len(trials) > 1
         seeks = screened.whole.library.seeks_unmeasured and few and may_be_simpler(pool.best, MAX_TERMS_OF_SIMPLE_LAW)
         if screened.whole.order != 1 or not (self.options.unmeasured or seeks):
@@ -344,7 +346,7 @@ class CandidateSearch:
         return with_latent_state(pool, trials, most_samples=self.options.max_samples, progress=self.progress)
 
     def _offers(self, screened: Screened) -> tuple[tuple[ParametricTerm, ...], list[Offer]]:
-        """Return the latent drives among what equations may have besides plain terms, and all of that."""
+        """Return candidate forcing terms, and all offers of richer terms including these."""
         variables = screened.terms.variables
         forced = self.options.unmeasured and highest_order(screened.whole.order) == 2
         driven = drives(variables) if forced else ()
@@ -352,20 +354,20 @@ class CandidateSearch:
         return driven, [replace(first, terms=(*first.terms, *driven)), *richer]
 
     def _by_derivatives(self, screened: Screened, fit: Fit) -> Bools | None:
-        """Return the support that regression on derivatives finds among the same terms, None if it finds none."""
+        """Return the support selected by regression on derivatives among the same terms; None if it fails."""
         try:
-            sought = screened.among(fit).structure
-            return DerivativeRegression().find(self.trials.without_noise(), sought, self.progress).support
+            structure = screened.among(fit).structure
+            return DerivativeRegression().find(self.trials.without_noise(), structure, self.progress).support
         except CommonlawError:
             return None
 
 
 def _check_effort(trials: Trials, terms: int, most_samples: int) -> None:
-    """Refuse more terms than memory can hold the factors of, and announce a search that takes long."""
+    """Refuse terms whose matrices exceed the memory, and announce a long search."""
     objects, samples = len(trials.objects), min(sum(map(len, trials)), most_samples)
     of = f"{counted(len(trials), 'trial')} of {counted(objects, 'object')} with {counted(terms, 'term')}"
     what = f"the trajectory likelihood of {of}"
-    # Matrices of an object's coefficients, and arrays of a value for each sample and term, that are held at a time
+    # Matrices (coefficients, coefficients) of each object, and arrays (samples, terms), that are held at a time
     size = 8 * (6 * objects * (terms * len(trials.schema.states)) ** 2 + 20 * samples * terms)
     check_memory(what, size, "take a smaller library")
     seconds = 0.1 * objects + 5e-3 * len(trials) + 3e-4 * samples

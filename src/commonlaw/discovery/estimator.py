@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from commonlaw.discovery.cache import cached_law
 from commonlaw.discovery.given_derivatives import GivenDerivatives, with_derivatives
 from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_generations, outcomes_of_rivals
-from commonlaw.discovery.kept_laws import found_once
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.method import AbstractMethod, Key, Known, ModelStructure, of_each_equation
 from commonlaw.discovery.observed import discover_observed
@@ -117,7 +117,7 @@ class LawDiscovery:
         progress = self.progress or on_terminal()
         with on_cluster(self.client):
             if self.cache and isinstance(trials, Trials) and y is None:
-                self.law_ = found_once(trials, question, lambda: self._found(trials, progress), progress)
+                self.law_ = cached_law(trials, question, lambda: self._found(trials, progress), progress)
             else:
                 self.law_ = self._found(trials, progress, y)
         return self

@@ -1,4 +1,4 @@
-"""What else a law could be, and what would tell: other starts, variables that trials confound, discrete time."""
+"""Notes on alternatives to a law: rivals and discriminating experiments, confounded variables, discrete time."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -25,20 +25,21 @@ from commonlaw.trials import Schema, Trials
 from commonlaw.trials.check import Finding
 
 _BAND = 1.96
-"""Standard deviations that a band of 95 % reaches to each side."""
+"""Half width of a 95 % interval in standard deviations."""
 
 _NEAR = 0.1
-"""Share of a range that counts as near it, and within which all trials start alike."""
+"""Share of a range: margin around visited states, and spread of similar initial values."""
 
 _Found = tuple[Floats, Forecast, Forecast, tuple[int, int]]
-"""A start, the forecasts of two laws from there, and the row and the state in which they differ most."""
+"""An initial state, the forecasts of two laws from there, and the row and the state in which they differ most."""
 
 
 def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
-    """Return the rivals of a law that trials with other initial values would distinguish from it.
+    """Return notes on rivals of a law that trials with other initial values would discriminate.
 
-    Rivals, which its evidence is not strong against, forecast the trials alike. From other starts within what was
-    visited forecasts of the two may be further apart than their bands together: a trial there discriminates.
+    Rivals are laws without strong evidence against them, which fit the trials equally well. From other initial values
+    within the visited ranges, forecasts of the two may differ by more than the sum of their bands: a trial there
+    discriminates.
     """
     own = 1.0 - sum(each.probability for each in law.uncertainty.other_laws)
     rivals = [each for each in law.uncertainty.other_laws if each.probability > own * np.exp(-STRONG / 2)][:2]
@@ -46,15 +47,15 @@ def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
         return ()
     lasting = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))
     times = trials.trials[0].times[0] + np.linspace(0, lasting, 25)
-    starts = ((rival, _start_that_tells(law, rival.law, times)) for rival in rivals)
+    starts = ((rival, _discriminating_start(law, rival.law, times)) for rival in rivals)
     return tuple(_outcome(law, rival, found) for rival, found in starts if found is not None)
 
 
-def _start_that_tells(law: Law, rival: Law, times: Floats) -> _Found | None:
-    """Return the start from which two laws differ most, their forecasts, and the sample at which they do."""
+def _discriminating_start(law: Law, rival: Law, times: Floats) -> _Found | None:
+    """Return the initial state from which two laws differ most, their forecasts, and the sample at which they do."""
     best, visited = 1.0, law.provenance.domain.visited
     found: _Found | None = None
-    # What leaves the states and rates that were visited is of no matter, see `_within`
+    # Solutions outside of the visited ranges do not count, see `_within`
     ends = [visited.get(name, (-np.inf, np.inf)) for name in law.terms.variables.states]
     limit = max(max(abs(low), abs(high)) + _NEAR * (high - low) for low, high in ends)
     for start in _starts(law):
@@ -73,7 +74,7 @@ def _start_that_tells(law: Law, rival: Law, times: Floats) -> _Found | None:
 
 
 def _starts(law: Law) -> Iterator[Floats]:
-    """Yield starts at the ends and in the middle of what was visited; rates at rest too, if they nearly were."""
+    """Yield initial states at the ends and in the middle of the visited ranges, with zero rates if these are near."""
     variables, visited = law.terms.variables.states, law.provenance.domain.visited
     if not all(name in visited for name in variables):
         return
@@ -87,13 +88,13 @@ def _starts(law: Law) -> Iterator[Floats]:
 
 
 def _beyond(values: Floats, ends: tuple[float, float]) -> Floats:
-    """Return how far values lie beyond a range, in its width, shape (n,)."""
+    """Return the distances of values to a range, relative to its width, shape (n,)."""
     low, high = ends
     return np.asarray(np.maximum(np.maximum(low - values, values - high), 0.0) / max(high - low, 1e-300))
 
 
 def _within(law: Law, forecast: Forecast) -> Floats:
-    """Return 1 while a forecast stays near what was visited and 0 from then on, shape (n, 1)."""
+    """Return 1 while a forecast stays near the visited ranges and 0 from then on, shape (n, 1)."""
     visited, (states, _) = law.provenance.domain.visited, _first(forecast)
     pairs = zip(law.schema.states, states.T, strict=True)
     near = np.all([_beyond(np.nan_to_num(own, nan=np.inf), visited[name]) <= _NEAR for name, own in pairs], axis=0)
@@ -101,10 +102,7 @@ def _within(law: Law, forecast: Forecast) -> Floats:
 
 
 def _first(forecast: Forecast) -> tuple[Floats, Floats]:
-    """Return the states that the only trajectory goes through, and how far off measurements of them are.
-
-    Each of shape (n, states), the latter as standard deviations.
-    """
+    """Return the states of the only trajectory and the standard deviations of measurements, shape (n, states) each."""
     assert forecast.std is not None
     assert forecast.noise is not None
     names, followed = forecast.trials.schema.states, forecast.followed
@@ -140,7 +138,7 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
 
 
 def _exchange(law: Law, rival: Law) -> str:
-    """Return which terms a rival has in place of those of the law, equation by equation."""
+    """Return the difference in terms between a rival and the law, equation by equation."""
     parts, lefts = [], left_hand_sides(law.schema.states, law.order)
     for side, own, others in zip(lefts, _names(law), _names(rival), strict=True):
         more, fewer = (", ".join(x for x in one if x not in other) for one, other in ((others, own), (own, others)))
@@ -151,14 +149,14 @@ def _exchange(law: Law, rival: Law) -> str:
 
 
 def _names(law: Law) -> list[list[str]]:
-    """Return the terms of each equation, without the parameters inside them."""
+    """Return the terms of each equation, without nonlinear parameters."""
     return [[law.terms.names[k] for k in np.flatnonzero(own & law.terms.is_factor)] for own in law.support]
 
 
 def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
-    """Return a hint at discrete time for each state whose next sample follows from the present one, but not by the law.
+    """Return a note on discrete time for each state whose next sample is a function of the present one.
 
-    Samples are at equally spaced whole numbers, and resolve no motion of the state between them:
+    This applies if samples are at equally spaced whole numbers that do not resolve the motion of the state:
 
     ``sum_k (x[k+1] - x[k])^2 >= sum_k (x[k+1] - mean of the object)^2``
 
@@ -171,7 +169,7 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     Parameters
     ----------
     law
-        In continuous time, learned from the trials.
+        In continuous time, fitted to the trials.
     trials
         Of the objects of the law.
     """
@@ -202,7 +200,7 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
 
 
 class _Regression(NamedTuple):
-    """A regression of the next samples of a state, shape (n,), and the squares that it and means of objects leave."""
+    """A regression of the next samples of a state, shape (n,), with its residual sum of squares and that of means."""
 
     state: str
     rows: Bools
@@ -212,14 +210,14 @@ class _Regression(NamedTuple):
     about_means: float
 
     def evidence_against(self, squares: float) -> float:
-        """Return twice the log Bayes factor for the regression against what leaves these squares."""
+        """Return twice the log Bayes factor for the regression against a model with this residual sum of squares."""
         count, rounding = len(self.target), np.finfo(float).eps ** 2 * self.about_means
         ratio = (squares + rounding) / (self.squares + rounding)
         return float(count * np.log(ratio) - self.coefficients * np.log(count))
 
 
 def _regressions(trials: Trials) -> Iterator[_Regression]:
-    """Yield the regressions of states that samples do not resolve, where their evidence against means is strong."""
+    """Yield regressions of states that samples do not resolve, if their evidence against means is very strong."""
     terms = PolynomialLibrary(2, constant=False).bind(law_variables(trials.schema, 0))
     samples = [np.column_stack([each.states, each.inputs, each.times]) for each in trials]
     present, following = (np.concatenate([each[own] for each in samples]) for own in (slice(-1), slice(1, None)))
@@ -255,9 +253,9 @@ _LISTED = 4
 def confounded_variables(
     trials: Trials, order: int | None = None, library: AbstractLibrary | str | None = None
 ) -> tuple[Finding, ...]:
-    """Return what trials cannot tell of the variables of a law, see `Trials.check`.
+    """Return the confounded variables of trials, see `Trials.check`.
 
-    Raises `CommonlawError` if there is no such order, or the library does not fit the variables.
+    Raises `CommonlawError` if the order does not exist, or the library does not match the variables.
     """
     order = (2 if len(trials.schema.states) == 1 else 1) if order is None else order
     if order not in (0, 1, 2):
@@ -270,12 +268,12 @@ def confounded_variables(
 
 
 def outcomes_of_confounding(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
-    """Return what to know of a law whose variables the training trials confound."""
+    """Return notes on variables that the training trials confound."""
     return tuple(_note(each, trials, order) for each in (confounded_sets(trials, order, library) if order else ()))
 
 
 def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
-    """Return what variables stand in for each other, and why."""
+    """Return a note on confounded variables, with the cause."""
     states = trials.schema.states
     varying = ", with coefficients by trial," if found.by_trial else ""
     left = " or ".join(f"{each:.3g}" for each in found.left[:_LISTED])

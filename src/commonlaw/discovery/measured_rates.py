@@ -1,4 +1,4 @@
-"""Which measured columns are the rates of others, by what was measured."""
+"""Detection of measured columns that are the rates of others."""
 
 from collections.abc import Collection, Container, Iterator
 from typing import NamedTuple
@@ -18,9 +18,9 @@ from commonlaw.trials.trial import with_typical
 def without_measured_rates(
     trials: Trials, second: Collection[str], states: Container[str] = ()
 ) -> tuple[Trials, tuple[Outcome, ...]]:
-    """Return the trials without columns that are the rates of states of second order, and a word on them.
+    """Return the trials without columns that are the rates of states of second order, and a note on them.
 
-    Columns of `states`, which have equations of their own, stay.
+    Columns of `states`, which have separate equations, are kept.
     """
     found = measured_rates(trials) if second and len(trials.schema.states) > 1 else {}
     rates = {state: rate for state, rate in found.items() if state in second and rate not in states}
@@ -30,16 +30,16 @@ def without_measured_rates(
 
 
 def measured_rates(trials: Trials) -> dict[str, str]:
-    """Return the columns that are the rate of another, by the name of that other.
+    """Return the column that is its rate, by state.
 
-    The increments of a state from sample to sample are regressed on the integrals of the column in question, in sums
-    over each trial with smooth weights, so that little noise is left. The column is a rate if the slope is 1, the
-    intercept 0, and nothing is left over, all within the errors by the noise of both and by the quadrature (chi-square
-    tests at 0.1 %, of at most twice the variance of noise that is estimated); and if the trials tell the slope at all
-    (it differs from zero by ten standard errors). Units, where they are known, have to be those of a rate.
+    The increments of a state are regressed on integrals of the column over the sampling intervals, in sums over each
+    trial with smooth weights, which average the noise. The column is a rate if the slope is 1, the intercept 0, and
+    there is no lack of fit, within the errors by noise and quadrature (chi-squared tests at 0.1 %, with at most twice
+    the estimated noise variance), and if the slope differs from zero by ten standard errors. Units, if known, must be
+    those of a rate.
 
-    A column that is a rate only by numbers (y = x' on a circle that is gone round in a time of 2 pi) is taken for one
-    unless its unit says otherwise.
+    A column that is a rate only numerically (y = x' on a circle with a period of 2 pi) is taken for one unless its unit
+    is another.
     """
     found = dict[str, str]()
     counts = np.array([np.isfinite(trial.states).sum(axis=0) for trial in trials]).min(axis=0)
@@ -78,7 +78,7 @@ def is_computed(trials: Trials, state: str, rate: str) -> bool:
 
 
 def _origins(state: str, found: dict[str, str]) -> set[str]:
-    """Return a state and what it is a rate of, and that of, as no law is left if states are rates in a circle."""
+    """Return a state, the state that it is the rate of, and so on, to exclude rates in a circle."""
     origins, states = {state}, {rate: name for name, rate in found.items()}
     while state in states:
         state = states[state]
@@ -87,7 +87,7 @@ def _origins(state: str, found: dict[str, str]) -> set[str]:
 
 
 class _Sums(NamedTuple):
-    """Weighted sums over one trial, shape (weights,), in which their errors are independent and of unit variance."""
+    """Weighted sums over one trial, shape (weights,), with independent errors of unit variance."""
 
     increments: Floats
     integrals: Floats
@@ -117,7 +117,7 @@ def _is_rate(trials: Trials, state: str, rate: str) -> bool:
 
 
 def _factor(schema: Schema, state: str, rate: str) -> float | None:
-    """Return what a column is multiplied by to have the unit of a rate; None if it cannot have it."""
+    """Return the factor that converts a column to the unit of a rate; None if their dimensions differ."""
     units = [schema.units.get(name) for name in (state, schema.time, rate)]
     if None in units:
         return 1.0
@@ -130,7 +130,7 @@ def _factor(schema: Schema, state: str, rate: str) -> float | None:
 
 
 def _agrees(sums: _Sums) -> bool:
-    """Whether slope and intercept are 1 and 0, and the rest is no more than noise."""
+    """Whether slope and intercept are 1 and 0, and the residuals are within the noise."""
     from scipy.special import chdtri
 
     left = sums.increments - sums.integrals

@@ -1,4 +1,4 @@
-"""What every method is, one way from trials to a law, and what it seeks: order, candidate terms, known coefficients."""
+"""The interface of methods, and the structure that they fit: order, candidate terms, known coefficients."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -32,12 +32,12 @@ Key = str | tuple[str, str]
 """A term, with the state of its equation before it when there are several."""
 
 Known = Mapping[Key, float | Mapping[str, float]]
-"""Coefficients that are known: one number, or one for each object by its name."""
+"""Known coefficients: one number, or one for each object by its name."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModelStructure:
-    """The family of laws among which one is sought.
+    """The family of candidate laws.
 
     Parameters
     ----------
@@ -46,11 +46,11 @@ class ModelStructure:
     library
         Candidate terms.
     known
-        Coefficients that are known, see `Known`.
+        Known coefficients, see `Known`.
     universal
-        Terms that have one coefficient for all objects.
+        Terms with a shared coefficient of all objects.
     derivatives
-        Of the states in each trial, if they are given.
+        Given derivatives of the states in each trial.
     """
 
     order: Order
@@ -62,7 +62,7 @@ class ModelStructure:
     def terms(self, schema: Schema) -> Terms:
         """Return the candidate terms over the variables of trials of this schema.
 
-        Raises `CommonlawError` if the library names a variable or a term that is not there.
+        Raises `CommonlawError` if the library contains an unknown variable or term.
         """
         terms = self.library.bind(law_variables(schema, self.order))
         if not len(terms):
@@ -70,17 +70,17 @@ class ModelStructure:
         return terms
 
     def parametric(self, schema: Schema) -> tuple[ParametricTerm, ...]:
-        """Return the candidate terms with parameters inside that are to be found, see `AbstractLibrary.parametric`."""
+        """Return the candidate terms with nonlinear parameters, see `AbstractLibrary.parametric`."""
         return self.library.parametric(law_variables(schema, self.order))
 
     def ratios(self, schema: Schema) -> tuple[Ratios, ...]:
-        """Return the ratios of sums of terms that are candidates, see `AbstractLibrary.ratios`."""
+        """Return the candidate ratios of sums of terms, see `AbstractLibrary.ratios`."""
         return self.library.ratios(law_variables(schema, self.order))
 
     def known_coefficients(self, schema: Schema, objects: Sequence[str]) -> Floats:
-        """Return the coefficients that are known, shape (objects, equations, terms), NaN where they are to be found.
+        """Return the known coefficients, shape (objects, equations, terms), NaN where they are estimated.
 
-        Raises `CommonlawError` if a term or state is not there, or an object has no coefficient.
+        Raises `CommonlawError` if a term or state is unknown, or an object has no coefficient.
         """
         terms = self.terms(schema)
         found = np.full((len(objects), len(schema.states), len(terms)), np.nan)
@@ -94,9 +94,9 @@ class ModelStructure:
         return found
 
     def universal_coefficients(self, schema: Schema) -> Bools:
-        """Return which coefficients all objects have in common, shape (equations, terms).
+        """Return which coefficients are shared by all objects, shape (equations, terms).
 
-        Raises `CommonlawError` if a term or state is not there.
+        Raises `CommonlawError` if a term or state is unknown.
         """
         terms = self.terms(schema)
         found = np.zeros((len(schema.states), len(terms)), dtype=np.bool_)
@@ -105,7 +105,7 @@ class ModelStructure:
         return found
 
     def universal_in(self, law: Law) -> Bools:
-        """Return which coefficients of a law all objects are to have in common, shape (equations, terms)."""
+        """Return which coefficients of a law are shared by all objects, shape (equations, terms)."""
         schema = replace(law.schema, states=law.schema.measured, starts={}, starts_at=None)
         universal, names = self.universal_coefficients(schema), self.terms(schema).names
         universal = np.pad(universal, ((0, len(law.schema.states) - len(universal)), (0, 0)))
@@ -116,12 +116,12 @@ class ModelStructure:
 def of_each_equation(
     libraries: Mapping[str, AbstractLibrary | str], schema: Schema, order: Order
 ) -> tuple[AbstractLibrary, Known]:
-    """Return the library of all equations, and which coefficients are zero as an equation has other terms.
+    """Return the joint library of all equations, and zero coefficients for the terms an equation does not have.
 
     Raises
     ------
     CommonlawError
-        If a state has no library, or one has terms with nonlinear parameters, which are offered to all equations.
+        If a state has no library, or one has terms with nonlinear parameters, which apply to all equations.
     """
     for name in libraries:
         check_choice("state", name, schema.states)
@@ -147,7 +147,7 @@ def _number(key: Key, value: Any) -> float:
 
 
 def _index_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
-    """Return the indices of the equation and of the term that a key names."""
+    """Return the indices of the equation and of the term of a key."""
     if not isinstance(key, tuple) and len(states) > 1:
         raise CommonlawError("known-term-ambiguous", key=key, state=states[0])
     state, term = key if isinstance(key, tuple) else (states[0], key)
@@ -159,49 +159,49 @@ T = TypeVar("T")
 
 
 class AbstractMethod(ABC):
-    """One way from trials to a law. Its fields are all that it heeds; what it does not take it refuses by name."""
+    """A method that finds a law from trials; its fields are its settings."""
 
     orders: ClassVar[tuple[int, ...]]
-    """The orders of laws that it finds."""
+    """Supported orders."""
 
     takes_mixed_orders: ClassVar[bool] = False
-    """Whether it finds laws whose equations have different orders."""
+    """Whether equations may have different orders."""
 
     takes_streams: ClassVar[bool]
-    """Whether it takes trials that come from a stream."""
+    """Whether streams of trials are supported."""
 
     takes_noise_columns: ClassVar[bool] = False
-    """Whether it heeds standard deviations of single measurements."""
+    """Whether standard deviations of single measurements are used."""
 
     takes_derivatives: ClassVar[bool] = False
-    """Whether it takes derivatives that are given."""
+    """Whether given derivatives are supported."""
 
     takes_parameters: ClassVar[bool] = False
-    """Whether it finds parameters inside terms."""
+    """Whether terms with nonlinear parameters are supported."""
 
     @abstractmethod
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
-        """Return the law that these trials obey best.
+        """Return the best law of a structure for these trials.
 
         Parameters
         ----------
         trials
-            What was measured.
+            The measurements.
         structure
-            What is sought.
+            The candidate laws.
         progress
-            Takes the text of each step.
+            Callback for the text of each step.
 
         Raises
         ------
         CommonlawError
-            If the order or a stream does not go with this method, or the trials cannot be used as they are; the
-            message names the object and trial and says what to do.
+            If the method does not support the order or a stream, or the trials cannot be used as they are; the message
+            names the object and trial, and a remedy.
         """
 
 
-def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStream, structure: ModelStructure) -> None:
-    """Refuse what a method does not take, before work starts, and name one that takes it."""
+def check_supported(method: AbstractMethod, trials: Trials | TrialStream, structure: ModelStructure) -> None:
+    """Raise an error for what a method does not support, and name one that does."""
     name, order = type(method).__name__, structure.order
     if isinstance(order, tuple) and not method.takes_mixed_orders:
         raise CommonlawError("mixed-orders-unsupported", method=name)
@@ -212,12 +212,12 @@ def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStrea
         raise CommonlawError("stream-unsupported", method=name)
     if structure.derivatives is not None and not (method.takes_derivatives and order == 1):
         raise CommonlawError("derivatives-unsupported", method=name, order=order)
-    inside = [each.text(law_variables(trials.schema, order)) for each in structure.parametric(trials.schema)]
-    inside += ["ratios of sums"] if structure.ratios(trials.schema) else []
+    nonlinear = [each.text(law_variables(trials.schema, order)) for each in structure.parametric(trials.schema)]
+    nonlinear += ["ratios of sums"] if structure.ratios(trials.schema) else []
     others = [] if order == 0 else [Diagnostic("use-trajectory-likelihood")]
-    if inside and not method.takes_parameters:
-        remedy = "take a library without ratios" if inside[0] == "ratios of sums" else "give constants as numbers"
-        raise CommonlawError("parametric-terms-unsupported", term=inside[0], method=name, remedies=[remedy, *others])
+    if nonlinear and not method.takes_parameters:
+        remedy = "take a library without ratios" if nonlinear[0] == "ratios of sums" else "give constants as numbers"
+        raise CommonlawError("parametric-terms-unsupported", term=nonlinear[0], method=name, remedies=[remedy, *others])
     columns = trials.schema.noise_columns
     if columns and not method.takes_noise_columns:
         others = [Diagnostic("read-without-deviations", {"states": [*trials.schema.measured]}), *others]
@@ -225,5 +225,5 @@ def refuse_what_does_not_fit(method: AbstractMethod, trials: Trials | TrialStrea
 
 
 def parsed(value: T | str | None, parse: Callable[[str], T]) -> T | None:
-    """Return what a text stands for; anything else as it is."""
+    """Return the parsed value of a text; any other value unchanged."""
     return parse(value) if isinstance(value, str) else value

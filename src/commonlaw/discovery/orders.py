@@ -1,4 +1,4 @@
-"""The order of a law as it is asked for, or where none is given found by measured rates and by evidence."""
+"""The order of a law: as given, by measured rates, or by evidence."""
 
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -25,11 +25,11 @@ Given = TypeVar("Given")
 Found = TypeVar("Found")
 
 AskedOrder = Order | Literal["auto"] | Mapping[str, int]
-"""Of a law: 1, 2, or 0 in discrete time; 1 or 2 for each state; ``"auto"`` for what the measurements tell."""
+"""1, 2, or 0 in discrete time; 1 or 2 for each state; ``"auto"`` to choose by measured rates and evidence."""
 
 
 class Orders(NamedTuple):
-    """Trials without columns that are rates, the orders that each state may have, and what to say of both."""
+    """Trials without columns of rates, the possible orders of each state, and their steps and outcomes."""
 
     trials: Trials | TrialStream
     of_each: tuple[tuple[int, ...], ...]
@@ -38,9 +38,9 @@ class Orders(NamedTuple):
 
 
 def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
-    """Return the orders that each state may have.
+    """Return the possible orders of each state.
 
-    Raises `CommonlawError` if there is no such order, or orders by state do not fit the states.
+    Raises `CommonlawError` if an order does not exist, or orders by state do not match the states.
     """
     if asked == "auto":
         if isinstance(trials, TrialStream):
@@ -77,15 +77,15 @@ def _by_state(asked: Mapping[str, int], schema: Schema) -> list[int]:
 
 
 def _is_among(order: object, known: Container[object]) -> bool:
-    """Whether an order is a whole number, and a known one; 2.0 is none."""
+    """Whether an order is one of these integers; 2.0 is not."""
     return isinstance(order, Integral) and order in known
 
 
 def _orders_from_measured_rates(trials: Trials) -> Orders:
-    """Return the orders among which the evidence chooses: a state and its measured rate are of first order.
+    """Return the possible orders, where a state and its independently measured rate are of first order.
 
-    Both are measurements of the motion. A column that was computed from the state is none: it is left out, and the
-    state is of second order.
+    A column of rates that was computed from the state is not a measurement: it is left out, and the state is of second
+    order.
     """
     rates = measured_rates(trials)
     if not rates:
@@ -106,59 +106,58 @@ def _orders_from_measured_rates(trials: Trials) -> Orders:
 def search_orders(
     find: Callable[[Order, bool], Candidate], possible: Sequence[Sequence[int]]
 ) -> tuple[list[Candidate], list[CommonlawError]]:
-    """Return the law of each order that is tried, and why none is found of others.
+    """Return the best law of each tried order, and the errors of orders without one.
 
-    Each state may have some orders, from low to high. Tried are the lowest of all states; if that law is not simple the
-    highest, and then from the best those that differ in one state, as long as one of them is better. Besides a simple
-    law a coarse mesh may do.
+    The lowest order of all states is tried first; if its law is not simple, the highest, and then orders that differ
+    from the best in one state, as long as the best improves. A coarse mesh suffices for others if the best is simple.
 
-    Raises `CommonlawError` if no law is found of any: the last reason.
+    Raises `CommonlawError` if no order has a law: the last reason.
     """
     lowest, highest = tuple(map(min, possible)), tuple(map(max, possible))
-    tried, refused = dict[tuple[int, ...], Candidate | None](), list[CommonlawError]()
+    tried, failures = dict[tuple[int, ...], Candidate | None](), list[CommonlawError]()
     listed, best, beside_simple = [lowest], None, False
     while True:
         for orders in listed:
             found, failed = attempt_each(partial(find, one_order(orders)), [beside_simple])
             tried |= {orders: found[0] if found else None}
-            refused += failed
+            failures += failed
         every = {orders: each for orders, each in tried.items() if each is not None}
         if highest not in tried and not (every and every[lowest].is_simple):
             listed = [highest]
             continue
         if not every:
-            raise refused[-1]
+            raise failures[-1]
         before, best = best, min(every, key=every.__getitem__)
         beside_simple = every[best].is_simple
         near = [(*best[:j], each, *best[j + 1 :]) for j, own in enumerate(possible) for each in own if each != best[j]]
         listed = [each for each in near if each not in tried]
         if highest not in tried or best == before or not listed:
-            return list(every.values()), refused
+            return list(every.values()), failures
 
 
 def attempt_each(find: Callable[[Given], Found], given: Iterable[Given]) -> tuple[list[Found], list[CommonlawError]]:
-    """Return what is found, and why nothing is found for others."""
-    found, refused = list[Found](), list[CommonlawError]()
+    """Return the results of a function, and the errors where it fails."""
+    found, failures = list[Found](), list[CommonlawError]()
     for each in given:
         try:
             found.append(find(each))
         except CommonlawError as error:
-            refused.append(error)
-    return found, refused
+            failures.append(error)
+    return found, failures
 
 
 def apply_to_each(step: Callable[[Found], Found], given: Sequence[Found]) -> tuple[list[Found], list[CommonlawError]]:
-    """Return what is found after a step, without those for which it fails, and why; refuse if it fails for all."""
+    """Return the results of a step, and the errors where it fails; raise the last one if it fails for all."""
     found, failed = attempt_each(step, given)
     if not found:
         raise failed[-1]
     return found, failed
 
 
-def with_order_step(law: Law, others: Sequence[tuple[Order, float]], refused: Sequence[Exception]) -> Law:
-    """Return a law whose order was chosen, of the largest evidence or by whole trials, saying so.
+def with_order_step(law: Law, others: Sequence[tuple[Order, float]], failures: Sequence[Exception]) -> Law:
+    """Return a law with a step of the history, and notes, on the choice of its order.
 
-    Other orders come with 2 log B of the law against their best ones, or with why none was found.
+    They contain 2 log B of the law against the best ones of other orders, or why there is none.
     """
     states = law.schema.states
     named = [(order_in_words(order, states), each) for order, each in others]
@@ -169,7 +168,7 @@ def with_order_step(law: Law, others: Sequence[tuple[Order, float]], refused: Se
         for order, each in named
     ]
     choice = order_in_words(law.order, states)
-    reasons = [*against, *(f"no law of another order was found: {each}" for each in refused)]
+    reasons = [*against, *(f"no law of another order was found: {each}" for each in failures)]
     step = Step("order", choice, "; ".join(reasons) or "a law of this order fits within the noise")
     close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < settings.STRONG]
     said = tuple(note("order-not-identifiable", choice=choice, other=each) for each in close)
@@ -179,10 +178,10 @@ def with_order_step(law: Law, others: Sequence[tuple[Order, float]], refused: Se
 
 
 def is_implied_by_lower_order(pool: Pool) -> bool:
-    """Return whether a law of second order is what one of first order implies: x' = f(x) has x'' = f'(x) x'.
+    """Return whether a law of second order is implied by one of first order: x' = f(x) has x'' = f'(x) x'.
 
-    Then each term has a rate as a factor, and nothing moves that is at rest. Or x'' = K (f(x) - x') with any K: then
-    coefficients are within their errors.
+    Then each term has a rate as a factor, and a state at rest remains at rest. So is x'' = K (f(x) - x') for any K,
+    whose coefficients are not identifiable.
     """
     if not pool.is_determined:
         return True
@@ -195,10 +194,10 @@ def is_implied_by_lower_order(pool: Pool) -> bool:
 
 
 def is_first_order_possible(problem: SearchProblem) -> bool:
-    """Return whether rates may be a function of the states and inputs: no object has two rates at the same state.
+    """Return whether rates may be a function of states and inputs: no object has two rates at the same state.
 
     An oscillator, which passes a state in both directions, or balls that are thrown from one place at two speeds, are
-    of higher order. Smoothed states of all trials are compared, and of one trial at other times.
+    of higher order. Smoothed states are compared between trials, and between times of one trial.
     """
     states = len(problem.noise)
     for name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
@@ -213,7 +212,7 @@ def is_first_order_possible(problem: SearchProblem) -> bool:
 
 
 def _has_two_rates(rows: Floats, states: int) -> bool:
-    """Whether rows of times (as shares of trials), states, inputs and rates have a state and input with two rates."""
+    """Whether rows of times (as shares of trials), states, inputs and rates have two rates at one state and input."""
     from scipy.spatial import cKDTree
 
     same_state, other_time, other_rate, by_noise = settings.TWO_RATES

@@ -1,9 +1,9 @@
-"""The way from trials to a law, whole: propose laws, fit each, score each by one sum, and keep the best.
+"""The pipeline from trials to a law: propose laws, fit each, score each by one sum, and choose the best.
 
-    plain terms, order by order  ─►  richer terms  ─►  errors  ─►  the best order  ─►  its law, with what else it may be
+    plain terms of each order  ─►  richer terms  ─►  error model  ─►  best order  ─►  law with plausible alternatives
 
-Each step takes the best candidate of each order and returns one. What a candidate consists of is a `Pool` of fits, see
-`commonlaw.inference`; how it is found is in `candidate_search`, and what becomes of the best in `inference.assemble`.
+Each step takes the best candidate of each order and returns a better one. A candidate is a `Pool` of fits, see
+`commonlaw.inference`. `candidate_search` has the steps, `inference.assemble` makes the law of the best candidate.
 """
 
 from collections.abc import Sequence
@@ -27,18 +27,18 @@ from commonlaw.library import Order, one_order
 from commonlaw.runtime.progress import part
 
 MAX_TERMS_OF_HIGHER_ORDER = 3
-"""Coefficients of an equation of higher order more than which may stand for richer terms of a lower order."""
+"""An equation of higher order with more coefficients may be equivalent to one of lower order with richer terms."""
 
 
 def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possible: Sequence[Sequence[int]]) -> Law:
-    """Return the law of largest evidence among those of several orders, each as probable beforehand.
+    """Return the law of largest evidence among those of several orders with equal prior probabilities.
 
-    Higher orders are tried where a plain law of the lowest may be wrong or could be simpler, and richer terms where the
-    best plain law may. All laws have white noise, if that explains what the best of them leaves; else each has the
-    errors of its own largest evidence. Each state may have some orders, whatever that of the structure; one of which no
-    law can be found is left out.
+    Higher orders are tried if the best plain law of the lowest order has a lack of fit or many coefficients, and richer
+    terms if the best plain law has. All laws have white noise if the residuals of the best are white; else each has the
+    error model of its largest evidence. `possible` has the orders of each state. An order is left out if no law can be
+    fitted.
 
-    Raises `CommonlawError` if no law of any order can be found: the last reason.
+    Raises `CommonlawError` if no law of any order can be fitted: the last reason.
     """
     several = any(len(each) > 1 for each in possible)
     candidates, refused = _plain_laws(search, structure, possible)
@@ -49,7 +49,7 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
     candidates, failed = _with_errors(search, candidates)
     best = min(candidates)
     if several:
-        candidates, best = _explaining_whole_trials(search, candidates)
+        candidates, best = _fitting_whole_trials(search, candidates)
     law = _law(search, best)
     if not several:
         return law
@@ -60,7 +60,7 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
 def _plain_laws(
     search: CandidateSearch, structure: ModelStructure, possible: Sequence[Sequence[int]]
 ) -> tuple[list[Candidate], list[CommonlawError]]:
-    """Return the law among plain terms of each order that is tried, and why there is none of others."""
+    """Return the best law among plain terms of each tried order, and the errors of those without one."""
     several = any(len(each) > 1 for each in possible)
     lowest = one_order([each[0] for each in possible])
 
@@ -79,10 +79,10 @@ def _plain_laws(
 
 
 def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Offer richer terms, to one order after the other, where the best law so far may be wrong or be simpler.
+    """Offer richer terms to one order after the other while the best law has a lack of fit or many coefficients.
 
-    The best law first; but that of the lowest order where the best law is what one of lower order implies, or where
-    rates may be a function of the states.
+    The best law comes first; but that of the lowest order if it implies the best law, or if rates may be a function of
+    the states.
     """
     if not min(candidates).is_simple:
         candidates = [(attempt_each(search.with_first_offer, [each])[0] or [each])[0] for each in candidates]
@@ -103,10 +103,10 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
 
 
 def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[list[Candidate], list[CommonlawError]]:
-    """Return laws with the errors that are chosen, the largest evidence first, and why there are none of others."""
+    """Return candidates under the chosen error models, the best first, and the errors of those without one."""
     is_auto, best, failed = search.options.errors == "auto", min(candidates), list[CommonlawError]()
     if len(candidates) > 1 and is_auto and not best.pool.best.reason_for_errors:
-        candidates, failed = apply_to_each(search.resolved, candidates)  # A coarse mesh may hide a reason
+        candidates, failed = apply_to_each(search.resolved, candidates)  # A coarse mesh may hide it
         best = min(candidates)
     if len(candidates) == 1 or not is_auto or best.pool.best.reason_for_errors:
         candidates, more = apply_to_each(search.with_errors, candidates)
@@ -114,14 +114,14 @@ def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[
     return sorted(candidates), failed
 
 
-def _explaining_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> tuple[list[Candidate], Candidate]:
-    """Return candidates, and that whose solutions explain whole trials where those of the best do not."""
+def _fitting_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> tuple[list[Candidate], Candidate]:
+    """Return candidates, and the chosen one: the best, or another one if only its solutions fit whole trials."""
     best, *others = ranked
     if not others or search.options.errors != "auto" or fits_whole_trials(best.pool.best):
         return ranked, best
-    lacking = [each for each in others if each.pool.best.has_model_error and not each.pool.approximations]
-    found, _ = attempt_each(search.with_errors, lacking)
-    ranked = [best, *(each for each in others if each not in lacking), *found]
+    without_deterministic = [each for each in others if each.pool.best.has_model_error and not each.pool.approximations]
+    found, _ = attempt_each(search.with_errors, without_deterministic)
+    ranked = [best, *(each for each in others if each not in without_deterministic), *found]
     return ranked, ranked[best_of_whole_trials([each.pool for each in ranked])]
 
 

@@ -1,4 +1,4 @@
-"""Laws by least squares on rows, whatever makes the rows: a solver at its value, or a choice from solvers' paths."""
+"""Laws by least squares on the rows of any formulation: a solver at its value, or selection from solver paths."""
 
 from abc import abstractmethod
 from collections import Counter
@@ -11,7 +11,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
-from commonlaw.discovery.method import AbstractMethod, ModelStructure, parsed, refuse_what_does_not_fit
+from commonlaw.discovery.method import AbstractMethod, ModelStructure, check_supported, parsed
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import (
     MAX_GROUPS,
@@ -57,7 +57,7 @@ RowsByObject = dict[str, ObjectRows]
 @documented
 @dataclass(frozen=True, kw_only=True)
 class AbstractRegression(AbstractMethod):
-    """Terms are chosen, and coefficients found, by least squares on rows.
+    """Sparse regression: selection of terms and estimation of coefficients by least squares on rows.
 
     Parameters
     ----------
@@ -114,14 +114,14 @@ class AbstractRegression(AbstractMethod):
 
     @abstractmethod
     def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> AbstractFormulation:
-        """Return what makes rows of these trials."""
+        """Return the formulation that makes rows of these trials."""
 
     @abstractmethod
     def initial_rates(self, trials: Trials | TrialStream, order: Order) -> AbstractDifferentiator | None:
-        """Return what estimates the rates that forecasts of the law start with."""
+        """Return the differentiation that estimates initial rates for forecasts."""
 
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
-        refuse_what_does_not_fit(self, trials, structure)
+        check_supported(self, trials, structure)
         schema, terms = trials.schema, structure.terms(trials.schema)
         solver = parsed(self.solver, parse_solver)
         segments = 1 if solver is not None and solver.hyperparameter is not None else SEGMENTS
@@ -167,7 +167,7 @@ class AbstractRegression(AbstractMethod):
     def _compressed(
         self, trials: Trials | TrialStream, rows: partial[RowsByObject], segments: int, progress: ProgressCallback
     ) -> CompressedTrials:
-        """Return the rows of trials compressed; of files by the workers of a cluster, if there is one."""
+        """Return the compressed rows of trials; those of files by the workers of a cluster, if there is one."""
         cluster = current_cluster()
         if isinstance(trials, Trials):
             data = CompressedTrials.of(rows(trials, segments=segments, n_jobs=self.n_jobs), trials.schema)
@@ -181,7 +181,7 @@ class AbstractRegression(AbstractMethod):
 
 
 def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> None:
-    """Refuse more terms than memory can hold the factors of, and announce it if choosing from them takes long."""
+    """Refuse terms whose matrices exceed the memory, and announce a long selection."""
     states, listed = len(trials.schema.states), trials if isinstance(trials, Trials) else ()
     counts = Counter(trial.object for trial in listed) or {"": 1}
     what = f"{counted(terms, 'term')} for {counted(states, 'equation')} and {counted(len(counts), 'object')}"
@@ -198,7 +198,7 @@ def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> No
 
 
 def _sharing(solver: AbstractSolver, universal: Bools) -> AbstractSolver:
-    """Return the solver with one coefficient for all objects where `universal`, shape (equations, terms), says so."""
+    """Return the solver with shared coefficients where `universal`, shape (equations, terms)."""
     for equation in np.flatnonzero(universal.any(axis=1)):
         equal = tuple(int(term) for term in np.flatnonzero(universal[equation]))
         solver = ConstrainedSolver(solver, equal, equation=int(equation))
@@ -208,7 +208,7 @@ def _sharing(solver: AbstractSolver, universal: Bools) -> AbstractSolver:
 def _forecast_scores(
     trials: Trials | TrialStream, data: CompressedTrials, law: Law, free: Bools
 ) -> list[ForecastError]:
-    """Return what scores the supports of each equation on forecasts of held-out trials, the others as in `law`."""
+    """Return the score by forecasts of held-out trials for each equation, with the others as in `law`."""
     if not isinstance(trials, Trials) or any(len(trials.of_object(name)) > MAX_GROUPS for name in trials.objects):
         raise CommonlawError("scoring-of-stream", limit=MAX_GROUPS)
     folds = make_folds(data.groups)
@@ -218,7 +218,7 @@ def _forecast_scores(
 @documented
 @dataclass(frozen=True, kw_only=True)
 class DiscreteTimeRegression(AbstractRegression):
-    """Terms at one sample are fitted to the states at the next: ``x[k+1] = f(x[k])``. It takes streams.
+    """Regression of the next sample on terms of the present one: ``x[k+1] = f(x[k])``. Supports streams.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ class DiscreteTimeRegression(AbstractRegression):
 @documented
 @dataclass(frozen=True, kw_only=True)
 class DerivativeRegression(AbstractRegression):
-    """Derivatives are estimated from the samples, and terms fitted to them (Brunton, Proctor, Kutz 2016).
+    """Regression of derivatives, estimated from the samples, on terms (SINDy; Brunton, Proctor, Kutz 2016).
 
     With a group solver this is the method of de Silva, Higdon, Brunton and Kutz (2020). It takes streams.
 
@@ -314,7 +314,7 @@ class DerivativeRegression(AbstractRegression):
 
 
 def suitable_differentiation(trials: Trials | TrialStream | None, order: Order) -> AbstractDifferentiator:
-    """Return how derivatives of these trials are estimated when nothing is named, by their lengths and gaps."""
+    """Return the default differentiation, by the lengths and gaps of trials."""
     given = trials if isinstance(trials, Trials) else ()
     method = default_differentiation(highest_order(order), min(map(len, given), default=np.inf))
     suits = all(method.takes(each.times, each.states) for each in given)
@@ -324,7 +324,7 @@ def suitable_differentiation(trials: Trials | TrialStream | None, order: Order) 
 @documented
 @dataclass(frozen=True, kw_only=True)
 class WeakRegression(AbstractRegression):
-    """Terms are integrated against test functions, so that no derivative is estimated (Messenger and Bortz 2021).
+    """Regression in weak form: terms are integrated against test functions (weak SINDy; Messenger and Bortz 2021).
 
     Rows are whitened by their covariance (Bortz, Messenger and Dukic 2023), see `WeakForm`.
 

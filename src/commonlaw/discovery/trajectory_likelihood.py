@@ -1,4 +1,4 @@
-"""States and coefficients fitted together to what was measured, terms chosen by their evidence."""
+"""Maximum likelihood of whole trajectories, with supports selected by their evidence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from commonlaw.array_types import evenly_spaced
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.candidate_search import CandidateSearch
-from commonlaw.discovery.method import AbstractMethod, ModelStructure, parsed, refuse_what_does_not_fit
+from commonlaw.discovery.method import AbstractMethod, ModelStructure, check_supported, parsed
 from commonlaw.discovery.pipeline import law_of_best_order
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_pooled_forecasts
@@ -24,7 +24,7 @@ from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
 
 _GROUPS, _OBJECTS = 4, 10
-"""Groups of objects of a stream that propose laws, each from a part of its own, and objects of each."""
+"""Groups of objects of a stream that propose laws, each from another part, and objects in each."""
 
 
 @documented
@@ -32,7 +32,7 @@ _GROUPS, _OBJECTS = 4, 10
 class TrajectoryLikelihood(FitOptions, AbstractMethod):
     """Maximum likelihood of whole trajectories with free initial states; supports are compared by their evidence.
 
-    The law knows how accurate it is. See `commonlaw.inference`, and docs/method for every formula.
+    The law has standard errors and intervals. See `commonlaw.inference`, and docs/method for all formulas.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
     Raises
     ------
     CommonlawError
-        If a text names nothing, or a value does not fit.
+        If a text cannot be parsed, or a value is invalid.
     """
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)
@@ -67,19 +67,18 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         self, trials: Trials, structure: ModelStructure, possible: Sequence[Sequence[int]], progress: ProgressCallback
     ) -> Law:
         """Return the law of largest evidence among those of several orders, see `law_of_best_order`."""
-        refuse_what_does_not_fit(self, trials, structure)
+        check_supported(self, trials, structure)
         with threads(self.n_jobs):
             return law_of_best_order(CandidateSearch(trials, self, progress), structure, possible)
 
     def _of_parts(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the law of a stream: proposed by groups of objects, chosen by its evidence over all, fitted to each.
 
-        Only laws, evidences and coefficients leave the parts, which are fitted under white noise if nothing else is
-        named.
+        Parts return only laws, evidences and coefficients; they are fitted under white noise by default.
         """
-        refuse_what_does_not_fit(self, stream, structure)
-        inside = structure.parametric(stream.schema) or structure.ratios(stream.schema)
-        if inside or self.unmeasured:
+        check_supported(self, stream, structure)
+        nonlinear = structure.parametric(stream.schema) or structure.ratios(stream.schema)
+        if nonlinear or self.unmeasured:
             what = "unmeasured=1" if self.unmeasured else "a term with nonlinear parameters"
             raise CommonlawError("stream-with-option", what=what)
         errors = "white" if self.errors == "auto" else self.errors
@@ -110,7 +109,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 
 
 def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: TrialStream) -> Law:
-    """Return the law of the first objects of a part, with no other terms than its own."""
+    """Return the law of the first objects of a part, whose library are its own terms."""
     trials = part.read()
     some = [each for name in trials.objects[:_OBJECTS] for each in trials.of_object(name)]
     with unannounced():
@@ -119,12 +118,12 @@ def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: Tri
 
 
 def _fitted(law: Law, settings: dict[str, Any], trials: Trials) -> Law:
-    """Return a law fitted to the objects of a part, each of which begins as the typical one."""
+    """Return a law fitted to the objects of a part, each starting from the average coefficients."""
     return refine(typical(law, trials.objects), trials, **settings, partial_pooling=False, progress=silent)
 
 
 def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
-    """Return the method that looks for so many latent states, too."""
+    """Return the method with a search for so many latent states."""
     if not count:
         return method
     if not isinstance(method, TrajectoryLikelihood):

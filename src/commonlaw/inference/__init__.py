@@ -1,4 +1,4 @@
-"""From trials to a law by the likelihood of their trajectories: supports, coefficients, and how sure they are."""
+"""From trials to a law by the likelihood of trajectories: supports, coefficients, and their uncertainty."""
 
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.data.subsampling import can_be_carried

@@ -1,7 +1,7 @@
-"""Laws that were found before: the same trials, question and version give the same law, so it is found once.
+"""The cache of laws: the same trials, settings and version give the same law.
 
-Laws lie in the user's cache folder as JSON with a checksum, written whole or not at all. What is damaged or cannot be
-read is found anew. Of too many laws the ones longest not asked for go.
+Laws are stored in the user's cache folder as JSON with a checksum, in atomic writes. Damaged files are ignored. The
+least recently used laws are removed if the cache exceeds its size.
 """
 
 import hashlib
@@ -23,43 +23,43 @@ from commonlaw.runtime.reading import read_file
 from commonlaw.trials import Trials
 
 VARIABLE = "COMMONLAW_CACHE"
-"""Environment variable that names another folder, or with ``off`` has no law kept."""
+"""Environment variable with another folder, or ``off`` for no cache."""
 
 LARGEST = 200 * 2**20
-"""Bytes that all laws may take."""
+"""Size of the cache in bytes."""
 
 
-class _UnknownError(Exception):
-    """Nothing tells whether two values of this kind are the same."""
+class _NotHashableError(Exception):
+    """Equality of two values of this class cannot be checked."""
 
 
-def found_once(
+def cached_law(
     trials: Trials, question: Mapping[str, object], find: Callable[[], Law], progress: ProgressCallback
 ) -> Law:
-    """Return the law that was found for this question in these trials before, or find it and keep it.
+    """Return the cached law of these trials and settings, or find it and write it to the cache.
 
-    The question is all that decides which law is found, by name. With values of other classes, such as
-    functions, whose equality cannot be checked, the law is found anew.
+    `question` has all settings that influence the law, by name. If the equality of a setting cannot be checked, as of a
+    function, the cache is not used.
     """
     path = _path(trials, question)
     if path is None:
         return find()
-    kept = _read(path)
-    if kept is not None:
+    cached = _read(path)
+    if cached is not None:
         progress(Stage("reading the law from the cache", 1.0))
-        return kept
+        return cached
     law = find()
-    with suppress(OSError, CommonlawError):  # A full or read-only disk, or a law of somebody's own terms
+    with suppress(OSError, CommonlawError):  # A full or read-only disk, or terms that cannot be saved
         _write(path, law)
     return law
 
 
 def digest(value: object) -> str:
-    """Return what is the same for equal values of numbers, texts, arrays, and collections and dataclasses of them.
+    """Return the SHA-256 hash of a value: a number, text, array, or a collection or dataclass of them.
 
-    Fields in which equal dataclasses may differ do not count.
+    Fields that are not compared do not enter.
 
-    Raises `_UnknownError` if a value is of another class, or of a subclass.
+    Raises `_NotHashableError` if a value is of another class, or of a subclass.
     """
     found = hashlib.sha256()
     for each in _parts(value):
@@ -68,13 +68,13 @@ def digest(value: object) -> str:
 
 
 def _path(trials: Trials, question: Mapping[str, object]) -> Path | None:
-    """Return where the law is kept; None if it is not."""
+    """Return the path of the cached law; None without a cache."""
     folder = os.environ.get(VARIABLE, "")
     if folder.lower() == "off":
         return None
     try:
         name = digest((_version(), os.environ.get("COMMONLAW_KERNEL", ""), trials, question))
-    except _UnknownError:
+    except _NotHashableError:
         return None
     if folder:
         return Path(folder) / name
@@ -84,7 +84,7 @@ def _path(trials: Trials, question: Mapping[str, object]) -> Path | None:
 
 
 def _read(path: Path) -> Law | None:
-    """Return a law that was kept; None if there is none, or it is damaged."""
+    """Return a cached law; None if there is none, or it is damaged."""
     try:
         checksum, _, content = read_file(path).partition(b"\n")
         if checksum != hashlib.sha256(content).hexdigest().encode():
@@ -97,7 +97,7 @@ def _read(path: Path) -> Law | None:
 
 
 def _write(path: Path, law: Law) -> None:
-    """Keep a law, and remove those longest not asked for if all take too much."""
+    """Write a law to the cache, and remove the least recently used ones above its size."""
     content = to_json(law).encode()
     if len(content) > LARGEST:
         return
@@ -108,7 +108,7 @@ def _write(path: Path, law: Law) -> None:
 
 @cache
 def _version() -> str:
-    """Return what is the same as long as the program is: its version, and every file of it as it is now."""
+    """Return a hash of the versions and of all files of the program."""
     import scipy
 
     root = Path(commonlaw.__file__).parent
@@ -118,7 +118,7 @@ def _version() -> str:
 
 
 def _parts(value: object) -> Iterator[bytes]:
-    """Yield what a value is made of, each with its kind."""
+    """Yield the parts of a value, each with its type."""
     if isinstance(value, np.ndarray) and value.dtype != object:
         yield f"array {value.dtype.str} {value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
@@ -138,7 +138,7 @@ def _parts(value: object) -> Iterator[bytes]:
         yield f"{type(value).__module__} {type(value).__qualname__}".encode()
         yield from _parts_of_all([getattr(value, each.name) for each in fields(value) if each.compare])
     else:
-        raise _UnknownError
+        raise _NotHashableError
 
 
 def _parts_of_all(values: Sequence[object]) -> Iterator[bytes]:

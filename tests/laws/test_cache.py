@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.discovery import kept_laws
-from commonlaw.discovery.kept_laws import digest
+from commonlaw.discovery import cache
+from commonlaw.discovery.cache import digest
 from commonlaw.law import Provenance, from_json, to_json
 from commonlaw.library import AbstractLibrary
 
@@ -18,7 +18,7 @@ QUESTION = {"order": 2, "library": "poly:1"}
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv(kept_laws.VARIABLE, str(tmp_path / "laws"))
+    monkeypatch.setenv(cache.VARIABLE, str(tmp_path / "laws"))
     return tmp_path / "laws"
 
 
@@ -75,7 +75,7 @@ def test_other_trials_questions_and_versions_are_answered_anew(folder, searches,
     cl.discover(DROPS, method=cl.TrajectoryLikelihood(seed=1), **QUESTION)
     monkeypatch.setenv("COMMONLAW_KERNEL", "numpy")
     cl.discover(DROPS, **QUESTION)
-    monkeypatch.setattr(kept_laws, "_version", lambda: "another")
+    monkeypatch.setattr(cache, "_version", lambda: "another")
     cl.discover(DROPS, **QUESTION)
     assert len(searches) == len(list(folder.iterdir())) == 7
 
@@ -106,7 +106,7 @@ def test_a_damaged_law_is_found_anew_and_kept(content, folder, searches):
 def test_laws_longest_not_asked_for_go_first(folder, searches, monkeypatch):
     cl.discover(DROPS, **QUESTION)
     oldest = entry(folder)
-    monkeypatch.setattr(kept_laws, "LARGEST", int(2.5 * oldest.stat().st_size))
+    monkeypatch.setattr(cache, "LARGEST", int(2.5 * oldest.stat().st_size))
     cl.discover(DROPS, order=2, library="poly:2")
     (second,) = set(folder.iterdir()) - {oldest}
     for age, path in enumerate((second, oldest)):
@@ -125,6 +125,6 @@ def test_nothing_is_kept_where_that_is_not_wanted_or_not_possible(folder, search
     assert not folder.exists()
     folder.write_text("a file in its place")
     cl.discover(DROPS, **QUESTION)
-    monkeypatch.setenv(kept_laws.VARIABLE, "off")
+    monkeypatch.setenv(cache.VARIABLE, "off")
     cl.discover(DROPS, **QUESTION)
     assert len(searches) == 4
