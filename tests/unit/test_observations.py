@@ -505,6 +505,12 @@ def test_files_with_observations_that_cannot_be_are_refused(change):
         from_json(json.dumps(document))
 
 
+def test_the_rate_of_a_signal_that_is_zero_is_not_identifiable():
+    law = cl.fit("x' = -k x; signal = x; x(0) = 1", trials_of({"A": (T, 0 * T)}, ["signal"]))
+    (outcome,) = law.diagnostics
+    assert outcome.code == "parameters-without-limits"
+
+
 @pytest.mark.parametrize(
     ("code", "equations", "settings"),
     [

@@ -10,7 +10,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import Problem, TrialData
-from commonlaw.estimation.search import Bounds, Optimum, maximize
+from commonlaw.estimation.search import REACH, Bounds, Optimum, maximize
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.observation import InitialValue, Observation
 from commonlaw.law.parse import Product, read_equations
@@ -98,10 +98,16 @@ def fit_model(
     else:
         sizes = np.array([first[label] for label in unknowns.labels])
         optimum = maximize(problem, sizes, begun.guessed, bounds, None, seed, progress, draws=1)
-    lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
+    errors = np.sqrt(np.diagonal(optimum.covariance))
+    lost = np.flatnonzero(~np.isfinite(errors))
     if len(lost):
         raise CommonlawError("parameters-not-identified", names=[unknowns.labels[i] for i in lost[:8]])
-    return _law(model, trials, problem, unknowns, bounds, optimum, starts_at, calls, begun.groups)
+    law = _law(model, trials, problem, unknowns, bounds, optimum, starts_at, calls, begun.groups)
+    vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
+    if not len(vague):
+        return law
+    outcome = note("parameters-without-limits", parameters=[unknowns.labels[i] for i in vague[:8]])
+    return replace(law, provenance=replace(law.provenance, outcomes=(*law.provenance.outcomes, outcome)))
 
 
 @dataclass(frozen=True, eq=False)

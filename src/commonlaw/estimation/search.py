@@ -21,7 +21,7 @@ _IMPROVED = 12
 _FINISHED = 4
 _SPREAD = 2.0
 """Standard deviation of the logarithm of a first value."""
-_REACH = 16.0
+REACH = 16.0
 """How far from its likely size the logarithm of a parameter is looked for."""
 _ROUGH_STEPS, _BOUNDED_STEPS, _LM_STEPS = 60, 100, 200
 _NOISE_ROUNDS = 60
@@ -301,8 +301,8 @@ def _roughly(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, siz
     signs = np.where(start < 0, -1.0, 1.0)
     middle = np.log(np.maximum(np.abs(start), 1e-12 * np.abs(sizes) + _TINY))
     near = np.log(np.abs(sizes) + _TINY)
-    low = np.minimum(near - _REACH, middle - 1)
-    high = np.maximum(near + _REACH, middle + 1)
+    low = np.minimum(near - REACH, middle - 1)
+    high = np.maximum(near + REACH, middle + 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         least = np.where(signs > 0, bounds.low, -bounds.high)
         most = np.where(signs > 0, bounds.high, -bounds.low)
