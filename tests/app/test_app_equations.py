@@ -6,10 +6,11 @@ from scipy.integrate import solve_ivp
 from selenium.webdriver import Keys
 
 import commonlaw as cl
-from commonlaw.app.equations import named, solved
+from commonlaw.app.equations import Moved, named, solved
 from commonlaw.app.question import Columns, Equations, Table
 from commonlaw.law import from_json
 from tests.in_browser import choose, is_fault, open_page, serious, text, wait
+from tests.refusals import refused
 from tests.served import served
 
 TIMES = np.linspace(0.0, 4.0, 41)
@@ -44,6 +45,17 @@ def test_curves_are_solutions_of_the_equations_with_each_objects_values_from_the
         np.testing.assert_allclose(np.array(curve["states"])[:, at], _lotka(growth, (10.0, 5.0)), rtol=1e-3)
     known = solved(_pairs(), Columns(), Equations(f"{LOTKA}\nx(0) = 7", VALUES))["curves"][0]
     assert known["states"][0][0] == 7.0
+
+
+def test_curves_follow_a_slider_from_the_initial_values_of_before():
+    _, start = (found["initial"] for found in solved(_pairs(), Columns(), Equations(LOTKA, VALUES))["curves"])
+    moved = solved(_pairs(), Columns(), Equations(LOTKA, VALUES | {"a": (1.0, 0.9)}), Moved([1], [[], start]))
+    ((index, states),) = moved["curves"]
+    assert index == 1
+    np.testing.assert_allclose(np.array(states)[:, [0, -1]], _lotka(0.9, start)[:, [0, -1]], rtol=1e-3)
+    for wrong, code in ((Moved([2], [start, start]), "unknown-name"), (Moved([1], [start, [1.0]]), "start-size")):
+        with refused(code):
+            solved(_pairs(), Columns(), Equations(LOTKA, VALUES), wrong)
 
 
 @pytest.mark.parametrize(
@@ -153,6 +165,51 @@ def test_equations_are_typed_moved_by_sliders_fitted_and_compared(page, tmp_path
         wait(page, "!$('result').hidden && $('equations').value")
         assert page.find_element("id", "equations").get_attribute("value") == "x' = a x - b x y\ny' = d x y"
         assert [each for each in page.get_log("browser") if is_fault(each)] == []
+
+
+def test_curves_of_twelve_objects_follow_a_slider_that_is_dragged(page, tmp_path):
+    path, times = tmp_path / "pairs.csv", np.linspace(0.0, 4.0, 100)
+    rows = [f"P{i},{t},{10 + i + np.sin(t)},{5 + i + np.cos(t)}" for i in range(12) for t in times]
+    path.write_text("\n".join(["object,t,x,y", *rows]))
+    with served(path) as app:
+        open_page(page, app)
+        wait(page, "$('counts').textContent.includes('12 trials of 12 objects')")
+        page.execute_script("document.getElementById('write').open = true")
+        page.find_element("id", "equations").send_keys(LOTKA)
+        wait(page, "$('parameters').children.length === 4 && !$('equations_problem').textContent")
+        before = page.execute_script(f"return JSON.parse({PATHS})")
+        first = float(page.execute_script("return document.querySelector('[data-name=a] input[type=number]').value"))
+        delays, answer = page.execute_async_script(DRAG)
+        print(f"slider to curves: {np.median(delays):.0f} ms, at most {max(delays):.0f} ms, {len(delays)} frames")
+        assert answer["values"]["a"] == pytest.approx([first / 10 * 100**0.46] * 12, rel=1e-3)  # Where it was left
+        equations = Equations(LOTKA, answer["values"])
+        exact = solved(Table("pairs.csv", path.read_bytes()), Columns(), equations)["curves"]
+        for curve, other in zip(answer["curves"], exact, strict=True):
+            np.testing.assert_allclose(curve["states"], other["states"], rtol=1e-6)
+        last = page.execute_script(f"return JSON.parse({PATHS})")
+        assert all(one != other for one, other in zip(before, last, strict=True))
+        assert [each for each in page.get_log("browser") if is_fault(each)] == []
+
+
+DRAG = """
+const done = arguments[arguments.length - 1], slider = document.getElementById("parameter_a");
+const delays = [], asked = window.fetch;
+let answer = null, place = 400;
+window.fetch = async (...given) => { const got = await asked(...given); answer = got.clone(); return got; };
+const followed = () => delays.push(Number(document.body.dataset.followed));
+new MutationObserver(followed).observe(document.body, { attributes: true, attributeFilter: ["data-followed"] });
+const rest = async () => {
+  const found = answer && await answer.clone().json();
+  if (found?.values) done([delays, found]);  // The answer that estimates initial values
+  else setTimeout(rest, 50);
+};
+const move = () => {
+  slider.value = ++place;
+  slider.dispatchEvent(new Event("input"));
+  setTimeout(place < 460 ? move : rest, place < 460 ? 16 : 300);
+};
+move();
+"""
 
 
 def test_groups_of_objects_are_compared_with_the_reference_that_is_chosen(page, tmp_path):

@@ -2,16 +2,16 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from time import monotonic
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from commonlaw.app.question import Columns, Equations, Table, message
-from commonlaw.app.result import numbers
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, Indices
 from commonlaw.discovery.measured_rates import without_measured_rates
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
 from commonlaw.estimation.fitting import Beginning, InitialGiven, begin
 from commonlaw.estimation.model import ModelText
@@ -33,6 +33,8 @@ _TRIALS, _POINTS = 60, 60
 """Trials that are drawn, and points of a curve where samples are fewer."""
 _ITERATIONS, _TOLERANCE = 2, 1e-5
 """Gauss-Newton steps of initial conditions, and relative error of a step of a solution."""
+_FRAME = 0.02
+"""Seconds of computing after which curves that follow a slider are sent; the others come with the next answer."""
 
 
 class Asked(msgspec.Struct, forbid_unknown_fields=True):
@@ -41,6 +43,14 @@ class Asked(msgspec.Struct, forbid_unknown_fields=True):
     table: str
     columns: Columns
     equations: Equations
+    moved: "Moved | None" = None
+
+
+class Moved(msgspec.Struct, forbid_unknown_fields=True):
+    """Curves that follow a slider: trials by index, the most urgent first, and free initial values of all trials."""
+
+    trials: list[int]
+    initial: list[list[float]]
 
 
 def words(trials: Trials) -> list[str]:
@@ -71,10 +81,11 @@ def named(trials: Trials) -> list[dict[str, Any]]:
     return found
 
 
-def solved(table: Table, columns: Columns, equations: Equations) -> dict[str, Any]:
+def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | None = None) -> dict[str, Any]:
     """Return equations as they were read, their parameters with first values, and their curves.
 
-    Where they cannot be read there is a problem instead.
+    Where they cannot be read there is a problem instead. Where a slider moved there are only as many curves as can be
+    computed at once, each with the index of its trial.
     """
     try:
         begun, trials, formulas = _read(
@@ -89,6 +100,8 @@ def solved(table: Table, columns: Columns, equations: Equations) -> dict[str, An
             given = equations.values.get(name, ())
             if k >= 0 and at < len(given):
                 first[k] = given[at]
+    if moved is not None:
+        return {"problem": "", "curves": _followed(begun.problem, first, moved)}
     columns_of = begun.unknowns.of_object
     values = {
         name: [float(first[columns_of[owner][i]]) for owner in trials.objects]
@@ -159,16 +172,47 @@ def _formulas(begun: Beginning) -> list[list[str]]:
         return []
 
 
+def _followed(problem: Problem, unknowns: Floats, moved: Moved) -> list[tuple[int, list[list[float]]]]:
+    """Return solutions from given initial values: those that are computed in time, and at least one."""
+    shown, until, found = problem.trials[:_TRIALS], monotonic() + _FRAME, list[tuple[int, list[list[float]]]]()
+    for i in moved.trials:
+        check_choice("index of a trial", i, range(min(len(shown), len(moved.initial))))
+        data, _ = _drawn(shown[i])
+        free = data.initial >= 0
+        if sum(free) != len(moved.initial[i]):
+            names = np.array(problem.model.variables.states)[free].tolist()
+            raise CommonlawError("start-size", given=len(moved.initial[i]), expected=len(names), variables=names)
+        unknowns[data.initial[free]] = moved.initial[i]
+        with np.errstate(all="ignore"):
+            values = problem.predicted(data, unknowns, slopes=False).values
+        found.append((i, _natural(problem, values)))
+        if monotonic() > until:
+            break
+    return found
+
+
+def _drawn(data: TrialData) -> tuple[TrialData, Indices]:
+    """Return a trial with a row for each point of its curve, and which of them are its samples."""
+    times = data.times
+    if len(times) < _POINTS:
+        times = np.union1d(times, np.linspace(times[0], times[-1], _POINTS))
+    return replace(data, times=times, rows=np.arange(len(times))), np.searchsorted(times, data.trial.times)
+
+
+def _natural(problem: Problem, values: Floats) -> list[list[float]]:
+    """Return a column for each observable, from values of which some are logarithms."""
+    with np.errstate(all="ignore"):
+        columns: list[list[float]] = np.where(problem.logarithmic, np.exp(values), values).T.tolist()
+    return columns
+
+
 def _curve(problem: Problem, data: TrialData, unknowns: Floats) -> dict[str, Any]:
     """Return the solution for a trial, its free initial values by least squares."""
-    begins, ends = data.times[0], data.times[-1]
-    if len(data.times) < _POINTS:
-        times = np.union1d(data.times, np.linspace(begins, ends, _POINTS))
-        data = replace(data, times=times, rows=np.searchsorted(times, data.trial.times))
-    free, rows, measured = data.initial[data.initial >= 0], data.rows, data.trial.states
+    data, rows = _drawn(data)
+    free, measured = data.initial[data.initial >= 0], data.trial.states
     seen, scale = np.isfinite(measured), np.nanstd(measured, axis=0) + 1e-300
-    data = replace(data, rows=np.arange(len(data.times)))
     best, unknowns, values = np.inf, unknowns.copy(), np.full((len(data.times), measured.shape[1]), np.nan)
+    initial = unknowns[free]
     for step in range(_ITERATIONS + 1):
         with np.errstate(all="ignore"):
             predicted = problem.predicted(data, unknowns, step < _ITERATIONS and len(free) > 0)
@@ -176,16 +220,15 @@ def _curve(problem: Problem, data: TrialData, unknowns: Floats) -> dict[str, Any
             cost = float(residuals @ residuals)
         if step and not cost < best:
             break
-        best, values = cost, predicted.values
+        best, values, initial = cost, predicted.values, unknowns[free]
         if predicted.slopes is None or not np.isfinite(cost):
             break
         slopes = (predicted.slopes[rows][..., free] / scale[:, np.newaxis])[seen]
         unknowns[free] -= np.linalg.lstsq(slopes, residuals, rcond=None)[0]
-    with np.errstate(all="ignore"):
-        values = np.where(problem.logarithmic, np.exp(values), values)
     return {
         "object": data.trial.object,
         "name": data.trial.name,
         "t": data.times.tolist(),
-        "states": [numbers(each) for each in values.T],
+        "states": _natural(problem, values),
+        "initial": initial.tolist(),
     }

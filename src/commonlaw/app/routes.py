@@ -198,7 +198,8 @@ async def _preview(sessions: Sessions, request: Request) -> Response:
 
 async def _equations(sessions: Sessions, request: Request) -> Response:
     asked = read_json(await request.body(), Asked)
-    return _json(await run_in_threadpool(solved, sessions.tables.get(asked.table), asked.columns, asked.equations))
+    table = sessions.tables.get(asked.table)
+    return _json(await run_in_threadpool(solved, table, asked.columns, asked.equations, asked.moved))
 
 
 async def _settings(_: Sessions, __: Request) -> Response:

@@ -110,23 +110,62 @@ function asked() {
   };
 }
 
-let waiting = false, again = false;
+let waiting = false, again = false, changes = 0;
 
 /** Read the equations and draw their curves; while the server answers, only the last of further changes counts. */
 export async function read() {
+  clearTimeout(resting);
+  changes += 1;
   if (waiting) { again = true; return; }
   waiting = true;
-  const began = performance.now();
   try {
     do {
       again = false;
-      if (!$("equations").value.trim()) showRead({ problem: "", formula: [], values: {}, curves: [] });
-      else await trying("equations_problem", async () => showRead(await ask("equations", "POST", { table: state.table, columns: state.columns, equations: asked() })));
+      const before = changes;
+      let found = { problem: "", formula: [], values: {}, curves: [] };
+      await trying("equations_problem", async () => {
+        if ($("equations").value.trim()) found = await ask("equations", "POST", { table: state.table, columns: state.columns, equations: asked() });
+        if (changes === before) showRead(found);
+      });
     } while (again);
   } finally {
     waiting = false;
   }
-  document.body.dataset.followed = (performance.now() - began).toFixed(1);
+}
+
+const REST = 150;
+let following = false, resting = 0, moved = 0;
+const stale = new Set();
+
+/**
+ * Let curves of the objects at some indices follow a slider from their last initial values: those that the server computes
+ * at once, and the others in turn. When the slider rests, the initial values are estimated anew.
+ */
+async function followSlider(objects) {
+  moved = performance.now();
+  changes += 1;
+  clearTimeout(resting);
+  resting = setTimeout(read, REST);
+  if (!state.written) return;
+  state.written.curves.forEach(({ object }, i) => objects.includes(object) && stale.add(i));
+  if (following) return;
+  following = true;
+  await trying("equations_problem", async () => {
+    while (stale.size) {
+      const before = changes, since = moved, { curves } = state.written, given = { trials: [...stale], initial: curves.map(each => each.initial) };
+      const found = await ask("equations", "POST", { table: state.table, columns: state.columns, equations: asked(), moved: given });
+      if (state.written?.curves !== curves) break;
+      for (const [i, states] of found.curves) {
+        curves[i].states = states;
+        stale.delete(i);
+        if (changes !== before) stale.add(i);
+      }
+      showCurves();
+      document.body.dataset.followed = (performance.now() - since).toFixed(1);
+    }
+  });
+  stale.clear();
+  following = false;
 }
 
 function showRead({ problem, formula, values, curves, states }) {
@@ -189,7 +228,7 @@ function valueAt(place, [low, high]) {
 function set(name, value) {
   const at = objectAt();
   written.values[name] = written.values[name].map((old, i) => at < 0 || i === at ? value : old);
-  read();
+  followSlider(at < 0 ? state.preview.objects : [state.preview.objects[at]]);
 }
 
 function row(name) {
