@@ -16,6 +16,7 @@ import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.inference import bounds
 from commonlaw.law import average_law, from_json, to_json, to_latex
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.text import with_error
 from tests.refusals import refused
 
@@ -113,6 +114,7 @@ def test_initial_values_by_object_are_those_of_each_trial_where_they_are_free():
     trials = cl.Trials(tuple(made), cl.Schema(("x",)))
     law = cl.fit("x' = -k x", trials, starts={"x": {"A": 2, "B": None}}, universal="k")
     found = {(each.object, each.trial): each.value for each in law.observation.estimated}
+    assert {each.name for each in law.observation.estimated} == {"x(0)"}
     assert found == pytest.approx({("B", "1"): 3.0, ("B", "2"): 5.0}, rel=0.02)
     assert law.params["parameter"].unique().tolist() == ["k"]
     assert law.predict(trials).to_frame()["x forecast"].iloc[0] == 2.0
@@ -149,6 +151,86 @@ def test_parameters_are_shared_by_all_objects_or_by_those_of_a_property():
     law = cl.fit("x' = -k x; y = x + b; x(0) = a", grouped, universal={"a": "kind"})
     own = [estimates(law, name)["a"][0] for name in "ABC"]
     assert own[1] == own[2] != own[0]
+
+
+def by_trial(seed, rates=(0.4, 0.8, 1.2), **columns):
+    """Return trials of two objects with these rates in each, a common factor of 2, and inputs by trial."""
+    source, trials = np.random.default_rng(seed), []
+    for owner, offset in {"A": 1.0, "B": 0.5}.items():
+        for i, k in enumerate(rates):
+            y = 2 * np.exp(-k * T) + offset + 0.05 * source.standard_normal(len(T))
+            inputs = np.tile([each[i] for each in columns.values()], (len(T), 1)) if columns else np.empty((len(T), 0))
+            trials.append(cl.Trial(owner, str(i), T, y[:, None], inputs))
+    return cl.Trials(tuple(trials), cl.Schema(("y",), tuple(columns)))
+
+
+def by_trial_expected(trials, groups):
+    """Return least squares of rates by group, a common factor, and an offset by object, with standard errors."""
+
+    def residuals(p):
+        own = (p[group] * -T for group in groups)
+        curves = [p[-3] * np.exp(each) + p[-2 + (t.object == "B")] for each, t in zip(own, trials, strict=True)]
+        return np.concatenate(curves) - np.concatenate([each.states[:, 0] for each in trials])
+
+    first = [*np.full(len(set(groups)), 0.7), 1.5, 0.7, 0.7]
+    found = least_squares(residuals, first, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    free = len(found.fun) - len(found.x)
+    return found.x, np.linalg.inv(found.jac.T @ found.jac) * 2 * found.cost / free
+
+
+def test_parameters_may_differ_between_trials_of_an_object(tmp_path):
+    trials = by_trial(21)
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, universal={"k": "trial", "a": "all"})
+    x, covariance = by_trial_expected(trials, range(6))
+    found = {(each.object, each.trial): (each.value, each.error) for each in law.observation.estimated}
+    expected = {(t.object, t.name): (x[i], np.sqrt(covariance[i, i])) for i, t in enumerate(trials)}
+    assert found == {key: pytest.approx(each, rel=1e-4) for key, each in expected.items()}
+    # An object has the mean of its trials
+    error = np.sqrt(covariance[:3, :3].sum()) / 3
+    assert estimates(law, "A")["k"] == pytest.approx((x[:3].mean(), error), rel=1e-4)
+    law.save(tmp_path / "law.json")
+    again = cl.Law.load(tmp_path / "law.json")
+    assert again.observation == law.observation
+    # Each trial determines its rate anew, where the others are those of the law
+    curves = again.predict(trials)
+    for i, (trial, own) in enumerate(zip(trials, curves.trajectories, strict=True)):
+        expected = x[6] * np.exp(-x[i] * T) + x[7 + (trial.object == "B")]
+        assert own.states[:, 0] == pytest.approx(expected, abs=2e-3)
+
+
+def test_bands_of_trials_with_parameters_of_their_own_are_those_of_the_joint_fit():
+    trials = by_trial(22)
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, universal={"k": "trial", "a": "all"}, noise={"y": 0.05})
+    later = law.predict(trials, from_time=2.0, return_std=True)
+    early, p = T < 2, {name: estimates(law, "A")[name][0] for name in "ab"}
+    for trial, std in zip(trials.of_object("A"), later.std[:3], strict=True):
+        rows = early & np.isfinite(T)
+
+        def curve(k, a, b, t=T):
+            return a * np.exp(-k * t) + b
+
+        k = least_squares(lambda q, y=trial.states[:, 0]: (curve(q[0], **p) - y)[early], [0.7]).x[0]
+        by_k, by_a = -p["a"] * T * np.exp(-k * T), np.exp(-k * T)
+        information = by_k[rows] @ by_k[rows] / 0.05**2
+        gain = np.array([-(by_k[rows] @ by[rows]) / 0.05**2 / information for by in (by_a, np.ones_like(T))])
+        named = named_parameters(law)
+        at = [named.names.index(name) for name in "ab"]
+        known = named.covariance[0][np.ix_(at, at)]
+        slopes = np.column_stack([by_a, np.ones_like(T)]) + by_k[:, None] * gain
+        expected = np.sqrt(np.einsum("ni,ij,nj->n", slopes, known, slopes) + by_k**2 / information)
+        assert std[:, 0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_trials_with_one_value_of_an_input_may_share_a_parameter():
+    trials = by_trial(23, (0.4, 0.8, 0.4), T=(20.0, 30.0, 20.0))
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, universal={"k": "T", "a": "all"})
+    x, _ = by_trial_expected(trials, [0, 1, 0, 0, 1, 0])
+    found = [each.value for each in law.observation.estimated]
+    assert found == pytest.approx([x[0], x[1], x[0], x[0], x[1], x[0]], rel=1e-5)
+    assert estimates(law, "A")["k"][0] == pytest.approx((2 * x[0] + x[1]) / 3, rel=1e-5)
+    drifting = [cl.Trial(t.object, t.name, t.times, t.states, t.times[:, None]) for t in trials]
+    with refused("group-varies-in-trial", column="T"):
+        cl.fit("x' = -k x; y = x + b", cl.Trials(tuple(drifting), trials.schema), universal={"k": "T"})
 
 
 def test_a_parameter_at_its_bound_is_reported_with_a_one_sided_interval():
@@ -474,9 +556,50 @@ def test_known_noise_and_repeated_measurements_have_their_likelihood():
 
 
 @pytest.mark.parametrize(
+    ("text", "settings"),
+    [
+        ("x' = -k x; y = c x + b; x(0) = 1; b > 0.2", {"universal": ["c"], "priors": {"k": (0.5, 0.1)}}),
+        ("x' = -k x; y = c x + b", {"starts": {"x": (1.0, 0.05)}, "universal": {"b": "trial", "c": "all"}}),
+        ("x' = -k x; y = c x; x(0) = x0", {"priors": {"c": (2.0, 0.1)}, "noise": {"y": "lab"}, "positive": ["y"]}),
+        ("x' = k u(t - d) - x; y = x + b; x(0) = 0", {"input_between": "linear"}),
+        ("x'' = -k x + a step(t - s); y = x + b; x(0) = 1", {}),
+    ],
+)
+def test_a_law_is_refined_as_it_was_fitted(text, settings, tmp_path):
+    source, made = np.random.default_rng(31), []
+    for i, (owner, k) in enumerate({"A": 0.4, "B": 0.8}.items()):
+        u = np.interp(T, [0, 1, 2, 9], [0, 0, 2, 2])
+        for name in "12":
+            y = 2 * np.exp(-k * T) + 0.1 + 0.02 * source.standard_normal(len(T))
+            if "'' " in text:
+                y = (
+                    np.cos(0.7 * T)
+                    + 0.2 * (1 - np.cos(0.7 * np.maximum(T - 3, 0)))
+                    + 0.02 * source.standard_normal(len(T))
+                )
+            if "u(t" in text:
+                y = 0.3 * np.maximum(T - 2.5, 0) / (1 + i) + 0.02 * source.standard_normal(len(T))
+            made.append(cl.Trial(owner, name, T, y[:, None], u[:, None] if "u(t" in text else np.empty((len(T), 0))))
+    trials = cl.Trials(tuple(made), cl.Schema(("y",), ("u",) if "u(t" in text else ()))
+    trials = trials.with_properties({"A": {"lab": "one"}, "B": {"lab": "two"}})
+    law = cl.fit(text, trials, **settings)
+    law.save(tmp_path / "law.json")
+    again = cl.refine(cl.Law.load(tmp_path / "law.json"), trials)
+    assert again.observation.log_likelihood == pytest.approx(law.observation.log_likelihood, rel=1e-8, abs=1e-6)
+    assert again.params["estimate"].to_numpy() == pytest.approx(law.params["estimate"].to_numpy(), rel=1e-4)
+    assert again.params["standard error"].to_numpy() == pytest.approx(law.params["standard error"].to_numpy(), rel=1e-2)
+    assert again.observation.restrictions == law.observation.restrictions
+    assert np.isfinite(again.predict(trials).to_frame()["y forecast"]).all()
+    # Of other trials, as a fit of them alone
+    fewer = trials.select(object="B")
+    assert cl.refine(law, fewer).observation.log_likelihood == pytest.approx(
+        cl.fit(text, fewer, **settings).observation.log_likelihood, abs=1e-4
+    )
+
+
+@pytest.mark.parametrize(
     "use",
     [
-        lambda law, trials: cl.refine(law, trials),
         lambda law, trials: cl.compare({"one": law, "other": law}, trials),
         lambda law, trials: cl.discover(trials, known=law),
         lambda law, _: cl.design(law, {"x": "1..2", "duration": 3, "rate": 5}),
@@ -484,13 +607,38 @@ def test_known_noise_and_repeated_measurements_have_their_likelihood():
         lambda law, trials: bounds(law, trials, ["x^2"]),
         lambda law, trials: law.discrepancy(trials),
     ],
-    ids=["refine", "compare", "discover", "design", "update", "bounds", "discrepancy"],
+    ids=["compare", "discover", "design", "update", "bounds", "discrepancy"],
 )
 def test_what_takes_columns_for_states_refuses_a_law_with_an_observation(use):
     trials = trials_of({"A": (T, 5 * (1 - np.exp(-0.7 * T)) + 0.01 * np.sin(9 * T))})
     law = cl.fit("y' = a - k y", trials, starts={"y": 0})
     with refused("law-with-observation"):
         use(law, trials)
+
+
+def test_files_of_version_4_have_initial_values_by_state_and_no_restrictions():
+    law = cl.fit(
+        "x' = -k x; signal = c x + b; b > 0",
+        trials_of({"A": (T, SIGNAL)}, ["signal"]),
+        starts={"x": "a"},
+        priors={"a": (1, 0.1)},
+    )
+    free = cl.fit("x' = -k x", trials_of({"A": (T, SIGNAL)}, ["x"]), priors={"k": (0.5, 0.2)})
+    for each in (law, free):
+        document = json.loads(to_json(each))
+        del document["observation"]["restrictions"]
+        estimated = document["observation"]["estimated"]
+        document |= {"version": 4}
+        for own in estimated:
+            own["state"] = own.pop("name").removesuffix("(0)")
+        old = from_json(json.dumps(document))
+        assert old.observation.restrictions is None
+        assert old.observation.estimated == each.observation.estimated
+        assert np.array_equal(old.coefficients, each.coefficients)
+        with refused("restrictions-not-recorded"):
+            cl.refine(old, trials_of({"A": (T, SIGNAL)}, each.observation.measured.states))
+    assert law.observation.restrictions.priors == {"a": (1, 0.1)}
+    assert law.observation.restrictions.bounds == ("b > 0",)
 
 
 @pytest.mark.parametrize(

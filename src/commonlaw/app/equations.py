@@ -94,15 +94,14 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
     except CommonlawError as error:
         return {"problem": message(error)}
     first = begun.first.copy()
-    for owner, own in begun.unknowns.of_object.items():
-        at = trials.objects.index(owner)
-        for name, k in zip(begun.model.parameters, own, strict=True):
+    columns_of = {trial.object: own for trial, own in zip(trials, begun.unknowns.parameters, strict=True)}
+    for at, owner in enumerate(trials.objects):
+        for name, k in zip(begun.model.parameters, columns_of[owner], strict=True):
             given = equations.values.get(name, ())
             if k >= 0 and at < len(given):
                 first[k] = given[at]
     if moved is not None:
         return {"problem": "", "curves": _followed(begun.problem, first, moved)}
-    columns_of = begun.unknowns.of_object
     values = {
         name: [float(first[columns_of[owner][i]]) for owner in trials.objects]
         for i, name in enumerate(begun.model.parameters)

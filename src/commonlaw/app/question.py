@@ -14,6 +14,7 @@ from commonlaw.estimation import needs_model
 from commonlaw.estimation.fitting import InitialGiven
 from commonlaw.estimation.model import ModelText
 from commonlaw.law import Law
+from commonlaw.law.observation import ALL
 from commonlaw.law.script import Source
 from commonlaw.library.bounds import limits_of, parts_of
 from commonlaw.runtime.fit_options import FitOptions, read_settings, settings_of, shown_value
@@ -295,8 +296,8 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             value, (low, high) = float(np.mean(own)), limits_of(name, text.bounds)
             if name not in self.fixed and value != 0 and low <= value <= high:
                 guesses[name] = value
-        shared = {name: by for name, by in self.shared.items() if name not in self.fixed}
-        universal = shared if any(shared.values()) else tuple(shared)
+        shared = {name: by or ALL for name, by in self.shared.items() if name not in self.fixed}
+        universal = shared if any(self.shared.values()) else tuple(shared)
         is_model = needs_model(text, trials, self.initial, universal, self.priors)
         return fit(
             self.written,

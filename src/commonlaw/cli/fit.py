@@ -88,9 +88,10 @@ if TYPE_CHECKING:
     "Law",
     "--universal",
     everyday=True,
-    metavar="LETTER",
+    metavar="LETTER[=COLUMN]",
     multiple=True,
-    help="A coefficient of the equations that all objects have in common; repeat for more.",
+    help="A coefficient of the equations that all objects have in common, k, or objects and trials with one value of a "
+    "column, k=strain; k=trial is one for each trial. Repeat for more.",
 )
 @option(
     "Law",
@@ -142,6 +143,7 @@ def fit(
       commonlaw fit dataset:linear-drag:noise=0.05 "x'' = -g - c v"
     """
     import commonlaw as cl
+    from commonlaw.law.observation import ALL
 
     if cluster:
         source.check_streams()
@@ -163,9 +165,12 @@ def fit(
             source = source.reading(inputs=tuple(dict.fromkeys((*source.roles.get("inputs", ()), *doses))))
         later = Artifacts()
         known = {name: number_or_text(value) for name, value in by_name("--initial-value", starts).items()}
-        trials = without_notes_on(doses, load(source, [equations], [other] if other else (), known))
+        groups = {letter: by or ALL for letter, _, by in (each.partition("=") for each in universal)}
+        others = [other] if other else []
+        trials = without_notes_on(doses, load(source, [equations], others, known, groups.values()))
         training = source.select(trials)
-        settings |= {"starts_at": starts_at, "doses": doses, "universal": universal}
+        shared = groups if any("=" in each for each in universal) else universal
+        settings |= {"starts_at": starts_at, "doses": doses, "universal": shared}
         settings |= {"guesses": numbers("--guess", guesses) or None}
         law = cl.fit(equations, training, starts=known, **settings, progress=show)
         later.save(outputs.save, law=law)

@@ -100,10 +100,17 @@ def over_table(source: Source, text: str) -> tuple[str, tuple[str, ...]]:
     return textbook.equations, textbook.doses
 
 
-def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), starts: Container[str] = ()) -> "Trials":
+def load(
+    source: Source,
+    equations: Sequence[str],
+    laws: "Iterable[Law]" = (),
+    starts: Container[str] = (),
+    groups: Iterable[str] = (),
+) -> "Trials":
     """Return the trials, their columns in the roles that equations and other laws give them.
 
     What has an equation and a column was measured; states of observation equations, or with initial values, need none.
+    Columns of `groups` are inputs.
     """
     from commonlaw.estimation.model import ModelText
     from commonlaw.library.equation import split_equations
@@ -119,7 +126,7 @@ def load(source: Source, equations: Sequence[str], laws: "Iterable[Law]" = (), s
         return trials
     if trials.schema.wide and len(states) == 1:
         return source.reading(wide=source.roles.get("wide") or states[0]).load()
-    taken = {name for schema in schemas for name in schema.inputs}
+    taken = {*groups, *(name for schema in schemas for name in schema.inputs)}
     others = [name for name in (*trials.schema.states, *trials.schema.inputs) if name not in states]
     inputs = tuple(name for name in others if name in taken or any(_occurs(name, each) for each in equations))
     if {*states} == {*trials.schema.states} and {*inputs} == {*trials.schema.inputs}:

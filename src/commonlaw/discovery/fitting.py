@@ -15,7 +15,7 @@ from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import fit_model, needs_model
-from commonlaw.estimation.fitting import InitialGiven
+from commonlaw.estimation.fitting import InitialGiven, check_white
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine, with_initial_parameters
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
@@ -23,6 +23,7 @@ from commonlaw.inference.settings import STRONG
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects
 from commonlaw.law.models import model_named
+from commonlaw.law.observation import ALL
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.provenance import Domain
@@ -139,8 +140,10 @@ def fit(
         Coefficients by their letters that all objects have in common, ``universal="k2"``; the others are each
         object's own. Their common value is the mean that is weighted by the information
         of each object's trials (generalised least squares), which a fit of all objects together gives to first order.
-        A mapping, ``universal={"k2": "strain"}``, names a property: objects with the same value of it share the
-        parameter.
+        A mapping names what has one value of a parameter: ``universal={"k2": "strain"}`` objects with the same value of
+        a property, or trials with the same value of an input that is constant in each, ``{"c": "all"}`` all trials, and
+        ``{"b": "trial"}`` each trial. Of what differs between trials of an object, the law has the object's mean,
+        ``law.observation.estimated`` the values, and `Law.predict` estimates it from each trial like initial values.
     guesses
         Where the fit begins with parameters inside terms, by their letters, ``guesses={"w": 0.3}``, in place of the
         values that are tried. Coefficients that stand before terms need none, as they follow by least squares.
@@ -192,6 +195,7 @@ def fit(
     refuse_client(client)
     doses = (doses,) if isinstance(doses, str) else tuple(doses)
     universal = (universal,) if isinstance(universal, str) else universal
+    groups = universal if isinstance(universal, Mapping) else dict.fromkeys(universal, ALL)
     model = ModelText.of(equations, observe)
     if needs_model(model, trials, starts or {}, universal, priors) or any(
         isinstance(v, str) for v in (noise or {}).values()
@@ -201,7 +205,7 @@ def fit(
         whole = equations if isinstance(equations, str) else "; ".join(equations)
         asked_of = {"observe": observe, "doses": doses, **own, **changed}
         calls = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
-        return _of_model(model, with_doses(trials, doses), calls, own, changed)
+        return _of_model(model, with_doses(trials, doses), calls, own | {"universal": groups}, changed)
     asked = split_equations(equations)
     second = [each.state for each in asked if each.order == 2]
     trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
@@ -279,19 +283,12 @@ def fit(
 _DELAY = re.compile(r"\(t - (\w+)\)$")
 """Names the dead time of an input of a model."""
 
-_MODEL_SETTINGS = ("positive", "input_between", "noise", "errors", "seed", "n_jobs", "progress")
-"""Settings of fits that `commonlaw.estimation` makes."""
-
 
 def _of_model(
     text: ModelText, trials: Trials, calls: tuple[str, ...], given: dict[str, Any], settings: dict[str, Any]
 ) -> Law:
     """Return the law of equations that only `commonlaw.estimation` fits: by least squares of trajectories."""
-    refused = [name for name in settings if name not in _MODEL_SETTINGS]
-    if settings.get("errors", "auto") not in ("auto", "white"):
-        refused.append("errors")
-    if refused:
-        raise CommonlawError("not-with-observation", settings=refused)
+    check_white(settings)
     between = settings.get("input_between") or ("linear" if trials.schema.doses else "auto")
     if between != "auto" or not any(np.ptp(each.inputs, axis=0).any() for each in trials):
         tried = [between.replace("auto", trials.schema.input_between)]

@@ -23,6 +23,7 @@ from commonlaw.estimation.problem import TrialData
 from commonlaw.estimation.search import first_values
 from commonlaw.formulation.weak import CompactTestFunctions, corner_radius
 from commonlaw.law import Law, Step
+from commonlaw.law.observation import ALL
 from commonlaw.law.text import free_letters
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
 from commonlaw.library.notation import quoted
@@ -385,7 +386,7 @@ def _begun(
     apart = begin(text, trials, {}, noise=noise or {})
     properties = property_names(trials.properties)
     shared = [name for name in apart.model.parameters if name not in properties]
-    return begin(text, trials, {}, universal=shared, noise=noise or {})
+    return begin(text, trials, {}, universal=dict.fromkeys(shared, ALL), noise=noise or {})
 
 
 def _exact(
@@ -427,7 +428,7 @@ def _exact(
         trials,
         starts={},
         starts_at=None,
-        universal=shared,
+        universal=dict.fromkeys(shared, ALL),
         guesses=None,
         priors=None,
         positive=(),

@@ -1,8 +1,9 @@
 """From a model and trials to a law."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 
@@ -10,19 +11,22 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import Problem, TrialData
-from commonlaw.estimation.search import REACH, Bounds, Optimum, maximize
+from commonlaw.estimation.search import DRAWS, REACH, Bounds, Optimum, maximize
 from commonlaw.law import Law, Provenance, Step, Uncertainty
-from commonlaw.law.observation import InitialValue, Observation
+from commonlaw.law.alignment import matched, matched_noise, measured_schema
+from commonlaw.law.law import object_index, shares_terms
+from commonlaw.law.observation import ALL, OBJECT, TRIAL, Observation, Restrictions, TrialEstimate, by_trial
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import Product, read_equations
 from commonlaw.law.provenance import Domain
 from commonlaw.law.text import with_error
 from commonlaw.library import Term, Terms
-from commonlaw.library.bounds import limits_of
+from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.sizes import likely_sizes
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted
-from commonlaw.trials import Trials
+from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
 from commonlaw.trials.trial import Start, has_sparse_states, property_names
 
@@ -58,20 +62,44 @@ def needs_model(
     return bool(not text.is_plain or special or censored or sparse or priors or isinstance(universal, Mapping))
 
 
+_SETTINGS = ("positive", "input_between", "noise", "errors", "seed", "n_jobs", "progress")
+"""Settings of fits that may be made here."""
+
+
+def check_white(changed: Mapping[str, Any]) -> None:
+    """Refuse settings that were changed and are of other fits than of trajectories under white noise."""
+    refused = [name for name in changed if name not in _SETTINGS]
+    if changed.get("errors", "auto") not in ("auto", "white"):
+        refused.append("errors")
+    if refused:
+        raise CommonlawError("not-with-observation", settings=refused)
+
+
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The unknown numbers of a model: which parameter of which objects, or which initial value, each one is."""
+    """The unknown numbers of a model: which parameter of which trials, or which initial value, each one is.
 
-    names: list[str]
-    labels: list[str]
-    of_object: dict[str, list[int]]
-    values: dict[str, list[float]]
-    of_trial: list[list[int]]
+    For each trial `parameters` and `initial` have the index of each parameter and initial value among the unknowns, or
+    -1 for one that is known, in `values`, or follows from others.
+    """
+
+    names: list[str] = field(default_factory=list)
+    labels: list[str] = field(default_factory=list)
+    parameters: list[list[int]] = field(default_factory=list)
+    values: list[list[float]] = field(default_factory=list)
+    initial: list[list[int]] = field(default_factory=list)
 
     def add(self, name: str, label: str) -> int:
         self.names.append(name)
         self.labels.append(label)
         return len(self.names) - 1
+
+    def means(self, trials: Trials, owner: str) -> tuple[Floats, Floats]:
+        """Return M and m with parameters ``M unknowns + m`` of an object, means over its trials, (P, p) and (P,)."""
+        own = [i for i, trial in enumerate(trials) if trial.object == owner]
+        indices = np.array([self.parameters[i] for i in own]).reshape(len(own), -1)
+        shares = (indices[:, :, np.newaxis] == np.arange(len(self.names))).mean(axis=0)
+        return shares, np.mean([self.values[i] for i in own], axis=0)
 
 
 def fit_model(
@@ -80,7 +108,7 @@ def fit_model(
     *,
     starts: Mapping[str, InitialGiven],
     starts_at: float | None,
-    universal: Sequence[str] | Mapping[str, str],
+    universal: Mapping[str, str],
     guesses: Mapping[str, float] | None,
     priors: Mapping[str, tuple[float, float]] | None,
     positive: Sequence[str],
@@ -92,38 +120,120 @@ def fit_model(
 ) -> Law:
     """Return the law of largest likelihood, see `commonlaw.fit`; from one first value by label, if these are given."""
     begun = begin(text, trials, starts, starts_at, universal, guesses, priors, positive, noise)
-    model, unknowns, problem, bounds = begun.model, begun.unknowns, begun.problem, begun.bounds
     if first is None:
-        optimum = maximize(problem, begun.first, begun.guessed, bounds, None, seed, progress)
-    else:
-        sizes = np.array([first[label] for label in unknowns.labels])
-        optimum = maximize(problem, sizes, begun.guessed, bounds, None, seed, progress, draws=1)
-    errors = np.sqrt(np.diagonal(optimum.covariance))
-    lost = np.flatnonzero(~np.isfinite(errors))
-    if len(lost):
-        raise CommonlawError("parameters-not-identified", names=[unknowns.labels[i] for i in lost[:8]])
-    law = _law(model, trials, problem, unknowns, bounds, optimum, starts_at, calls, begun.groups)
-    vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
-    if not len(vague):
-        return law
-    outcome = note("parameters-without-limits", parameters=[unknowns.labels[i] for i in vague[:8]])
-    return replace(law, provenance=replace(law.provenance, outcomes=(*law.provenance.outcomes, outcome)))
+        return begun.fitted(seed, progress).law(calls)
+    begun = replace(begun, first=np.array([first[label] for label in begun.unknowns.labels]))
+    return begun.fitted(seed, progress, draws=1).law(calls)
+
+
+def refit(
+    law: Law,
+    trials: Trials,
+    *,
+    equations: Sequence[str] | None = None,
+    noise: Mapping[str, float] | None = None,
+    positive: Sequence[str] | None = None,
+    input_between: str | None = None,
+    seed: int = 0,
+    progress: ProgressCallback,
+) -> "Fitted":
+    """Fit a law to trials, all parameters and initial values that it does not give anew; those it has are first values.
+
+    Its restrictions, observation equations and given initial values stay, and so do its `equations` where there are no
+    others. A law without observation equations has white noise and parameters of each object.
+
+    Raises
+    ------
+    CommonlawError
+        If the objects do not share their equations, time is discrete, an object is not in the law, restrictions were
+        not recorded, or the equations cannot be fitted to the trials.
+    """
+    if law.order == 0:
+        raise CommonlawError("discrete-not-refined")
+    if not shares_terms(law):
+        raise CommonlawError("refine-own-terms")
+    observation, levels = law.observation, matched_noise(law, trials, noise)
+    trials = matched(law, trials, observed=True, noise=False)
+    between = input_between or measured_schema(law).input_between
+    trials = replace(trials, schema=replace(trials.schema, input_between=between))
+    written = equations or law.provenance.equations or law.structure
+    text, restrictions, free = ModelText.of(written), Restrictions(), list[str]()
+    if observation is not None:
+        if observation.restrictions is None:
+            raise CommonlawError("restrictions-not-recorded")
+        restrictions = observation.restrictions
+        bounds = bounds_in(restrictions.bounds)
+        text = replace(text, observed=observation.equations, initial=observation.initial, bounds=bounds)
+        free = [name for name in law.terms.variables.states if name not in observation.initial]
+    begun = begin(
+        text,
+        trials,
+        dict(law.schema.starts) if observation is None else dict.fromkeys(free),
+        law.schema.starts_at if observation is None else observation.initial_time,
+        restrictions.universal,
+        priors=restrictions.priors,
+        positive=measured_schema(law).logarithmic if positive is None else positive,
+        noise={**restrictions.noise_by, **(levels or {})},
+    )
+    return replace(begun, first=_values_of(law, begun)).fitted(seed, progress)
+
+
+def _values_of(law: Law, begun: "Beginning") -> Floats:
+    """Return first values of the unknowns: those of a law, as far as it has some that are not zero."""
+    found, named = begun.first.copy(), named_parameters(law)
+    estimated = () if law.observation is None else law.observation.estimated
+    by_trial = {(each.object, each.trial, each.name): each.value for each in estimated}
+    rows = zip(begun.trials, begun.unknowns.parameters, begun.unknowns.initial, strict=True)
+    for trial, parameters, initial in rows:
+        own = dict(zip(named.names, named.values[object_index(law, trial.object)].tolist(), strict=True))
+        for k in (*parameters, *initial):
+            name = begun.unknowns.names[k]
+            value = by_trial.get((trial.object, trial.name, name), own.get(name, 0.0))
+            if k >= 0 and value != 0 and np.isfinite(value):
+                found[k] = value
+    return found
 
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
     """A model before it is fitted: what is unknown, likely first values of it, whether these were guessed, its bounds.
 
-    First values have shape (p,), initial values among them; `groups` has the noise group of each object, by quantity.
+    First values have shape (p,), initial values among them; `groups` has the noise group of each object, by quantity,
+    and `start` the time of initial values.
     """
 
     model: Model
+    trials: Trials
     unknowns: Unknowns
     problem: Problem
     first: Floats
     guessed: Bools
     bounds: Bounds
     groups: Mapping[str, Mapping[str, str]]
+    logarithmic: tuple[str, ...]
+    start: float | None
+    restrictions: Restrictions
+
+    def fitted(self, seed: int, progress: ProgressCallback, draws: int = DRAWS) -> "Fitted":
+        """Return the maximum of the likelihood, from so many first values.
+
+        Raises `CommonlawError` if the solution is finite from none of them, or the measurements do not determine all
+        unknowns.
+        """
+        optimum = maximize(
+            self.problem,
+            self.first,
+            self.guessed,
+            self.bounds,
+            None,
+            seed,
+            progress,
+            **{"draws": draws} if draws else {},
+        )
+        lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
+        if len(lost):
+            raise CommonlawError("parameters-not-identified", names=[self.unknowns.labels[i] for i in lost[:8]])
+        return Fitted(self, optimum)
 
 
 def begin(
@@ -131,22 +241,30 @@ def begin(
     trials: Trials,
     starts: Mapping[str, InitialGiven],
     starts_at: float | None = None,
-    universal: Sequence[str] | Mapping[str, str] = (),
+    universal: Mapping[str, str] | None = None,
     guesses: Mapping[str, float] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     positive: Sequence[str] = (),
     noise: Mapping[str, float | str] | None = None,
 ) -> Beginning:
     """Return a model and trials as a fit begins with them; the arguments are those of `fit_model`."""
-    properties = property_names(trials.properties)
+    properties, universal, priors = property_names(trials.properties), universal or {}, priors or {}
     model = read_model(with_initial(text, starts, trials), trials.schema, properties)
     _check_latent(model, starts)
     unknowns = _unknowns(model, trials, properties, universal)
     known, groups = _checked_noise(trials, noise or {})
-    problem = _problem(model, with_noise(with_logarithms(trials, positive), known), unknowns, starts_at, priors or {})
+    shown = with_logarithms(trials, positive)
+    problem = _problem(model, with_noise(shown, known), unknowns, starts_at, priors)
     first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
     problem = _with_groups(replace(problem, sizes=state_sizes), groups)
-    return Beginning(model, unknowns, problem, first, guessed, _bounds(model, trials, unknowns), groups)
+    written = tuple(each.text for each in text.bounds)
+    by = {name: given for name, given in (noise or {}).items() if isinstance(given, str)}
+    restrictions = Restrictions(dict(universal), dict(priors), written, by)
+    bounds = _bounds(model, trials, unknowns)
+    logarithmic = shown.schema.logarithmic
+    return Beginning(
+        model, trials, unknowns, problem, first, guessed, bounds, groups, logarithmic, starts_at, restrictions
+    )
 
 
 def with_initial(text: ModelText, starts: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
@@ -190,43 +308,51 @@ def _check_latent(model: Model, given: Mapping[str, InitialGiven]) -> None:
             raise CommonlawError("equation-without-column", name=name)
 
 
-def _unknowns(
-    model: Model, trials: Trials, properties: Sequence[str], universal: Sequence[str] | Mapping[str, str]
-) -> Unknowns:
-    found = Unknowns([], [], {name: [] for name in trials.objects}, {name: [] for name in trials.objects}, [])
-    groups = dict(universal) if isinstance(universal, Mapping) else dict.fromkeys(universal, "")
-    free = [name for name in model.parameters if name not in properties]
-    for name in groups:
-        check_choice("parameter", name, free)
-    for name in model.parameters:
-        shared = dict[object, int]()
-        for owner in trials.objects:
+def _unknowns(model: Model, trials: Trials, properties: Sequence[str], universal: Mapping[str, str]) -> Unknowns:
+    found, shared = Unknowns(), dict[tuple[str, object], int]()
+    for name in universal:
+        check_choice("parameter", name, [each for each in model.parameters if each not in properties])
+    for trial in trials:
+        indices, values = list[int](), list[float]()
+        for name in model.parameters:
             if name in properties:
-                index, value = -1, number_of(name, owner, trials)
-            else:
-                by = groups.get(name)
-                key: object = owner if by is None else None if not by else _group(by, owner, trials)
-                if key not in shared:
-                    label = name if len(trials.objects) == 1 or key is None else f"{name} of {key}"
-                    shared[key] = found.add(name, label)
-                index, value = shared[key], 0.0
-            found.of_object[owner].append(index)
-            found.values[owner].append(value)
+                indices.append(-1)
+                values.append(number_of(name, trial.object, trials))
+                continue
+            by = universal.get(name, OBJECT)
+            key = _group(by, trial, trials)
+            if (name, key) not in shared:
+                alone = by == ALL or (by == OBJECT and len(trials.objects) == 1)
+                label = trial.label if by == TRIAL else key
+                shared[name, key] = found.add(name, name if alone else f"{name} of {label}")
+            indices.append(shared[name, key])
+            values.append(0.0)
+        found.parameters.append(indices)
+        found.values.append(values)
     for trial in trials:
         determined = model.free_of(trial.object)
         indices = [
             found.add(f"{name}(0)", f"{name}(0) of {trial.label}") if j in determined else -1
             for j, name in enumerate(model.variables.states)
         ]
-        found.of_trial.append(indices)
+        found.initial.append(indices)
     return found
 
 
-def _group(by: str, owner: str, trials: Trials) -> object:
-    check_choice("property", by, property_names(trials.properties))
-    if by not in trials.properties.get(owner, {}):
-        raise CommonlawError("property-missing", object=owner, property=by)
-    return trials.properties[owner][by]
+def _group(by: str, trial: Trial, trials: Trials) -> object:
+    """Return what a trial shares a parameter with: equal values are one group."""
+    properties, inputs = property_names(trials.properties), trials.schema.inputs
+    if by in (ALL, OBJECT, TRIAL):
+        return {ALL: None, OBJECT: trial.object, TRIAL: (trial.object, trial.name)}[by]
+    if by in inputs:
+        column = trial.inputs[:, inputs.index(by)]
+        if np.ptp(column) > 0:
+            raise CommonlawError("group-varies-in-trial", trial=trial.label, column=by)
+        return float(column[0])
+    check_choice("property", by, (*properties, *inputs))
+    if by not in trials.properties.get(trial.object, {}):
+        raise CommonlawError("property-missing", object=trial.object, property=by)
+    return trials.properties[trial.object][by]
 
 
 def _checked_noise(
@@ -237,7 +363,8 @@ def _checked_noise(
     for name, given in noise.items():
         check_choice("measured quantity", name, trials.schema.states)
         if isinstance(given, str):
-            groups[name] = {owner: str(_group(given, owner, trials)) for owner in trials.objects}
+            check_choice("property", given, property_names(trials.properties))
+            groups[name] = {trial.object: str(_group(given, trial, trials)) for trial in trials}
         elif not 0 < given < np.inf:
             raise CommonlawError("noise-not-positive", name=name, level=given)
         else:
@@ -249,11 +376,11 @@ def _problem(
     model: Model, trials: Trials, unknowns: Unknowns, start: float | None, priors: Mapping[str, tuple[float, float]]
 ) -> Problem:
     data = []
-    for trial, initial in zip(trials, unknowns.of_trial, strict=True):
+    rows = zip(trials, unknowns.parameters, unknowns.values, unknowns.initial, strict=True)
+    for trial, parameters, values, initial in rows:
         if start is not None and start > trial.times[0]:
             raise CommonlawError("initial-time-late", trial=trial.label, time=trial.times[0], initial_time=start)
-        owner = trial.object
-        data.append(TrialData.of(trial, model, start, unknowns.of_object[owner], unknowns.values[owner], initial))
+        data.append(TrialData.of(trial, model, start, parameters, values, initial))
     for name, (_, std) in priors.items():
         check_choice("parameter", name, list(dict.fromkeys(unknowns.names)))
         if not 0 < std < np.inf:
@@ -271,7 +398,7 @@ def _with_groups(problem: Problem, groups: Mapping[str, Mapping[str, str]]) -> P
         for group in dict.fromkeys(groups[name].values()) if name in groups else [None]:
             columns.append((k, group))
             names.append(name if group is None else f"{name} of {group}")
-    if len(names) == len(model.observables):
+    if names == list(model.observables):
         return problem
     order = [k for k, _ in columns]
     outputs = replace(model.outputs, outputs=model.outputs.outputs[order])
@@ -310,7 +437,8 @@ def _sizes(
         values = np.concatenate([each.inputs[:, model.column[i]] for each in trials])
         known[columns[name]] = float(np.abs(values).max(initial=0.0)) or 1.0
     for i, name in enumerate(model.parameters):
-        own = [values[i] for owner, values in unknowns.values.items() if unknowns.of_object[owner][i] < 0]
+        pairs = zip(unknowns.parameters, unknowns.values, strict=True)
+        own = [values[i] for indices, values in pairs if indices[i] < 0]
         if any(own):
             known[columns[name]] = float(np.mean(np.abs(own)))
         if i in model.delay:
@@ -347,7 +475,7 @@ def _sizes(
 
 def _begin_as_measured(model: Model, trials: Trials, unknowns: Unknowns, sizes: Floats, guessed: Bools) -> None:
     """Begin free initial values of measured states at their first measurements."""
-    for trial, indices in zip(trials, unknowns.of_trial, strict=True):
+    for trial, indices in zip(trials, unknowns.initial, strict=True):
         for name, k in zip(model.variables.states, indices, strict=True):
             if k >= 0 and name in model.observables and name not in model.text.observed:
                 seen = trial.states[:, model.observables.index(name)]
@@ -373,18 +501,21 @@ def _bounds(model: Model, trials: Trials, unknowns: Unknowns) -> Bounds:
     return Bounds(low, high)
 
 
-def _law(
-    model: Model,
-    trials: Trials,
-    problem: Problem,
-    unknowns: Unknowns,
-    bounds: Bounds,
-    optimum: Optimum,
-    start: float | None,
-    calls: tuple[str, ...],
-    groups: Mapping[str, Mapping[str, str]],
-) -> Law:
-    """Return the law of the largest likelihood."""
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A model with its parameters and initial values of largest likelihood."""
+
+    begun: Beginning
+    optimum: Optimum
+
+    def law(self, calls: tuple[str, ...]) -> Law:
+        """Return the law, which records the calls."""
+        return _law(self.begun, self.optimum, calls)
+
+
+def _law(begun: Beginning, optimum: Optimum, calls: tuple[str, ...]) -> Law:
+    model, trials, problem, unknowns = begun.model, begun.trials, begun.problem, begun.unknowns
+    groups = begun.groups
     given = read_equations(model.text.equations, model.schema, properties=property_names(trials.properties))
     inside = {each.name for each in given.coefficients}
     extra = [name for name in model.parameters if name not in inside]
@@ -395,7 +526,7 @@ def _law(
     known = np.nan_to_num(np.pad(given.known, ((0, 0), (0, len(extra)))))
     coefficients = np.tile(known, (len(trials.objects), 1, 1))
     for owner, whole in zip(trials.objects, coefficients, strict=True):
-        values = _values(model, unknowns, optimum.unknowns, owner)
+        values = _values(model, unknowns, optimum.unknowns, trials, owner)
         for each in products:
             whole[each.equation, each.term] = float(each.value(values))
     support = np.any(coefficients != 0, axis=0)
@@ -408,24 +539,34 @@ def _law(
     largest = [np.abs(problem.predicted(each, optimum.unknowns, False).states).max(axis=0) for each in problem.trials]
     sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), _TINY).tolist(), strict=True))
     errors = np.sqrt(np.diagonal(optimum.covariance))
+    apart = [by_trial(begun.restrictions.universal.get(name, OBJECT), trials.schema) for name in model.parameters]
     estimated = tuple(
-        InitialValue(trial.object, trial.name, name, float(optimum.unknowns[k]), float(errors[k]))
-        for trial, indices in zip(trials, unknowns.of_trial, strict=True)
-        for name, k in zip(model.variables.states, indices, strict=True)
+        TrialEstimate(trial.object, trial.name, unknowns.names[k], float(optimum.unknowns[k]), float(errors[k]))
+        for trial, own, indices in zip(trials, unknowns.parameters, unknowns.initial, strict=True)
+        for k in [*np.array(own, dtype=int)[apart].tolist(), *indices]
         if k >= 0
     )
     initial = dict(model.text.initial)
-    schema = replace(
-        trials.schema,
-        logarithmic=tuple(n for n, own in zip(problem.model.observables, problem.logarithmic, strict=True) if own),
-    )
+    schema = replace(trials.schema, logarithmic=begun.logarithmic)
     observation = Observation(
-        schema, dict(model.text.observed), initial, start, noise, sizes, estimated, optimum.log_likelihood, noise_of
+        schema,
+        dict(model.text.observed),
+        initial,
+        begun.start,
+        noise,
+        sizes,
+        estimated,
+        optimum.log_likelihood,
+        noise_of,
+        begun.restrictions,
     )
     steps = (
         Step("equations", "; ".join(given.texts), "as given"),
         *(Step("observation", f"{name} = {right}", "as given") for name, right in model.text.observed.items()),
-        *(Step("start", line, "as given") for line in observation.lines[len(model.text.observed) :]),
+        *(
+            Step("start" if "(0) = " in line else "parameters", line, "as given")
+            for line in observation.lines[len(model.text.observed) :]
+        ),
         Step(
             "fit",
             f"-log L = {-optimum.log_likelihood:.6g}",
@@ -433,8 +574,11 @@ def _law(
             f"{optimum.starts_alike} of the best starts end there",
         ),
     )
+    vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
+    names = [unknowns.labels[i] for i in vague[:8]]
+    limitless = (note("parameters-without-limits", parameters=names),) if names else ()
     provenance = Provenance(
-        outcomes=_at_bounds(model, unknowns, bounds, optimum),
+        outcomes=(*_at_bounds(model, unknowns, begun.bounds, optimum), *limitless),
         history=steps,
         equations=given.texts,
         calls=calls,
@@ -464,10 +608,10 @@ def _typical_noise(problem: Problem, optimum: Optimum) -> Floats:
     return found
 
 
-def _values(model: Model, unknowns: Unknowns, found: Floats, owner: str) -> dict[str, Floats]:
-    """Return the value of each parameter of an object."""
-    own = zip(model.parameters, unknowns.of_object[owner], unknowns.values[owner], strict=True)
-    return {name: np.asarray(value if k < 0 else found[k]) for name, k, value in own}
+def _values(model: Model, unknowns: Unknowns, found: Floats, trials: Trials, owner: str) -> dict[str, Floats]:
+    """Return the value of each parameter of an object, the mean over its trials."""
+    shares, known = unknowns.means(trials, owner)
+    return dict(zip(model.parameters, map(np.asarray, shares @ found + known), strict=True))
 
 
 def _covariance(
@@ -480,9 +624,8 @@ def _covariance(
     """
     place = {(j, k): i for i, (j, k) in enumerate(np.argwhere(support).tolist())}
     size, covariance = int(support.sum()), optimum.covariance
-    uses = np.zeros(len(unknowns.names), dtype=int)
-    for indices in unknowns.of_object.values():
-        uses[[k for k in indices if k >= 0]] += 1
+    means = {owner: unknowns.means(trials, owner)[0] for owner in trials.objects}
+    uses = np.sum([each.any(axis=0) for each in means.values()], axis=0)
     shared = np.flatnonzero((uses > 1) & ~optimum.at_bound)
     found, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
     std = np.sqrt(np.diagonal(covariance)[shared])
@@ -491,16 +634,16 @@ def _covariance(
     correlations = covariance[np.ix_(shared, shared)] / std / std[:, np.newaxis] + _ROUNDING * np.eye(len(shared))
     root = std[:, np.newaxis] * np.linalg.cholesky(correlations)
     for i, owner in enumerate(trials.objects):
-        values = _values(model, unknowns, optimum.unknowns, owner)
-        slopes = np.zeros((size, len(unknowns.names)))
-        index = dict(zip(model.parameters, unknowns.of_object[owner], strict=True))
+        values = _values(model, unknowns, optimum.unknowns, trials, owner)
+        slopes = np.zeros((size, len(model.parameters)))
         for each in products:
             for name, power in each.coefficients:
-                if (each.equation, each.term) in place and index[name] >= 0:
+                if (each.equation, each.term) in place:
                     others = each._replace(coefficients=tuple(c for c in each.coefficients if c[0] != name))
                     outer = float(others.value(values))
                     slope = outer * power * float(values[name]) ** (power - 1)
-                    slopes[place[each.equation, each.term], index[name]] += slope
+                    slopes[place[each.equation, each.term], model.parameters.index(name)] += slope
+        slopes = slopes @ means[owner]
         found[i] = slopes @ covariance @ slopes.T
         if len(shared):
             half = np.linalg.solve(root, covariance[shared] @ slopes.T)

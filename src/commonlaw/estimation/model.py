@@ -17,12 +17,14 @@ from commonlaw.library import Order, Variables, highest_columns, one_order, with
 from commonlaw.library.bounds import Bound, bounds_in, is_bound, parts_of
 from commonlaw.library.equation import DERIVATIVE, split_equations
 from commonlaw.library.grammar import FUNCTIONS, columns_in, write
+from commonlaw.library.notation import quoted
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
 from commonlaw.trials import Schema
 
 _NAME = r"`(?:[^`]|``)+`|[^\W\d]\w*"
 _DELAYED = re.compile(rf"(?P<name>{_NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{_NAME})\s*\)")
+_NAMED = re.compile(r"`((?:[^`]|``)+?)(\(t - (?:`(?:[^`]|``)+`|\w+)\))`")
 _CALLED = re.compile(rf"{_DELAYED.pattern}|(?P<step>step)\s*\(")
 _INITIAL = re.compile(rf"(?P<name>{_NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)")
 _OBSERVED = re.compile(rf"(?P<name>{_NAME})\s*=(?P<right>.*)")
@@ -217,7 +219,9 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
             delays.append((whole, name, delay))
         return f"`{whole}`"
 
-    equations = tuple(_DELAYED.sub(delayed, each) for each in text.equations)
+    # Those of a law have delayed inputs by their names
+    plain = (_NAMED.sub(lambda name: f"{quoted(name[1])}{name[2]}", each) for each in text.equations)
+    equations = tuple(_DELAYED.sub(delayed, each) for each in plain)
     text = replace(text, equations=equations)
     left = split_equations(equations)
     states = tuple(each.state for each in left)
@@ -245,9 +249,8 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     state_rates = list(zip(second, variables.states[len(states) :], strict=False))
     meanings = meanings_of(schema, order)
 
-    plain = {name: f"`{name}`" for name in measured.states if name not in text.observed}
-    for name in plain:
-        if name not in variables.states:
+    for name in measured.states:
+        if name not in text.observed and name not in variables.states:
             raise CommonlawError("measured-without-equation", name=name, states=variables.states)
     for name in text.observed:
         check_choice("measured quantity", name, measured.states)

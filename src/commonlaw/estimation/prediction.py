@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import Problem, TrialData
@@ -18,8 +18,9 @@ from commonlaw.integration.problem import diverged
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
-from commonlaw.law.observation import Observation
+from commonlaw.law.observation import OBJECT, Observation, Restrictions, by_trial
 from commonlaw.law.parameters import named_parameters
+from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import natural, number_of, with_logarithms
 from commonlaw.trials.trial import property_names
@@ -92,13 +93,15 @@ class _Curve:
     Parameters
     ----------
     data, problem
-        The trial, whose unknowns are the P parameters and then k initial values.
+        The trial, whose unknowns are all parameters and then the initial values.
     unknowns
         Their values.
+    known, free
+        Of these the P parameters of the law, and k that the trial determines, by index.
     parameter_covariance
-        Of the parameters, shape (P, P).
+        Of the parameters of the law, shape (P, P).
     covariance, sensitivity
-        Of the initial values where the parameters are known, shape (k, k), and how they change with these, (k, P).
+        Of what the trial determines where these are known, shape (k, k), and how it changes with these, (k, P).
     known_until
         The time of the last sample that determined initial values.
     """
@@ -106,6 +109,8 @@ class _Curve:
     data: TrialData
     problem: Problem
     unknowns: Floats
+    known: Indices
+    free: list[int]
     parameter_covariance: Floats
     covariance: Floats
     sensitivity: Floats
@@ -124,49 +129,61 @@ class _Curve:
     ) -> "_Curve":
         """Return the curve whose initial values have the largest likelihood at the parameters of a law.
 
-        Of the information H of parameters p and initial values x: Cov(x | p) = inv(H_xx), dx/dp = -inv(H_xx) H_xp.
+        Parameters that differ between trials of an object are estimated with the initial values. Of the information H
+        of other parameters p and these, x: Cov(x | p) = inv(H_xx), dx/dp = -inv(H_xx) H_xp.
         """
-        values, known = _parameters(law, model, trials, trial.object)
-        count, free = len(values), model.free_of(trial.object)
-        initial = np.full(model.width, -1)
-        initial[free] = np.arange(len(free))
-        whole = TrialData.of(trial, model, observation.initial_time, [-1] * count, values.tolist(), initial.tolist())
+        values, covariance = _parameters(law, model, trials, trial.object)
+        count, restrictions = len(values), observation.restrictions or Restrictions()
+        shared = [restrictions.universal.get(name, OBJECT) for name in model.parameters]
+        own = [i for i, by in enumerate(shared) if by_trial(by, observation.measured)]
+        free = [*own, *(count + j for j in model.free_of(trial.object))]
+        place = {index: k for k, index in enumerate(free)}
+        indices = [place.get(index, -1) for index in range(count + model.width)]
+        whole = TrialData.of(trial, model, observation.initial_time, indices[:count], values.tolist(), indices[count:])
         used = _used(trial, start, from_time)
         if free and not used.any():
             raise CommonlawError("trial-without-samples", trial=trial.label)
         seen = whole.seen(used) if used.any() else whole
         logarithmic = np.array([name in observation.measured.logarithmic for name in model.observables])
         sizes = np.array([observation.sizes[name] for name in model.variables.states])
-        priors = {free.index(j): prior for j, prior in model.expected.items() if j in free}
+        given = restrictions.priors
+        known = {i: given[name] for i, name in enumerate(model.parameters) if name in given}
+        known |= {count + j: prior for j, prior in model.expected.items()}
+        priors = {place[index]: prior for index, prior in known.items() if index in place}
         problem = Problem(model, (seen,), len(free), logarithmic, sizes, priors)
         rough = rough_noise(problem)
         noise = np.array([observation.noise.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
-        found = np.zeros(0)
+        unknowns = np.concatenate([values, np.zeros(model.width)])
         if free:
-            endless, none = np.full(len(free), np.inf), np.zeros(len(free), dtype=np.bool_)
-            found = maximize(problem, sizes[free], none, Bounds(-endless, endless), noise, 0, lambda _: None).unknowns
-        both = replace(seen, parameter=np.arange(count), initial=np.where(seen.initial < 0, -1, seen.initial + count))
-        shifted = {index + count: prior for index, prior in priors.items()}
-        problem = replace(problem, trials=(both,), unknowns=count + len(free), priors=shifted)
-        unknowns = np.concatenate([values, found])
+            first, guessed = np.concatenate([values, sizes])[free], np.zeros(len(free), dtype=np.bool_)
+            names = (*model.parameters, *(f"{name}(0)" for name in model.variables.states))
+            limits = np.array([limits_of(names[index], bounds_in(restrictions.bounds)) for index in free])
+            found = maximize(problem, first, guessed, Bounds(*limits.T), noise, 0, lambda _: None)
+            unknowns[free] = found.unknowns
+        others = np.setdiff1d(np.arange(count), own)
+        shifted = {free[k]: prior for k, prior in priors.items()}
+        initial = np.where(seen.initial < 0, -1, np.arange(model.width) + count)
+        both = replace(seen, parameter=np.arange(count), initial=initial)
+        problem = replace(problem, trials=(both,), unknowns=len(unknowns), priors=shifted)
         rows = problem.information(unknowns, noise)
-        inverse = np.asarray(np.linalg.pinv(rows[:, count:].T @ rows[:, count:]), dtype=np.float64)
-        sensitivity = -inverse @ rows[:, count:].T @ rows[:, :count]
+        inverse = np.asarray(np.linalg.pinv(rows[:, free].T @ rows[:, free]), dtype=np.float64)
+        sensitivity = -inverse @ rows[:, free].T @ rows[:, others]
         until = float(trial.times[used][-1]) if used.any() else float(whole.times[0])
-        return cls(both, problem, unknowns, known, inverse, sensitivity, until)
+        covariance = covariance[np.ix_(others, others)]
+        return cls(both, problem, unknowns, others, free, covariance, inverse, sensitivity, until)
 
     def at(self, times: Floats, return_std: bool) -> tuple[Floats, Floats, Floats]:
         """Return observables, their standard deviations, shape (n, m) each, and the states, shape (n, D).
 
         Observables that are log-scaled are given by their logarithms.
         """
-        grid, count = np.union1d(self.data.times[:1], times), len(self.parameter_covariance)
+        grid = np.union1d(self.data.times[:1], times)
         data = replace(self.data, times=grid, rows=np.searchsorted(grid, times))
         found = self.problem.predicted(data, self.unknowns, return_std)
         if found.slopes is None:
             return found.values, np.zeros(found.values.shape), found.states
-        by_initial = found.slopes[:, :, count:]
-        by_parameters = found.slopes[:, :, :count] + by_initial @ self.sensitivity
+        by_initial = found.slopes[:, :, self.free]
+        by_parameters = found.slopes[:, :, self.known] + by_initial @ self.sensitivity
         with np.errstate(all="ignore"):
             variance = np.einsum("nmp,pq,nmq->nm", by_parameters, self.parameter_covariance, by_parameters)
             variance += np.einsum("nmp,pq,nmq->nm", by_initial, self.covariance, by_initial)

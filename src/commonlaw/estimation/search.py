@@ -14,7 +14,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem
 
-_DRAWS = 128
+DRAWS = 128
 """First values whose likelihood is computed."""
 _IMPROVED = 12
 """Of these, how many are improved roughly, and then how many to the end."""
@@ -211,9 +211,9 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
     from scipy.stats import qmc
 
     count = len(sizes)
-    draws = qmc.Sobol(2 * count, seed=seed).random(_DRAWS) if count else np.zeros((_DRAWS, 0))
+    draws = qmc.Sobol(2 * count, seed=seed).random(DRAWS) if count else np.zeros((DRAWS, 0))
     spread = np.exp(_SPREAD * ndtri(np.clip(draws[:, :count], 1e-6, 1 - 1e-6)))
-    negative = (bounds.low < 0) & (draws[:, count:] < 0.2) & (np.arange(_DRAWS) % 2 == 1)[:, np.newaxis]
+    negative = (bounds.low < 0) & (draws[:, count:] < 0.2) & (np.arange(DRAWS) % 2 == 1)[:, np.newaxis]
     found = np.where(guessed, sizes, sizes * spread * np.where(negative, -1.0, 1.0))
     found[0] = sizes
     low, high = bounds.low, bounds.high
@@ -243,7 +243,7 @@ def maximize(
     noise: Floats | None,
     seed: int,
     progress: Callable[[str], None],
-    draws: int = _DRAWS,
+    draws: int = DRAWS,
 ) -> Optimum:
     """Return where the likelihood is largest, from the given first values and as many more as make up the draws.
 

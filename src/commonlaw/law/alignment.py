@@ -30,12 +30,20 @@ if TYPE_CHECKING:
     from commonlaw.law.law import Law
 
 
-def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same", observed: bool = False) -> Trials:
+def matched(
+    law: Law,
+    trials: Trials,
+    *,
+    inputs: Literal["same", "any"] = "same",
+    observed: bool = False,
+    noise: bool = True,
+) -> Trials:
     """Return trials of the variables of a law in its units; everything that takes a law and trials begins with this.
 
     What has no unit there or in the law is taken as it is. Left out are rates of the law's states and objects at rest
     that the law left out. Latent states come with their initial values, and doses as they are added. Only with `inputs`
-    "any" may the trials have other inputs than the law. Columns are states, unless what `observed` them is known.
+    "any" may the trials have other inputs than the law. Columns are states, unless what `observed` them is known; then
+    quantities have the `noise` that the law found for groups of objects.
 
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
@@ -53,7 +61,7 @@ def matched(law: Law, trials: Trials, *, inputs: Literal["same", "any"] = "same"
         if wanted != given:
             raise CommonlawError("columns-differ", kind=kind, expected=wanted or ["none"], given=given or ["none"])
     converted = with_doses(in_units(trials, _units(law, trials.schema)), schema.doses)
-    if law.observation is not None:
+    if law.observation is not None and noise:
         converted = with_noise(converted, law.observation.noise_of)
     return with_starts(converted, starts, schema.starts_at)
 

@@ -30,7 +30,7 @@ from commonlaw.trials import Schema
 from commonlaw.trials.files import parquet_bytes, parquet_columns
 from commonlaw.trials.trial import nearest
 
-VERSION = 4
+VERSION = 5
 
 _LARGEST = float(np.sqrt(np.finfo(np.float64).max))
 """Of a number in a file: deviances, covariances and lengths of vectors take squares, and that of a larger one, 1.3e154,
@@ -136,7 +136,7 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """See `Law`; terms are expressions, coefficients lists by object, constants the names of those inside terms."""
 
     format: Literal["commonlaw law"] = "commonlaw law"
-    version: Literal[4] = 4
+    version: Literal[5] = 5
     order: Literal[0, 1, 2] | tuple[Literal[1, 2], ...]
     schema: Schema
     rates: list[str]
@@ -164,13 +164,33 @@ _ALTERNATIVES = {"settings": "hyperparameters", "evidence lost": _BAYES_FACTOR}
 
 
 def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
-    """Return a document of an earlier version, which need not be valid, by the names of version 4."""
-    found = _with_widening(_renamed(document) if version < 3 else {**document, "version": 4})
+    """Return a document of an earlier version, which need not be valid, by the names of version 5."""
+    found = _with_widening(_renamed(document) if version < 3 else {**document, "version": VERSION})
+    if version < 5 and isinstance(found.get("observation"), dict):
+        found |= {"observation": _with_trial_estimates(found["observation"])}
     others = found.get("other_laws")
     if isinstance(others, list):
         found |= {"other_laws": [_with_widening(each) if isinstance(each, dict) else each for each in others]}
     wider = found.get("with_discrepancy")
-    return found | {"with_discrepancy": _with_widening({**wider, "version": 4})} if isinstance(wider, dict) else found
+    return (
+        found | {"with_discrepancy": _with_widening({**wider, "version": VERSION})}
+        if isinstance(wider, dict)
+        else found
+    )
+
+
+def _with_trial_estimates(observation: dict[str, Any]) -> dict[str, Any]:
+    """Return an observation whose initial values are estimates by trial."""
+    estimated = observation.get("estimated")
+    if not isinstance(estimated, list):
+        return observation
+    named = [
+        {**{key: value for key, value in each.items() if key != "state"}, "name": f"{each['state']}(0)"}
+        if isinstance(each, dict) and "state" in each
+        else each
+        for each in estimated
+    ]
+    return observation | {"estimated": named}
 
 
 def _with_widening(document: dict[str, Any]) -> dict[str, Any]:
@@ -198,7 +218,7 @@ def _renamed(document: dict[str, Any]) -> dict[str, Any]:
         provenance["alternatives"] = list(map(_alternative, provenance["alternatives"]))
     return {
         **{key: value for key, value in document.items() if key not in moved},
-        "version": 4,
+        "version": VERSION,
         "uncertainty": {name: document[key] for key, name in _UNCERTAINTY.items() if key in document},
         "provenance": provenance,
     }

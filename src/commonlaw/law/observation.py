@@ -23,15 +23,47 @@ The expression ``steady`` stands for the steady state, ``steady(u = 0)`` for tha
 STEADY = re.compile(r"steady(?:\s*\((?P<inputs>[^()]*)\))?")
 
 
+ALL, OBJECT, TRIAL = "all", "object", "trial"
+"""What has one value of a parameter: all trials, those of an object, or each one."""
+
+
 @dataclass(frozen=True)
-class InitialValue:
-    """An initial value that the measurements of a trial determined, with its standard error."""
+class TrialEstimate:
+    """A parameter or an initial value, such as ``x(0)``, that belongs to a trial, with its standard error."""
 
     object: str
     trial: str
-    state: str
+    name: str
     value: float
     error: float
+
+
+@dataclass(frozen=True)
+class Restrictions:
+    """What restricted the parameters when a law was fitted.
+
+    Parameters
+    ----------
+    universal
+        By parameter what has one value of it: "all" trials, those of an "object" (as where it is not here), each
+        "trial", or trials with the same value of a property or an input, by its name.
+    priors
+        Means and standard deviations by parameter.
+    bounds
+        As they are written, ``K > 0``.
+    noise_by
+        By measured quantity the property whose values have noise of their own.
+    """
+
+    universal: Mapping[str, str] = field(default_factory=dict)
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    bounds: tuple[str, ...] = ()
+    noise_by: Mapping[str, str] = field(default_factory=dict)
+
+
+def by_trial(by: str, schema: Schema) -> bool:
+    """Return whether what has one value of a parameter differs between trials of an object."""
+    return by == TRIAL or by in schema.inputs
 
 
 @dataclass(frozen=True)
@@ -55,11 +87,13 @@ class Observation:
     sizes
         The largest absolute value of each state and rate in the fitted solutions.
     estimated
-        Initial values that were estimated.
+        Initial values, and parameters that differ between trials of an object, by trial.
     log_likelihood
         Of the measurements, at the maximum.
     noise_of
         Standard deviations by measured quantity and object, of quantities that objects have been measured differently.
+    restrictions
+        Of the parameters; None for laws that were saved before these were recorded.
 
     Raises
     ------
@@ -73,9 +107,10 @@ class Observation:
     initial_time: float | None
     noise: Mapping[str, float]
     sizes: Mapping[str, float]
-    estimated: tuple[InitialValue, ...]
+    estimated: tuple[TrialEstimate, ...]
     log_likelihood: float
     noise_of: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    restrictions: Restrictions | None = None
 
     def __post_init__(self) -> None:
         for name in (*self.equations, *self.noise, *self.noise_of):
@@ -93,9 +128,11 @@ class Observation:
 
     @property
     def lines(self) -> list[str]:
-        """The observation equations and initial values, as they are printed."""
+        """The observation equations and initial values, as they are printed, and what differs between trials."""
         priors = {f"{name}(0)": f"{s[0]:g} ± {s[1]:g}" for name, s in self.initial.items() if isinstance(s, tuple)}
-        return [f"{left} = {right}" for left, right in (self.written | priors).items()]
+        universal = {} if self.restrictions is None else self.restrictions.universal
+        apart = [f"{name} by {by}; means are shown" for name, by in universal.items() if by_trial(by, self.measured)]
+        return [*(f"{left} = {right}" for left, right in (self.written | priors).items()), *apart]
 
     @property
     def noise_levels(self) -> Floats | None:
@@ -109,8 +146,8 @@ class Observation:
         return next((name for name, text in self.written.items() if word.search(text)), "")
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return the estimated initial values: object, trial, state, estimate, standard error."""
+        """Return what was estimated by trial: object, trial, parameter, estimate, standard error."""
         import pandas as pd
 
-        columns = ["object", "trial", "state", "estimate", "standard error"]
+        columns = ["object", "trial", "parameter", "estimate", "standard error"]
         return pd.DataFrame([astuple(each) for each in self.estimated], columns=columns)

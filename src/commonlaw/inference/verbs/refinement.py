@@ -3,12 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.estimation.fitting import check_white, refit
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
@@ -37,7 +38,14 @@ from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
 from commonlaw.runtime.cluster import on_cluster, refuse_client
-from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind, FitOptions, check_settings
+from commonlaw.runtime.fit_options import (
+    CovarianceKind,
+    ErrorKind,
+    FitOptions,
+    changed_settings,
+    check_settings,
+    settings_of,
+)
 from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, silent
 from commonlaw.text import counted
@@ -68,6 +76,8 @@ def refine(
 
     The terms stay, whatever method found them; the law gets standard errors. Initial states are free, chaotic laws are
     welcome, and values may be missing (multiple shooting with a shot for each step, see `commonlaw.likelihood`).
+    A law with observation equations keeps these, its given initial values, shared parameters, priors and bounds, and is
+    fitted as by `commonlaw.fit`, from its parameters and other first values.
 
     Parameters
     ----------
@@ -112,6 +122,9 @@ def refine(
     check_settings("refine", given)
     calls = (*law.provenance.calls, call(refine, given, "cl.refine", "law", "trials"))
     progress = on_terminal() if progress is None else progress
+    if law.observation is not None:
+        refuse_client(client)
+        return _of_observation(law, trials, given, calls, progress)
     how = _Fit(positive, input_between, noise, errors, errors == "white", huber_threshold, covariance, seed)
     if isinstance(trials, TrialStream):
         with on_cluster(client):
@@ -124,6 +137,27 @@ def refine(
         refined = how.refined(law, trials, partial_pooling, progress)
     refined = replace(refined, provenance=replace(refined.provenance, calls=calls))
     return pool_objects(refined, None, partial_pooling)
+
+
+def _of_observation(
+    law: Law,
+    trials: Trials | TrialStream,
+    settings: Mapping[str, Any],
+    calls: tuple[str, ...],
+    progress: ProgressCallback,
+) -> Law:
+    """Return a law with an observation fitted to trials as `commonlaw.estimation` does."""
+    if isinstance(trials, TrialStream):
+        raise CommonlawError("not-refined-file-by-file", what="observation equations")
+    known = settings_of(FitOptions, "refine")
+    changed = changed_settings("refine", {name: settings[name] for name in known})
+    check_white(changed)
+    taken = {name: changed[name] for name in ("positive", "input_between", "noise", "seed") if name in changed}
+    if taken.get("input_between") == "auto":
+        raise CommonlawError("not-with-observation", settings=["input_between='auto'"])
+    refined = refit(law, trials, **taken, progress=progress).law(calls)
+    history = (*law.history, refined.history[-1])
+    return replace(refined, provenance=replace(refined.provenance, history=history))
 
 
 @dataclass(frozen=True)
