@@ -5,8 +5,8 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import default_method
-from commonlaw.inference import can_be_carried
-from commonlaw.inference.data.subsampling import as_many_as_are_carried
+from commonlaw.inference import can_be_subsampled
+from commonlaw.inference.data.subsampling import subsample
 from commonlaw.law.parameters import standard_errors
 from commonlaw.outcomes import OutcomeKind
 
@@ -22,14 +22,14 @@ def swinging(step, *lengths, objects=None):
 
 def test_trials_that_are_carried_stay_as_they_are():
     trials = swinging(0.1, 300, 200)
-    fitted = as_many_as_are_carried(trials, np.array([NOISE]), 500)
+    fitted = subsample(trials, np.array([NOISE]), 500)
     assert fitted.trials is trials
     assert fitted.words == ""
 
 
 def test_close_samples_are_thinned_over_the_whole_of_each_trial():
     trials = swinging(0.002, 9000, 6000)
-    fitted = as_many_as_are_carried(trials, np.array([NOISE]), 1500)
+    fitted = subsample(trials, np.array([NOISE]), 1500)
     assert fitted.words == "1500 of 15000: every 10th"
     for before, after in zip(trials, fitted.trials, strict=True):
         np.testing.assert_array_equal(after.times, before.times[::10])
@@ -38,7 +38,7 @@ def test_close_samples_are_thinned_over_the_whole_of_each_trial():
 
 def test_samples_that_just_resolve_the_motion_are_kept_in_segments_spread_over_the_trials():
     trials = swinging(0.3, 4000, 1000)
-    fitted = as_many_as_are_carried(trials, np.array([NOISE]), 1000)
+    fitted = subsample(trials, np.array([NOISE]), 1000)
     assert fitted.words == "1000 of 5000: in 5 segments spread over the trials"
     assert {each.name.split(",")[0] for each in fitted.trials} == {"1", "2"}
     for each in fitted.trials:
@@ -50,7 +50,7 @@ def test_samples_that_just_resolve_the_motion_are_kept_in_segments_spread_over_t
 
 def test_every_object_keeps_its_share():
     trials = swinging(0.3, 300, 5000, 700, objects=["short", "long", "middle"])
-    fitted = as_many_as_are_carried(trials, np.array([NOISE]), 2000).trials
+    fitted = subsample(trials, np.array([NOISE]), 2000).trials
     kept = {name: sum(map(len, fitted.of_object(name))) for name in trials.objects}
     assert kept["short"] == 300
     assert kept["middle"] == 700
@@ -60,7 +60,7 @@ def test_every_object_keeps_its_share():
 def test_inputs_are_never_thinned():
     times = 0.002 * np.arange(4000)
     trials = cl.Trials.from_arrays(times, np.cos(times), inputs=np.sign(np.sin(9 * times)))
-    fitted = as_many_as_are_carried(trials, np.array([1e-4]), 1000)
+    fitted = subsample(trials, np.array([1e-4]), 1000)
     assert all(np.allclose(np.diff(each.times), 0.002) for each in fitted.trials)
 
 
@@ -82,7 +82,7 @@ def test_the_law_of_a_part_has_errors_and_says_what_it_was_fitted_to(step, sampl
 def test_another_method_is_taken_where_objects_are_too_many_only_and_that_is_said():
     long = cl.Trials.from_arrays(np.arange(60_000.0), np.zeros(60_000))
     many = cl.Trials.from_arrays([np.arange(220.0)] * 260, [np.zeros(220)] * 260, object=[*map(str, range(260))])
-    assert can_be_carried(long)
-    assert not can_be_carried(many)
+    assert can_be_subsampled(long)
+    assert not can_be_subsampled(many)
     assert isinstance(default_method(long), cl.TrajectoryLikelihood)
     assert isinstance(default_method(many), cl.DerivativeRegression)

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 import commonlaw as cl
 from commonlaw.formulation import law_variables
 from commonlaw.inference.fit.annealing import fit_supports
-from commonlaw.inference.fit.lack_of_fit import growth, with_growing_noise
+from commonlaw.inference.fit.lack_of_fit import growth, with_proportional_noise
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.library import PolynomialLibrary
 
@@ -26,21 +26,21 @@ def noise(seed=0):
 
 
 def test_noise_in_proportion_is_seen_with_its_share():
-    found = [with_growing_noise(problem_of(DECAY * (1 + 0.05 * noise(seed)))) for seed in range(10)]
+    found = [with_proportional_noise(problem_of(DECAY * (1 + 0.05 * noise(seed)))) for seed in range(10)]
     shares = [each.errors.heteroscedastic["proportional"][0] for each in found]
     assert np.mean(shares) == pytest.approx(0.05, rel=0.1)
     assert all(each.noise[0] < 0.02 for each in found)  # Where the noise is 0.25 at first
 
 
 def test_white_noise_and_exact_states_show_none():
-    white = [with_growing_noise(problem_of(DECAY + 0.05 * noise(seed))) for seed in range(50)]
+    white = [with_proportional_noise(problem_of(DECAY + 0.05 * noise(seed))) for seed in range(50)]
     assert sum(bool(each.errors) for each in white) <= 1
-    assert not with_growing_noise(problem_of(DECAY)).errors
+    assert not with_proportional_noise(problem_of(DECAY)).errors
 
 
 def test_noise_that_is_given_stays():
     given = problem_of(DECAY * (1 + 0.05 * noise()), noise=np.array([0.1]))
-    assert with_growing_noise(given) is given
+    assert with_proportional_noise(given) is given
 
 
 def test_outliers_are_seldom_taken_for_growth():
@@ -48,7 +48,7 @@ def test_outliers_are_seldom_taken_for_growth():
     for seed in range(30):
         states = DECAY + 0.05 * noise(seed)
         states[[10, 200]] += 2.0
-        seen += bool(with_growing_noise(problem_of(states)).errors)
+        seen += bool(with_proportional_noise(problem_of(states)).errors)
     assert seen <= 4
 
 

@@ -12,7 +12,7 @@ import commonlaw as cl
 from commonlaw.inference import prepare
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import CurveData
-from commonlaw.inference.fit.parameter_grid import Banks, frequencies_in_time
+from commonlaw.inference.fit.parameter_grid import ParameterGrids, frequencies_in_time
 from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable, assemble_terms
 from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start, rank_supports
 from commonlaw.inference.score.score import Score
@@ -93,7 +93,7 @@ def test_a_method_that_finds_no_constants_refuses_them_by_name(enzymes):
 
 def test_a_bank_has_no_pole_where_the_curves_have_been_or_between_points():
     variables, values = Variables(("s",)), np.array([[-1.0, 0.0], [2.0, 1.0]])
-    banks = Banks.along(variables, values, [parametric_term("1/(K + s)", variables)])
+    banks = ParameterGrids.along(variables, values, [parametric_term("1/(K + s)", variables)])
     (parameters,) = banks.parameters
     assert len(parameters) > 20
     assert ((parameters > 1) | (parameters < -2)).all()
@@ -101,7 +101,9 @@ def test_a_bank_has_no_pole_where_the_curves_have_been_or_between_points():
 
 def test_values_of_constants_that_say_the_same_are_tried_once():
     variables = Variables(("s",))
-    banks = Banks.along(variables, np.array([[1.0, 0.0], [2.0, 1.0]]), [parametric_term("1/(K^2 + s^2)", variables)])
+    banks = ParameterGrids.along(
+        variables, np.array([[1.0, 0.0], [2.0, 1.0]]), [parametric_term("1/(K^2 + s^2)", variables)]
+    )
     assert (banks.parameters[0] > 0).all()
 
 
@@ -195,8 +197,8 @@ def test_a_course_that_turns_by_a_force_over_the_speed_is_found():
 def test_what_is_divided_by_a_state_that_changes_its_sign_is_not_tried():
     terms = parametric_term("cos(y)/x", Variables(("x", "y")))
     values = np.column_stack([np.linspace(-1, 1, 50), np.linspace(0, 3, 50), np.linspace(0, 1, 50)])
-    assert not Banks.along(Variables(("x", "y")), values, [terms]).columns.size
-    assert Banks.along(Variables(("x", "y")), np.abs(values), [terms]).columns.shape == (50, 1)
+    assert not ParameterGrids.along(Variables(("x", "y")), values, [terms]).columns.size
+    assert ParameterGrids.along(Variables(("x", "y")), np.abs(values), [terms]).columns.shape == (50, 1)
 
 
 @pytest.mark.parametrize(
@@ -302,8 +304,8 @@ def test_terms_are_not_compared_that_another_with_as_few_constants_repeats():
     texts = ("abs(x)^p", "x/(K + x)", "sqrt(x)", "x/(e + abs(x))", "abs(x)^p*sign(x)")
     terms = [parametric_term(each, variables) for each in texts]
     values = np.column_stack([np.linspace(0.5, 2, 50), np.linspace(0, 1, 50)])
-    assert Banks.along(variables, values, terms).repeated.tolist() == [False, False, False, True, True]
-    assert not Banks.along(variables, values - [1, 0], terms).repeated.any()
+    assert ParameterGrids.along(variables, values, terms).repeated.tolist() == [False, False, False, True, True]
+    assert not ParameterGrids.along(variables, values - [1, 0], terms).repeated.any()
 
 
 def test_functions_of_all_families_are_offered_by_the_library_for_whom_none_comes_to_mind():

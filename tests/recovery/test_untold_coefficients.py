@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
+from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence
 from commonlaw.law.parameters import standard_errors
 
 TIMES = np.linspace(0, 5, 50)
@@ -49,6 +49,6 @@ def test_an_object_that_tells_nothing_of_a_coefficient_counts_as_one_that_tells_
         rows[3, :, 1] = size * generator.standard_normal(60)
         rows[3, :, 2] = rows[3, :, 0]
         factors = np.array([np.linalg.qr(each, mode="r") for each in rows])
-        found.append(minus_twice_log_evidence(factors, np.array([0, 1]), Measured(240)))
+        found.append(minus_twice_log_evidence(factors, np.array([0, 1]), NoiseScale(240)))
     assert np.isfinite(found).all()
     np.testing.assert_allclose(found[0], found[1], atol=1e-3)

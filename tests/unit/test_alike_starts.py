@@ -8,9 +8,9 @@ from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from commonlaw.inference.fit.annealing import fit_with
-from commonlaw.inference.fit.initial_condition_prior import AlikeStarts
+from commonlaw.inference.fit.initial_condition_prior import InitialConditionPrior
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.likelihood import linearize, whitened_from_starts
+from commonlaw.likelihood import linearize, whitened_with_initial_states
 from commonlaw.trials import Schema, Trial, Trials
 from tests.unit.trajectories import SUPPORT, of_prey, prey, terms_of
 
@@ -63,7 +63,7 @@ def expected(trials, effect):
 @pytest.mark.parametrize("std", [(0.1, 0.05), (3.0, 0.05), (3.0, 2.0)])
 def test_the_price_of_starts_is_that_of_their_normal_distribution(std):
     trials = falling(std)
-    found = AlikeStarts(fitted(trials, "1")).price(fitted(trials, "t"))
+    found = InitialConditionPrior(fitted(trials, "1")).price(fitted(trials, "t"))
     wanted = expected(trials, lambda t: t**3) - expected(trials, np.square)
     assert found == pytest.approx(wanted, abs=0.1)
 
@@ -72,7 +72,7 @@ def test_starts_far_apart_hardly_tell_laws_apart():
     prices = []
     for std in (0.05, 20.0):
         right, wrong = (fitted(falling((std, std)), term) for term in "1t")
-        prices.append(AlikeStarts(right).price(wrong))
+        prices.append(InitialConditionPrior(right).price(wrong))
     assert prices[0] > 3
     assert abs(prices[1]) < 1
 
@@ -80,14 +80,14 @@ def test_starts_far_apart_hardly_tell_laws_apart():
 def test_few_trials_say_nothing_of_starts():
     trials = falling((0.1, 0.1), trials=2)
     right, other = (fitted(trials, term) for term in "1t")
-    starts = AlikeStarts(right)
+    starts = InitialConditionPrior(right)
     assert starts.price(other) == 0
     assert starts.near(right)(other.supports) == 0
 
 
 def test_what_is_promised_near_a_law_is_the_price_of_it_where_starts_scatter_alike():
     right = fitted(falling((0.1, 0.05)), "1")
-    starts = AlikeStarts(right)
+    starts = InitialConditionPrior(right)
     assert starts.near(right)(right.supports) == pytest.approx(0, abs=1e-6)
     more = starts.near(right)(np.array([[True, True]]))
     assert more == pytest.approx(starts.price(fit_with(right.problem, np.array([[True, True]]), 0.0)), abs=0.5)
@@ -95,7 +95,7 @@ def test_what_is_promised_near_a_law_is_the_price_of_it_where_starts_scatter_ali
 
 def test_rows_with_starts_as_columns_are_those_with_starts_eliminated():
     model, start = of_prey(prey()[1])
-    rows, log_determinant = whitened_from_starts(model, start, 0.1, SUPPORT)
+    rows, log_determinant = whitened_with_initial_states(model, start, 0.1, SUPPORT)
     left = []
     for each in rows:
         factor = np.asarray(np.linalg.qr(each, mode="r"))

@@ -13,9 +13,9 @@ from commonlaw.formulation import explained
 from commonlaw.library import Term, Terms, Variables, parse_library
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.likelihood import (
-    AboutEstimates,
     Estimate,
     LatentProcesses,
+    LinearizedObjects,
     NotPositiveError,
     ObservationModel,
     Prior,
@@ -230,7 +230,7 @@ def test_objects_at_other_levels_of_errors_are_linearized_as_one_by_one(library,
     (mesh,), latent = model.meshes, LatentProcesses(**levels)
     scales = np.random.default_rng(0).uniform(0.5, 2.0, (2, *mesh.measured.shape))
     std = np.concatenate(scales) * model.observation.noise
-    found, log_determinant = AboutEstimates(models, estimates, columns).linearize(std, latent, 0.1)
+    found, log_determinant = LinearizedObjects(models, estimates, columns).linearize(std, latent, 0.1)
     alone = [
         linearize(replace(each, meshes=[mesh.with_scale(scale)], latent=latent), own, 0.1, columns)
         for each, own, scale in zip(models, estimates, scales, strict=True)

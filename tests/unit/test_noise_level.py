@@ -9,7 +9,7 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation.noise import _covariance, differences, noise_level
 from commonlaw.formulation import law_variables
-from commonlaw.inference.data.noise import noise_of_digits
+from commonlaw.inference.data.noise import rounding_noise
 from commonlaw.inference.fit.problem import prepare
 from tests.refusals import refused
 
@@ -180,9 +180,9 @@ def test_of_exact_measurements_what_leaves_less_counts_for_more():
     problem = measured_of(values)
     assert problem.noise[0] == pytest.approx(1e-4 * values.std())  # What laws are fitted under at least
     assert problem.least_variance == pytest.approx(1)
-    least, less, more = (problem.counted.deviance(share**2 * 100, 2) for share in (0.0, 0.2, 0.5))
+    least, less, more = (problem.noise_scale.deviance(share**2 * 100, 2) for share in (0.0, 0.2, 0.5))
     assert more - less > 50
-    assert problem.counted.least == pytest.approx(0.01)
+    assert problem.noise_scale.least == pytest.approx(0.01)
     assert less - least < 300
 
 
@@ -190,11 +190,11 @@ def test_of_exact_measurements_what_leaves_less_counts_for_more():
 def test_few_values_have_the_step_of_their_decimals(decimals, step):
     times = np.arange(8.0)
     trials = cl.Trials.from_arrays([times] * 2, [(10 * np.exp(-r * times)).round(decimals) for r in (0.31, 0.17)])
-    assert noise_of_digits(trials) == pytest.approx([step / np.sqrt(12)])
+    assert rounding_noise(trials) == pytest.approx([step / np.sqrt(12)])
 
 
 def test_digits_tell_no_less_than_their_steps():
     problem = measured_of(np.exp(-np.linspace(0, 5, 100)).round(2))
     assert problem.least_variance == pytest.approx((0.01 / np.sqrt(12) / problem.noise[0]) ** 2)
-    assert problem.counted.least == pytest.approx(problem.least_variance)
-    assert problem.counted.deviance(1e-6, 2) == pytest.approx(problem.counted.deviance(0.0, 2), abs=1e-3)
+    assert problem.noise_scale.least == pytest.approx(problem.least_variance)
+    assert problem.noise_scale.deviance(1e-6, 2) == pytest.approx(problem.noise_scale.deviance(0.0, 2), abs=1e-3)

@@ -34,7 +34,7 @@ def test_a_law_whose_solution_is_followed_is_solved():
 def test_steps_from_one_resting_point_to_the_next_follow_no_solution():
     resting = np.pi * np.random.default_rng(1).integers(20, 24, len(TIMES))  # Of sin(x), 12 rates of 20 in a step
     fit = stated("terms:sin(x)", [-500.0], resting.astype(float), model_error=0.5)
-    assert not fit.follows_solutions
+    assert not fit.is_resolved
     assert not fit.is_solved
 
 
@@ -51,12 +51,12 @@ def test_a_fit_that_is_no_solution_of_its_law_did_not_converge():
 
 
 def test_a_fast_law_at_rest_is_followed():
-    assert stated("terms:1,x", [200.0, -100.0], np.full(len(TIMES), 2.0)).follows_solutions
+    assert stated("terms:1,x", [200.0, -100.0], np.full(len(TIMES), 2.0)).is_resolved
 
 
 def test_what_a_law_errs_by_in_each_step_is_no_error_of_the_step():
     wandering = 3 * np.exp(-0.5 * TIMES) + np.cumsum(0.05 * np.random.default_rng(2).standard_normal(len(TIMES)))
-    assert stated("terms:x", [-0.5], wandering, model_error=1.0).follows_solutions
+    assert stated("terms:x", [-0.5], wandering, model_error=1.0).is_resolved
 
 
 def test_a_law_whose_trajectories_diverge_is_not_solved():

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from commonlaw.formulation import LeastSquaresProblem, law_variables
 from commonlaw.inference.score import evidence
-from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence, rss_with_each
+from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence, rss_with_added_term
 from commonlaw.inference.score.priors import StructurePrior, shifted
 from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.kernel import VARIABLE
@@ -44,7 +44,7 @@ def test_the_evidence_of_a_single_object_is_the_bic():
     for indices in ([], [0], [0, 2], [2, 1]):
         rest = target - library[:, indices] @ np.linalg.lstsq(library[:, indices], target, rcond=None)[0]
         expected = rest @ rest + len(indices) * np.log(77)
-        assert minus_twice_log_evidence(factors(data), np.array(indices, dtype=int), Measured(77)) == pytest.approx(
+        assert minus_twice_log_evidence(factors(data), np.array(indices, dtype=int), NoiseScale(77)) == pytest.approx(
             expected
         )
 
@@ -58,7 +58,7 @@ def test_exact_data_tell_terms_of_a_single_object_that_are_nearly_alike(compiled
     both = np.column_stack([library[:, 0], library[:, 0] + apart * library[:, 1]])
     target = 1e3 / apart * (both[:, 1] - both[:, 0])
     own = factors([(both, target)])
-    alone, together = (minus_twice_log_evidence(own, np.array(k), Measured(40)) for k in ([0], [0, 1]))
+    alone, together = (minus_twice_log_evidence(own, np.array(k), NoiseScale(40)) for k in ([0], [0, 1]))
     assert together == (pytest.approx(2 * np.log(40), abs=0.1) if are_told else np.inf)
     assert together < alone or not are_told
 
@@ -66,7 +66,7 @@ def test_exact_data_tell_terms_of_a_single_object_that_are_nearly_alike(compiled
 def test_noise_of_unknown_scale_is_integrated_out():
     """For normal noise and an inverse gamma prior of its variance that is the density of the t distribution."""
     (library, target) = rows([[2.0, 0.0, -1.0]], noise=0.3)[0]
-    measured = Measured(77, freedom=len(target) + 4.0, prior=2.5)
+    measured = NoiseScale(77, freedom=len(target) + 4.0, prior=2.5)
 
     def exact(squares):
         def log_density(v):
@@ -87,7 +87,7 @@ def test_noise_of_unknown_scale_is_integrated_out():
 
 
 def test_what_is_left_below_the_least_noise_says_no_more_than_noise_of_that_size():
-    measured = Measured(77, freedom=70.0, least=0.04)
+    measured = NoiseScale(77, freedom=70.0, least=0.04)
     assert measured.variance(0.1, 5) == 0.04
     assert measured.deviance(0.2, 5) - measured.deviance(0.1, 5) == pytest.approx(0.1 / 0.04)
     free = replace(measured, least=0.0)
@@ -128,7 +128,7 @@ def test_the_evidence_of_a_shared_term_is_the_marginal_likelihood():
             weights = 1 / (1 / precisions + variance)
             costs.append(lost([weights @ estimates[:, 0] / weights.sum()], [variance]))
         expected = rest + min(costs) + np.log(500) + np.log(6)
-        assert minus_twice_log_evidence(factors(data), np.array([0]), Measured(500)) == pytest.approx(
+        assert minus_twice_log_evidence(factors(data), np.array([0]), NoiseScale(500)) == pytest.approx(
             expected, rel=1e-9
         )
 
@@ -166,7 +166,7 @@ def test_the_evidence_of_several_terms_is_that_of_coefficients_or_of_orthogonal_
     expected = -2 * np.log(np.mean(np.exp(-(costs - costs.min()) / 2))) + costs.min()
     rest, *_ = marginal(data, [0, 1])
     found = (
-        minus_twice_log_evidence(factors(data), np.array([0, 1]), Measured(500))
+        minus_twice_log_evidence(factors(data), np.array([0, 1]), NoiseScale(500))
         - rest
         - 2 * np.log(500)
         - 2 * np.log(8)
@@ -184,13 +184,13 @@ def test_where_a_variable_is_counted_from_does_not_matter():
         for power in (1, 2):
             library = [np.column_stack([np.ones(80), (each + shift) ** power]) for each in x]
             data = factors(zip(library, rates / 0.1, strict=True))
-            values[shift, power] = minus_twice_log_evidence(data, np.array([0, 1]), Measured(480))
+            values[shift, power] = minus_twice_log_evidence(data, np.array([0, 1]), NoiseScale(480))
     expected = values[1e6, 1]
     assert [values[shift, 1] for shift in (1e2, -1e4)] == pytest.approx([expected] * 2, abs=0.01)
     assert [values[shift, 2] for shift in (-1e4, 1e6)] == pytest.approx([expected] * 2, abs=0.1)
 
 
-MEASURED = (Measured(77), Measured(77, 77.0, 2.0, least=0.5), Measured(77, 70.0, 2.0, outliers=9.0))
+MEASURED = (NoiseScale(77), NoiseScale(77, 77.0, 2.0, least=0.5), NoiseScale(77, 70.0, 2.0, outliers=9.0))
 
 
 @pytest.mark.parametrize("measured", MEASURED)
@@ -215,28 +215,28 @@ def test_units_of_terms_do_not_matter():
     data = rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3)))
     other = [(library * [1e-4, 1.0, 1e5], target) for library, target in data]
     indices = np.array([0, 1, 2])
-    assert minus_twice_log_evidence(factors(other), indices, Measured(200)) == pytest.approx(
-        minus_twice_log_evidence(factors(data), indices, Measured(200))
+    assert minus_twice_log_evidence(factors(other), indices, NoiseScale(200)) == pytest.approx(
+        minus_twice_log_evidence(factors(data), indices, NoiseScale(200))
     )
 
 
 def test_terms_that_cannot_be_told_apart_have_no_evidence():
     data = [(np.column_stack([library, 0 * library[:, 0]]), target) for library, target in rows(np.ones((3, 2)))]
-    assert minus_twice_log_evidence(factors(data), np.array([0, 2]), Measured(100)) == np.inf
+    assert minus_twice_log_evidence(factors(data), np.array([0, 2]), NoiseScale(100)) == np.inf
 
 
 def test_supports_that_cannot_be_below_a_bar_get_a_lower_bound():
     data = factors(rows(1.5 + 0.5 * np.random.default_rng(1).standard_normal((5, 3))))
-    whole = minus_twice_log_evidence(data, np.array([0, 2]), Measured(200))
-    assert minus_twice_log_evidence(data, np.array([0, 2]), Measured(200), whole + 1) == whole
-    assert minus_twice_log_evidence(data, np.array([0, 2]), Measured(200), 1.0) <= whole
+    whole = minus_twice_log_evidence(data, np.array([0, 2]), NoiseScale(200))
+    assert minus_twice_log_evidence(data, np.array([0, 2]), NoiseScale(200), whole + 1) == whole
+    assert minus_twice_log_evidence(data, np.array([0, 2]), NoiseScale(200), 1.0) <= whole
 
 
 @pytest.mark.parametrize("indices", [[], [1], [0, 3]])
 def test_sums_of_squares_with_each_other_term_are_those_of_least_squares(indices):
     data = rows([[2.0, 0.0, -1.0, 1.0], [1.0, 1.0, 0.0, 0.5]])
     data = [(np.column_stack([library, library[:, 1] + 1e-9 * library[:, 0]]), target) for library, target in data]
-    found = rss_with_each(factors(data), np.array(indices, dtype=int))
+    found = rss_with_added_term(factors(data), np.array(indices, dtype=int))
 
     def rest(kept):
         return sum(np.sum((y - x[:, kept] @ np.linalg.lstsq(x[:, kept], y, rcond=None)[0]) ** 2) for x, y in data)
@@ -272,7 +272,7 @@ def coupled(objects=4, samples=120, seed=1, noise=0.3):
 @pytest.mark.parametrize("solver", [BestSubset(nodes=20), StepwiseSelection()])
 def test_the_supports_of_coupled_equations_are_found_from_any_start(objects, solver):
     allowed = np.ones_like(TRUTH)
-    evidence = SupportEvidence(coupled(objects), allowed, Measured(240 * objects), PRICES)
+    evidence = SupportEvidence(coupled(objects), allowed, NoiseScale(240 * objects), PRICES)
     for start in (allowed, TRUTH, np.zeros_like(TRUTH)):
         np.testing.assert_array_equal(evidence.choose(start, solver), TRUTH)
 
@@ -281,14 +281,14 @@ def test_no_other_supports_of_both_equations_have_more_evidence():
     allowed = np.ones_like(TRUTH)
     every = [np.array(list(np.binary_repr(number, 10)), dtype=int).astype(bool).reshape(2, 5) for number in range(1024)]
     for seed in range(4):
-        evidence = SupportEvidence(coupled(1, seed=seed), allowed, Measured(240), PRICES)
+        evidence = SupportEvidence(coupled(1, seed=seed), allowed, NoiseScale(240), PRICES)
         best = min(every, key=evidence.value)
         np.testing.assert_array_equal(evidence.choose(allowed, BestSubset(nodes=20)), best)
 
 
 def test_an_equation_has_no_more_terms_than_it_may():
     for most in (1, 2):
-        chosen = SupportEvidence(coupled(), np.ones_like(TRUTH), Measured(480), PRICES, most).choose(
+        chosen = SupportEvidence(coupled(), np.ones_like(TRUTH), NoiseScale(480), PRICES, most).choose(
             np.ones_like(TRUTH), BestSubset(nodes=20)
         )
         assert chosen.sum(axis=1).tolist() == [most, most]
@@ -297,7 +297,7 @@ def test_an_equation_has_no_more_terms_than_it_may():
 def test_terms_that_are_not_allowed_are_not_chosen():
     allowed = np.ones_like(TRUTH)
     allowed[0, 3] = allowed[1] = False
-    evidence = SupportEvidence(coupled(), allowed, Measured(480), PRICES)
+    evidence = SupportEvidence(coupled(), allowed, NoiseScale(480), PRICES)
     chosen = evidence.choose(allowed, BestSubset(nodes=20))
     assert not (chosen & ~allowed).any()
     assert chosen[0, 0]
@@ -307,9 +307,9 @@ def test_terms_that_are_not_allowed_are_not_chosen():
 
 def test_the_value_is_the_evidence_with_the_price_of_choosing():
     parts = coupled()
-    evidence = SupportEvidence(parts, np.ones_like(TRUTH), Measured(480), PRICES)
+    evidence = SupportEvidence(parts, np.ones_like(TRUTH), NoiseScale(480), PRICES)
     expected = (
-        minus_twice_log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), Measured(480))
+        minus_twice_log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), NoiseScale(480))
         - 2 * np.log(beta(1 + 2, 5 + 5 - 2) / beta(1, 5))
         - 2 * np.log(beta(1 + 3, 5 + 5 - 3) / beta(1, 5))
         + (0 + 2)
@@ -347,14 +347,14 @@ def test_of_terms_that_data_cannot_tell_apart_the_simpler_is_chosen(simple):
         ((library, target),) = rows([[2.0]], seed=seed)
         both = library * [1, 1] + 1e-6 * np.random.default_rng(seed).standard_normal((40, 2))
         evidence = SupportEvidence(
-            problems([(both, target)]), np.ones((1, 2), dtype=bool), Measured(40), StructurePrior(prices)
+            problems([(both, target)]), np.ones((1, 2), dtype=bool), NoiseScale(40), StructurePrior(prices)
         )
         assert evidence.choose(np.ones((1, 2), dtype=bool), BestSubset())[0].tolist() == [simple == 0, simple == 1]
 
 
 def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
     parts = coupled(2)
-    found = SupportEvidence(parts, np.ones_like(TRUTH), Measured(240), PRICES).coefficients(TRUTH)
+    found = SupportEvidence(parts, np.ones_like(TRUTH), NoiseScale(240), PRICES).coefficients(TRUTH)
     assert found.shape == (2, 2, 5)
     for problem, own in zip(parts, found, strict=True):
         columns = np.flatnonzero(TRUTH)
@@ -366,7 +366,7 @@ def test_coefficients_are_those_of_least_squares_on_the_chosen_columns():
 @pytest.mark.parametrize("objects", [1, 3])
 def test_neighbours_are_the_chosen_support_and_all_that_differ_by_one_term_or_an_exchange(objects):
     parts = coupled(objects, seed=1)
-    evidence = SupportEvidence(parts, np.ones_like(TRUTH), Measured(240 * objects), PRICES)
+    evidence = SupportEvidence(parts, np.ones_like(TRUTH), NoiseScale(240 * objects), PRICES)
     np.testing.assert_array_equal(evidence.choose(TRUTH, BestSubset()), TRUTH)
     for equation, listed in enumerate(evidence.neighbours(TRUTH)):
         inside = TRUTH[equation].sum()

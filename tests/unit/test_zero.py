@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
+from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.outcomes import OutcomeKind
 
 TIMES = np.linspace(0, 10, 41)
@@ -62,7 +62,7 @@ def test_a_power_on_a_scale_whose_zero_was_agreed_upon_is_said_unless_lower_powe
 )
 def test_a_constant_inside_of_a_term_may_make_up_for_the_zero(equation, values, named):
     law = cl.Law.from_text(equation, values, units={"x": "degC", "t": "s"})
-    found = [str(each) for each in with_outcomes_of_zero((), law, course(COOLING, "degC"))]
+    found = [str(each) for each in with_origin_outcomes((), law, course(COOLING, "degC"))]
     assert found == [] if named is None else named in found[0]
 
 

@@ -18,8 +18,8 @@ from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeReg
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_unmeasured
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
-from commonlaw.inference import can_be_carried
-from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
+from commonlaw.inference import can_be_subsampled
+from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import state_rates
@@ -222,7 +222,7 @@ class LawDiscovery:
         )
         if isinstance(trials, Trials):
             domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting)
-            outcomes = with_outcomes_of_zero(outcomes, law, trials)
+            outcomes = with_origin_outcomes(outcomes, law, trials)
             outcomes = (*outcomes, *outcomes_of_confounding(trials, law.order, library))
             if self.order == "auto" and law.order != 0:
                 outcomes = (*outcomes, *outcomes_of_generations(law, trials))
@@ -311,7 +311,7 @@ def _default(trials: Trials | TrialStream, order: AskedOrder) -> tuple[AbstractM
         return DiscreteTimeRegression(), ()
     if isinstance(trials, TrialStream):
         why = "trials came from a stream"
-    elif not can_be_carried(trials):
+    elif not can_be_subsampled(trials):
         why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
     else:
         return TrajectoryLikelihood(), ()

@@ -18,7 +18,7 @@ from commonlaw.estimation import fit_model, needs_model
 from commonlaw.estimation.fitting import InitialGiven, check_white
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine, with_initial_parameters
-from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
+from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.settings import STRONG
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects
@@ -245,7 +245,7 @@ def fit(
         law = _next_samples(given, trials, {**settings, "universal": universal or None})
         # Of what a search says, only this concerns terms that were given
         ill_conditioned = (each for each in law.diagnostics if each.kind is OutcomeKind.ILL_CONDITIONED)
-        outcomes = with_outcomes_of_zero(ill_conditioned, law, trials)
+        outcomes = with_origin_outcomes(ill_conditioned, law, trials)
         outcomes, domain = (*outcomes, *outcome_of_rest(resting)), Domain(at_rest=resting)
         made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls, domain=domain)
         return _within_bounds(replace(law, provenance=made), given.bounds)

@@ -23,11 +23,11 @@ from commonlaw.likelihood import (
     NotPositiveError,
     ObservationModel,
     TrajectoryModel,
+    eliminate_states_of_meshes,
     fit,
     interpolate,
     jacobians,
     meshes,
-    without_states,
 )
 from commonlaw.text import shown
 from commonlaw.trials import Trial, Trials
@@ -119,7 +119,7 @@ def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise:
         model, start = model.with_latent(errors.latent, replace(found, states=(found.states[0][:, : len(unit)],)))
         found = fit(model, start, np.zeros(own.shape, dtype=np.bool_), model_errors)
     try:
-        (reduced,) = without_states(model, found, law.support, model_errors[-1])
+        (reduced,) = eliminate_states_of_meshes(model, found, law.support, model_errors[-1])
         variances, last = reduced.state_covariances()
     except NotPositiveError:
         return None

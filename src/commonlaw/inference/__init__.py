@@ -1,7 +1,7 @@
 """From trials to a law by the likelihood of trajectories: supports, coefficients, and their uncertainty."""
 
 from commonlaw.inference.data.noise import known_noise
-from commonlaw.inference.data.subsampling import can_be_carried
+from commonlaw.inference.data.subsampling import can_be_subsampled
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import prepare
@@ -49,7 +49,7 @@ __all__ = [
     "assemble",
     "best_of_whole_trials",
     "bounds",
-    "can_be_carried",
+    "can_be_subsampled",
     "candidate_law",
     "candidate_laws",
     "choose_errors",

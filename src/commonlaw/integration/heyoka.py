@@ -21,9 +21,9 @@ from commonlaw.integration.problem import (
     Trajectory,
     diverged,
     largest_state,
-    most_steps,
     not_integrated,
     occurrences,
+    step_limit,
 )
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Term
@@ -128,7 +128,7 @@ class Structure:
             len(vector_field.terms.variables.inputs),
             vector_field.terms.variables.logarithmic_columns,
             0 if vector_field.inputs is None else vector_field.inputs.powers,
-            tuple((term, each.sign, each.terminal) for term, each in zip(events, options.events, strict=True)),
+            tuple((term, event.sign, event.terminal) for term, event in zip(events, options.events, strict=True)),
             max(options.tolerance, float(np.finfo(float).eps)),
             options.sensitivities,
         )
@@ -169,8 +169,8 @@ class Compiled:
         if inputs is not None:
             piece = inputs.piece(time)
             # heyoka has no parameters after the last one that the law uses
-            own = self.stepper.pars[self.constants :]
-            own[:] = np.append(inputs.knots[piece], inputs.coefficients[piece])[: len(own)]
+            parameters = self.stepper.pars[self.constants :]
+            parameters[:] = np.append(inputs.knots[piece], inputs.coefficients[piece])[: len(parameters)]
         following = stops.searchsorted(time, side="right")
         return float(stops[following]) if following < len(stops) else np.inf
 
@@ -180,16 +180,18 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
     """Return what is compiled for a structure and one thread, as an integrator holds its own state."""
     states = heyoka.make_vars(*[f"v{i}" for i in range(structure.width)], "unused")[:-1]
     parameters, constants = len(structure.pairs), len(structure.pairs) + len(structure.events)
-    natural = [heyoka.exp(each) if j in structure.logarithmic else each for j, each in enumerate(states)]
-    own = [heyoka.expression(0.0) if i is None else heyoka.par[i] for i in structure.inside]
-    variables = [*natural, *_inputs(structure, constants), heyoka.time, *own]
+    natural = [heyoka.exp(state) if j in structure.logarithmic else state for j, state in enumerate(states)]
+    inside = [heyoka.expression(0.0) if i is None else heyoka.par[i] for i in structure.inside]
+    variables = [*natural, *_inputs(structure, constants), heyoka.time, *inside]
     terms = [translated(term, variables) for term in structure.terms]
     sums: list[list[Any]] = [[] for _ in range(structure.equations)]
     for i, (equation, index) in enumerate(structure.pairs):
         if i not in structure.inside:
             sums[equation].append(heyoka.par[i] * terms[index])
-    highest = [heyoka.sum(each) if each else heyoka.expression(0.0) for each in sums]
-    highest = [each / natural[j] if j in structure.logarithmic else each for j, each in enumerate(highest)]
+    highest = [heyoka.sum(summands) if summands else heyoka.expression(0.0) for summands in sums]
+    highest = [
+        derivative / natural[j] if j in structure.logarithmic else derivative for j, derivative in enumerate(highest)
+    ]
     rates = [*highest, *(highest[j] for j in structure.second)]
     for j, rate in zip(structure.second, states[structure.equations :], strict=True):
         rates[j] = rate
@@ -198,7 +200,7 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
     if structure.sensitivities:
         system = heyoka.var_ode_sys(system, [*(heyoka.par[i] for i in structure.free), *states])
         initial_sensitivities = np.eye(len(states), len(structure.free) + len(states), len(structure.free)).ravel()
-    terminal, found, events = _events(structure, variables)
+    terminal, occurred, events = _events(structure, variables)
     large = structure.sensitivities or parameters > 100  # These in heyoka's compact mode
     stepper = heyoka.taylor_adaptive(
         system,
@@ -208,29 +210,29 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
         opt_level=1 if large else 0,
         **events,
     )
-    return Compiled(stepper, len(states), constants, terminal, found, initial_sensitivities)
+    return Compiled(stepper, len(states), constants, terminal, occurred, initial_sensitivities)
 
 
 def _inputs(structure: Structure, first: int) -> list[Any]:
     """Return the inputs as polynomials, whose knot and coefficients are parameters from the index `first` on."""
-    since, found = heyoka.time - heyoka.par[first], []
+    since, inputs = heyoka.time - heyoka.par[first], []
     for j in range(structure.inputs):
         value = heyoka.expression(0.0)
         for power in reversed(range(structure.powers)):
             value = value * since + heyoka.par[first + 1 + power * structure.inputs + j]
-        found.append(value)
-    return found
+        inputs.append(value)
+    return inputs
 
 
 def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Found, dict[str, list[Any]]]:
     """Return the indices of terminal events, the list that others write to, and both as heyoka takes them."""
-    found: Found = []
+    occurred: Found = []
     width = structure.width
 
     def writer(index: int) -> Callable[[Any, float, int], None]:
         def write(stepper: Any, time: float, _: int) -> None:
             stepper.update_d_output(time)
-            found.append((index, time, stepper.d_output[:width].copy()))
+            occurred.append((index, time, stepper.d_output[:width].copy()))
 
         return write
 
@@ -243,7 +245,7 @@ def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Foun
         else:
             passing.append(heyoka.nt_event(crossed, writer(i), direction=heyoka.event_direction(sign)))
     lists = {"t_events": terminal, "nt_events": passing}
-    return indices, found, {name: each for name, each in lists.items() if each}
+    return indices, occurred, {name: items for name, items in lists.items() if items}
 
 
 Dense = Callable[[Floats], Floats]
@@ -278,9 +280,9 @@ class HeyokaIntegrator(AbstractIntegrator):
                 ended, outcome = _runaway(self.compiled, problem, self.options, *last)
             elif ended is not None and path.failure:
                 outcome = not_integrated(ended, path.failure, problem.where)
-        found = [each for each in path.found if ended is None or each[1] <= ended]
+        occurred = [occurrence for occurrence in path.found if ended is None or occurrence[1] <= ended]
         sensitivities = rows[:, width:].reshape(len(rows), width, -1) if self.options.sensitivities else None
-        events = occurrences(self.options.events, found, width)
+        events = occurrences(self.options.events, occurred, width)
         return Trajectory(problem.times, rows[:, :width], outcome, ended, events, sensitivities, path.dense, "heyoka")
 
     def _levels(self, problem: InitialValueProblem) -> Floats:
@@ -313,7 +315,7 @@ class _Path:
 
 def _propagate(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> _Path:
     """Integrate over the times from where the law was placed."""
-    stepper, row, times, most = law.stepper, law.stepper.state.copy(), problem.times, most_steps(problem.stops)
+    stepper, row, times, most = law.stepper, law.stepper.state.copy(), problem.times, step_limit(problem.stops)
     if len(times) == 1:
         return _Path(row[np.newaxis], [], _dense(None, row, law.width) if options.dense else None)
     if options.dense:
@@ -327,22 +329,22 @@ def _propagate(law: Compiled, problem: InitialValueProblem, options: OutputOptio
         result, rows = _rows(law, problem, options)
         states = None
     # A state that is not finite at once leaves no row at all.
-    rows, found, time = rows if len(rows) else row[np.newaxis], list(law.found), float(stepper.time)
+    rows, occurred, time = rows if len(rows) else row[np.newaxis], list(law.found), float(stepper.time)
     match result:
         case heyoka.taylor_outcome.time_limit:
-            return _Path(rows, found, states)
+            return _Path(rows, occurred, states)
         case heyoka.taylor_outcome.err_nf_state:
-            return _Path(rows, found, states, None, _NOT_FINITE, broke=True)
+            return _Path(rows, occurred, states, None, _NOT_FINITE, broke=True)
         case heyoka.taylor_outcome.step_limit:
             failure = f"{most} steps were not enough"
-            return _Path(rows, found, states, time, failure, broke=_ran_away(law, problem, options))
-    found.append((law.terminal[-1 - int(result)], time, stepper.state[: law.width].copy()))
-    return _Path(rows, found, states, time)
+            return _Path(rows, occurred, states, time, failure, broke=_ran_away(law, problem, options))
+    occurred.append((law.terminal[-1 - int(result)], time, stepper.state[: law.width].copy()))
+    return _Path(rows, occurred, states, time)
 
 
 def _rows(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> tuple[Any, Floats]:
     """Return how heyoka ended and the rows at the times, as far as it came; inputs change their course at stops."""
-    stepper, times, left = law.stepper, problem.times, most_steps(problem.stops)
+    stepper, times, remaining = law.stepper, problem.times, step_limit(problem.stops)
     parts, reached = [law.stepper.state.copy()[np.newaxis]], 1
     while True:
         stop = law.follow(problem)
@@ -350,12 +352,12 @@ def _rows(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -
         wanted = times[reached:until]
         grid = np.unique(np.concatenate([[stepper.time], wanted, [stop]]))
         # On the way of a state to infinity steps may become shorter without end
-        result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=max(1, min(left, 1000)))
+        result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=max(1, min(remaining, 1000)))
         if result == heyoka.taylor_outcome.step_limit and stepper.time >= stop:  # But for a rounding error of the time
             result, rows = heyoka.taylor_outcome.time_limit, np.concatenate([rows, stepper.state[np.newaxis]])
         parts.append(rows[1 : 1 + len(wanted)])
-        left, reached = left - steps, reached + len(parts[-1])
-        goes_on = left > 0 and result == heyoka.taylor_outcome.step_limit and not _ran_away(law, problem, options)
+        remaining, reached = remaining - steps, reached + len(parts[-1])
+        goes_on = remaining > 0 and result == heyoka.taylor_outcome.step_limit and not _ran_away(law, problem, options)
         if not goes_on and (result != heyoka.taylor_outcome.time_limit or stop == times[-1]):
             return result, np.concatenate(parts)
 
@@ -379,7 +381,7 @@ def _runaway(
     """Go on from a row, step by step; return when a state ran away, or where heyoka can go no further."""
     limit = largest_state(problem, options)
     law.reset(time, row)
-    for _ in range(most_steps(problem.stops)):
+    for _ in range(step_limit(problem.stops)):
         law.stepper.step(law.follow(problem) - law.stepper.time)
         peak = float(np.max(np.abs(law.stepper.state[: law.width])))
         if not np.isfinite(peak):

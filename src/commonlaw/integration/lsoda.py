@@ -24,9 +24,9 @@ from commonlaw.integration.problem import (
     OutputOptions,
     Trajectory,
     diverged,
-    most_steps,
     occurrences,
     state_scale,
+    step_limit,
 )
 from commonlaw.runtime.packages import quiet
 
@@ -65,10 +65,10 @@ def sensitivities(
     relative error of a step.
     """
     times, width, size = problem.times[:reached], len(problem.initial), len(problem.field.parameters)
-    found = np.full((len(problem.times), width, size + width), np.nan)
-    found[0] = np.eye(width, size + width, size)
+    slopes = np.full((len(problem.times), width, size + width), np.nan)
+    slopes[0] = np.eye(width, size + width, size)
     if reached == 1:
-        return found
+        return slopes
     edges = np.unique(np.concatenate([times, problem.stops, knots]))
     edges = edges[(edges >= times[0]) & (edges <= times[-1])]
     # What a parameter is worth changes the states by their size if it doubles
@@ -76,8 +76,8 @@ def sensitivities(
     scale = np.concatenate([np.where(sizes == 0, 1.0, sizes), np.ones(width)])
     steps = _halved(problem, path, edges[:-1], edges[1:])
     for round_ in range(_ROUNDS + 1):
-        own = _along(steps, found[0])
-        coarse = _coarse(steps, own, scale, tolerance)
+        path_slopes = _along(steps, slopes[0])
+        coarse = _coarse(steps, path_slopes, scale, tolerance)
         if not coarse.any() or round_ == _ROUNDS or len(coarse) > 300_000:
             break
         starts, ends = steps.starts[coarse], steps.ends[coarse]
@@ -86,27 +86,27 @@ def sensitivities(
         order = np.argsort(np.concatenate([steps.starts[~coarse], finer.starts]))
         pairs = zip(steps, finer, strict=True)
         steps = _Steps(*(np.concatenate([old[~coarse], new])[order] for old, new in pairs))
-    found[1:reached] = own[1:][np.searchsorted(steps.ends, times[1:])]
-    return found
+    slopes[1:reached] = path_slopes[1:][np.searchsorted(steps.ends, times[1:])]
+    return slopes
 
 
 def _along(steps: _Steps, first: Floats) -> Floats:
     """Return the first derivatives, shape (D, p + D), and those after each of m steps, shape (m + 1, D, p + D)."""
-    own, size = np.empty((len(steps.starts) + 1, *first.shape)), steps.added.shape[2]
-    own[0] = first
+    slopes, size = np.empty((len(steps.starts) + 1, *first.shape)), steps.added.shape[2]
+    slopes[0] = first
     with np.errstate(all="ignore"):
         for k, (by_states, added) in enumerate(zip(steps.by_states, steps.added, strict=True), 1):
-            np.matmul(by_states, own[k - 1], out=own[k])
-            own[k, :, :size] += added
-    return own
+            np.matmul(by_states, slopes[k - 1], out=slopes[k])
+            slopes[k, :, :size] += added
+    return slopes
 
 
-def _coarse(steps: _Steps, own: Floats, scale: Floats, tolerance: float) -> Bools:
+def _coarse(steps: _Steps, slopes: Floats, scale: Floats, tolerance: float) -> Bools:
     """Return which steps are not exact enough for the derivatives that they start from, shape (m,)."""
     with np.errstate(all="ignore"):
-        residuals = steps.off_by_states @ own[:-1]
+        residuals = steps.off_by_states @ slopes[:-1]
         residuals[:, :, : steps.off_added.shape[2]] += steps.off_added
-        error, after = (np.abs(each).max(axis=1) * scale for each in (residuals, own[1:]))
+        error, after = (np.abs(array).max(axis=1) * scale for array in (residuals, slopes[1:]))
         return np.asarray((error > tolerance * np.maximum(1.0, after)).any(axis=1))
 
 
@@ -117,11 +117,11 @@ def _halved(problem: InitialValueProblem, path: Callable[[Floats], Floats], star
         some, until = starts[first : first + together], ends[first : first + together]
         middles = (some + until) / 2
         spans = (some, middles), (middles, until), (some, until)
-        (left, more), (right, last), (whole, added) = (_radau(problem, path, *span) for span in spans)
+        (first_half, more), (right, last), (whole, added) = (_radau(problem, path, *span) for span in spans)
         with np.errstate(all="ignore"):
-            halves = right @ left, right @ more + last
+            halves = right @ first_half, right @ more + last
             parts.append((*halves, whole - halves[0], added - halves[1]))
-    return _Steps(starts, ends, *(np.concatenate(each) for each in zip(*parts, strict=True)))
+    return _Steps(starts, ends, *(np.concatenate(blocks) for blocks in zip(*parts, strict=True)))
 
 
 def _radau(
@@ -171,7 +171,7 @@ class LsodaIntegrator(AbstractIntegrator):
             first = functions.at_start(problem.start, problem.initial, float(np.ptp(problem.times)))
             search = _EventSearch(functions, problem.start, first)
         dense = options.dense or options.sensitivities
-        own = (
+        arguments = (
             problem.initial,
             problem.times,
             options.tolerance,
@@ -181,9 +181,9 @@ class LsodaIntegrator(AbstractIntegrator):
             problem.stops,
             options.limit,
         )
-        result = solve(RightHandSide(vector_field, vector_field.jacobian), *own)
-        found = occurrences(options.events, search.found if search else [], width)
-        result = replace(result, events=found)
+        result = solve(RightHandSide(vector_field, vector_field.jacobian), *arguments)
+        events = occurrences(options.events, search.found if search else [], width)
+        result = replace(result, events=events)
         if not options.sensitivities:
             return result
         assert isinstance(result.dense, _Track)
@@ -229,16 +229,16 @@ class _EventSearch:
             self.last, self.time = np.where(now == 0, self.last, now), float(t)
         stops = [t for i, t, _ in met if self.functions.events[i].terminal]
         end = min(stops, default=None)
-        self.found += [each for each in met if end is None or each[1] <= end]
+        self.found += [crossing for crossing in met if end is None or crossing[1] <= end]
         return end
 
     def _crossing(self, interpolant: DenseOutput, i: int, until: float, width: int) -> tuple[float, Floats]:
         before, sign = self.time, np.sign(self.last[i])
 
         def value(t: float) -> float:
-            found = float(self.functions(t, interpolant(t)[:width])[i])
+            difference = float(self.functions(t, interpolant(t)[:width])[i])
             # On the level itself, or off it by rounding, the side that it came from counts.
-            return sign * np.finfo(float).tiny if t == before and found * sign <= 0 else found
+            return sign * np.finfo(float).tiny if t == before and difference * sign <= 0 else difference
 
         t = float(brentq(value, before, until, xtol=4e-16 * max(abs(until), until - before), rtol=1e-15))
         return t, interpolant(t)[:width].copy()
@@ -275,9 +275,9 @@ def solve(
         stops = times[-1:] if stops is None else stops
         scale = _TOLERANCES * _size_reached(rhs, start, times[0], min(times[1], stops[0]), tolerance, size)
         steps = _steps(rhs, start, times[0], stops, tolerance, tolerance * scale)
-        reached, stop, how, why = 1, None, "ends", f"{most_steps(stops)} steps were not enough"
+        reached, stop, how, why = 1, None, "ends", f"{step_limit(stops)} steps were not enough"
         least, mark = _NOWHERE * (times[-1] - times[0]), -np.inf
-        for count, solver in enumerate(islice(steps, most_steps(stops))):
+        for count, solver in enumerate(islice(steps, step_limit(stops))):
             if count % _MANY == 0:
                 if solver.t - mark < least:
                     why = f"{_MANY} steps lead nowhere"
@@ -326,8 +326,8 @@ def _steps(rhs: RightHandSide, states: Floats, time: float, stops: Floats, rtol:
     """Yield the solver before each of its steps, a new one after each stop."""
     for stop in stops:
         # At the stop itself what follows it would hold
-        own = rhs.until(np.nextafter(stop, time)) if len(stops) > 1 else rhs
-        solver = LSODA(own.derivatives, time, states, stop, jac=own.jacobian, rtol=rtol, atol=atol)
+        piece = rhs.until(np.nextafter(stop, time)) if len(stops) > 1 else rhs
+        solver = LSODA(piece.derivatives, time, states, stop, jac=piece.jacobian, rtol=rtol, atol=atol)
         while solver.status == "running":
             yield solver
         time, states = solver.t, solver.y

@@ -80,10 +80,10 @@ class Occurrences:
 
 
 def occurrences(
-    events: Sequence[Event], found: Sequence[tuple[int, float, Floats]], width: int
+    events: Sequence[Event], found_: Sequence[tuple[int, float, Floats]], width: int
 ) -> tuple[Occurrences, ...]:
     """Return what was found, (index of the event, time, states), by event and in order of time."""
-    ordered = sorted(found, key=lambda each: each[1])
+    ordered = sorted(found_, key=lambda occurrence: occurrence[1])
     return tuple(
         Occurrences(
             event,
@@ -270,7 +270,7 @@ class AbstractIntegrator(ABC):
         """Return the trajectory of a problem; a divergence is its outcome, and nothing but an outcome."""
 
 
-def most_steps(stops: Floats) -> int:
+def step_limit(stops: Floats) -> int:
     """Return how many steps a trajectory may take: each stop, where inputs change their course, allows for more."""
     return MAX_STEPS + 100 * (len(stops) - 1)
 

@@ -44,25 +44,25 @@ class DelayedInputs:
     @cached_property
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """Knots, polynomials, columns and delays as the kernel takes them."""
-        numbers = (np.array(each, dtype=np.int64) for each in (self.column, self.delay))
+        numbers = (np.array(indices, dtype=np.int64) for indices in (self.column, self.delay))
         return *map(np.ascontiguousarray, (self.inputs.knots, self.inputs.coefficients)), *numbers
 
     def delays(self, parameters: Floats) -> Floats:
         """Return how much later each input comes."""
-        return np.array([0.0 if each < 0 else parameters[each] for each in self.delay])
+        return np.array([0.0 if index < 0 else parameters[index] for index in self.delay])
 
     def at(self, times: Floats, parameters: Floats) -> Floats:
         """Return the inputs at times of shape (n,), shape (n, inputs)."""
-        found = [self.inputs.at(times - d)[:, c] for c, d in zip(self.column, self.delays(parameters), strict=True)]
-        return np.column_stack(found) if found else np.empty((len(times), 0))
+        columns = [self.inputs.at(times - d)[:, c] for c, d in zip(self.column, self.delays(parameters), strict=True)]
+        return np.column_stack(columns) if columns else np.empty((len(times), 0))
 
     def rate(self, index: int, time: float, parameters: Floats) -> float:
         """Return how fast an input changes at a time."""
         since = time - self.delays(parameters)[index]
         piece = self.inputs.piece(since)
-        own = self.inputs.coefficients[piece, :, self.column[index]]
+        polynomial = self.inputs.coefficients[piece, :, self.column[index]]
         since -= self.inputs.knots[piece]
-        return float(np.polynomial.Polynomial(own).deriv()(since)) if since >= 0 else 0.0
+        return float(np.polynomial.Polynomial(polynomial).deriv()(since)) if since >= 0 else 0.0
 
 
 NO_INPUTS = DelayedInputs(Inputs(np.zeros(1), np.zeros((1, 1, 0))), (), ())
@@ -101,7 +101,7 @@ def shoot(
     slopes = np.full((len(times), len(initial), width), np.nan) if derivatives else None
     if library is None:
         return _by_scipy(program, parameters, times, sizes, inputs, states, slopes, tolerance)
-    values, times = (np.ascontiguousarray(each, dtype=np.float64) for each in (parameters, times))
+    values, times = (np.ascontiguousarray(array, dtype=np.float64) for array in (parameters, times))
     absolute = np.ascontiguousarray(tolerance * _ABSOLUTE * sizes)
     counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
     arrays = tuple(map(np.ascontiguousarray, (program.constants, program.code, program.outputs)))
@@ -143,7 +143,7 @@ def _by_scipy(
 
     count, width = len(sizes), len(sizes) + len(parameters)
     switches = np.zeros(len(program.outputs) - count)
-    knots = [inputs.inputs.knots + each for each in {*inputs.delays(parameters).tolist()}]
+    knots = [inputs.inputs.knots + delay for delay in {*inputs.delays(parameters).tolist()}]
     inner = np.unique(np.concatenate([times[:0], *knots]))
     edges = np.concatenate([times[:1], inner[(inner > times[0]) & (inner < times[-1])], times[-1:]])
 
@@ -155,8 +155,8 @@ def _by_scipy(
 
     def rates(t: float, y: Floats, first: float, last: float) -> Floats:
         t = min(max(t, np.nextafter(first, last)), np.nextafter(last, first))
-        found = program.evaluate(point(t, y[:count]))[0, :count]
-        return np.asarray(found) if slopes is None else np.concatenate([found, total(t, y)[:count].ravel()])
+        derivatives = program.evaluate(point(t, y[:count]))[0, :count]
+        return np.asarray(derivatives) if slopes is None else np.concatenate([derivatives, total(t, y)[:count].ravel()])
 
     def total(t: float, y: Floats) -> Floats:
         """Return the derivatives of f, and of what decides switches, by parameters and initial values."""
@@ -217,23 +217,23 @@ def _by_scipy(
         events = [near, *(_crossing(deciding, k, on) for k, on in enumerate(switches.tolist()))]
         with np.errstate(all="ignore"):
             how: dict[str, Any] = {"rtol": tolerance, "atol": absolute, "args": (first, last), "events": events}
-            found = solve_ivp(rates, (first, last), y, "LSODA", at, **how)
-        reached = np.reshape(found.y, (len(y), -1))  # A list where none of the times was
+            solution = solve_ivp(rates, (first, last), y, "LSODA", at, **how)
+        reached = np.reshape(solution.y, (len(y), -1))  # A list where none of the times was
         inside = wanted[: reached.shape[1]]
         states[inside] = reached[:count, : len(inside)].T
         if slopes is not None:
             slopes[inside] = reached[count:, : len(inside)].T.reshape(-1, count, width)
-        moments = [*zip(found.t_events or (), found.y_events or (), strict=True)][1:]
-        changed = next((k for k, (when, _) in enumerate(moments) if found.status == 1 and len(when)), None)
+        moments = [*zip(solution.t_events or (), solution.y_events or (), strict=True)][1:]
+        changed = next((k for k, (when, _) in enumerate(moments) if solution.status == 1 and len(when)), None)
         crossings += changed is not None
-        if found.status < 0 or not np.isfinite(reached).all() or crossings > 2000:  # Or slides along a switch
+        if solution.status < 0 or not np.isfinite(reached).all() or crossings > 2000:  # Or slides along a switch
             break
         if changed is not None:
             (when, *_), (y, *_) = moments[changed]
             switch(changed, float(when), y)
             pieces += [(float(when), last)] if when < last else []
             continue
-        if found.status == 1:
+        if solution.status == 1:
             break
         y = reached[:, -1].copy()
         if slopes is not None and last < times[-1]:

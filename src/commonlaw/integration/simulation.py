@@ -189,11 +189,11 @@ class _Choice:
     reason: str = ""
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        found = self.first.integrate(problem)
-        outcome, reason = found.outcome, self.reason
+        trajectory = self.first.integrate(problem)
+        outcome, reason = trajectory.outcome, self.reason
         if self.second is not None and outcome is not None and outcome.kind is OutcomeKind.NOT_INTEGRATED:
-            found, reason = self.second().integrate(problem), f"heyoka stopped, {outcome.text}"
-        return replace(found, method=f"{found.method} ({reason})") if reason else found
+            trajectory, reason = self.second().integrate(problem), f"heyoka stopped, {outcome.text}"
+        return replace(trajectory, method=f"{trajectory.method} ({reason})") if reason else trajectory
 
 
 def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _Choice:

@@ -261,24 +261,24 @@ class VectorField:
         """Return the derivatives of all states from the highest ones, shape (n, D)."""
         if not len(self.second):
             return highest
-        found = np.empty((len(values), self.width))
-        found[:, self.second] = values[:, len(self.coefficients) : self.width]
-        found[:, self.highest] = highest
-        return found
+        derivatives = np.empty((len(values), self.width))
+        derivatives[:, self.second] = values[:, len(self.coefficients) : self.width]
+        derivatives[:, self.highest] = highest
+        return derivatives
 
     def _by_states(self, values: Floats, terms: Terms, coefficients: Floats) -> Floats:
         width, equations = self.width, len(coefficients)
-        found, natural = np.zeros((len(values), width, width)), self._natural(values)
+        jacobian, natural = np.zeros((len(values), width, width)), self._natural(values)
         gradients = terms.jacobian(natural)[:, :, :width]
-        found[:, self.highest] = np.tensordot(gradients, coefficients, (1, 1)).transpose(0, 2, 1)
-        found[:, self.second, range(equations, width)] = 1.0
+        jacobian[:, self.highest] = np.tensordot(gradients, coefficients, (1, 1)).transpose(0, 2, 1)
+        jacobian[:, self.second, range(equations, width)] = 1.0
         if terms.variables.logarithmic:
-            found = self._relative(natural, found)
+            jacobian = self._relative(natural, jacobian)
             relative = self._relative(natural, terms.evaluate(natural) @ coefficients.T)
             for j in terms.variables.logarithmic_columns:
-                found[:, :, j] *= natural[:, j, np.newaxis]
-                found[:, j, j] -= relative[:, j]
-        return found
+                jacobian[:, :, j] *= natural[:, j, np.newaxis]
+                jacobian[:, j, j] -= relative[:, j]
+        return jacobian
 
     def _relative(self, natural: Floats, derivatives: Floats) -> Floats:
         """Return derivatives, shape (n, D, ...), of logarithms where these are followed; values are natural ones."""

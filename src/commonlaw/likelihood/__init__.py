@@ -2,12 +2,12 @@
 
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.computing import (
-    AboutEstimates,
+    LinearizedObjects,
     fit,
     fit_each,
     linearize,
     linearize_each,
-    threads_pay,
+    threads_are_worthwhile,
     whitened,
 )
 from commonlaw.likelihood.errors import (
@@ -19,8 +19,13 @@ from commonlaw.likelihood.errors import (
     Scales,
     heteroscedastic,
 )
-from commonlaw.likelihood.fitting import Estimate, NotPositiveError, Prior, TrajectoryModel, without_states
-from commonlaw.likelihood.linearization import Linearization, Regression, variance_of_rates, whitened_from_starts
+from commonlaw.likelihood.fitting import Estimate, NotPositiveError, Prior, TrajectoryModel, eliminate_states_of_meshes
+from commonlaw.likelihood.linearization import (
+    Linearization,
+    Regression,
+    variance_of_rates,
+    whitened_with_initial_states,
+)
 from commonlaw.likelihood.mesh import MAX_MESH_SAMPLES, Mesh, interpolate, meshes
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD, LatentProcesses, ObservationModel
 
@@ -29,13 +34,13 @@ __all__ = [
     "HUBER_THRESHOLD",
     "MAX_MESH_SAMPLES",
     "NO_ERRORS",
-    "AboutEstimates",
     "AbstractErrors",
     "ErrorModel",
     "Estimate",
     "Heteroscedastic",
     "LatentProcesses",
     "Linearization",
+    "LinearizedObjects",
     "Mesh",
     "NotPositiveError",
     "ObservationModel",
@@ -43,6 +48,7 @@ __all__ = [
     "Regression",
     "Scales",
     "TrajectoryModel",
+    "eliminate_states_of_meshes",
     "fit",
     "fit_each",
     "heteroscedastic",
@@ -51,9 +57,8 @@ __all__ = [
     "linearize",
     "linearize_each",
     "meshes",
-    "threads_pay",
+    "threads_are_worthwhile",
     "variance_of_rates",
     "whitened",
-    "whitened_from_starts",
-    "without_states",
+    "whitened_with_initial_states",
 ]

@@ -34,34 +34,34 @@ class Jacobians:
 
 def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Floats:
     """Return the defects of all steps, shape (n - 1, D), then those of latent processes."""
-    own, hidden = np.split(states, [field.width], axis=1)
+    z, hidden = np.split(states, [field.width], axis=1)
     forces = _forces(field, hidden, latent)
-    derivatives = field.derivatives(_at_points(mesh, own)) + forces
+    derivatives = field.derivatives(_at_points(mesh, z)) + forces
     first, last = derivatives[:-1], derivatives[1:]
     if mesh.held:
-        last = field.derivatives(_at_ends(mesh, own)) + forces[1:]
-    middle = field.derivatives(_at_middles(mesh, own, first, last)) + (forces[:-1] + forces[1:]) / 2
-    found = _defects(mesh, own, first, last, middle)
-    return found if latent is None else np.column_stack([found, _latent_defects(hidden, latent)])
+        last = field.derivatives(_at_ends(mesh, z)) + forces[1:]
+    middle = field.derivatives(_at_middles(mesh, z, first, last)) + (forces[:-1] + forces[1:]) / 2
+    law_defects = _defects(mesh, z, first, last, middle)
+    return law_defects if latent is None else np.column_stack([law_defects, _latent_defects(hidden, latent)])
 
 
 def jacobians(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Jacobians:
     """Return the defects of all steps and their derivatives with respect to states and the field's parameters."""
-    own, hidden = np.split(states, [field.width], axis=1)
+    z, hidden = np.split(states, [field.width], axis=1)
     forces = _forces(field, hidden, latent)
-    at_points = field.linearize(_at_points(mesh, own))
-    first = LinearizedField(*(each[:-1] for each in at_points))
-    last = field.linearize(_at_ends(mesh, own)) if mesh.held else LinearizedField(*(each[1:] for each in at_points))
+    at_points = field.linearize(_at_points(mesh, z))
+    first = LinearizedField(*(block[:-1] for block in at_points))
+    last = field.linearize(_at_ends(mesh, z)) if mesh.held else LinearizedField(*(block[1:] for block in at_points))
     derivatives = first.derivatives + forces[:-1], last.derivatives + forces[1:]
-    middle, mid_by_states, mid_by_own = field.linearize(_at_middles(mesh, own, *derivatives))
+    middle, mid_by_states, mid_by_own = field.linearize(_at_middles(mesh, z, *derivatives))
     h, one = mesh.steps[:, np.newaxis, np.newaxis], np.eye(field.width)
     on = mesh.contiguous[:, np.newaxis, np.newaxis]
     start = -one - h / 6 * (first.by_states + 4 * np.matmul(mid_by_states, one / 2 + h / 8 * first.by_states))
     end = one - h / 6 * (last.by_states + 4 * np.matmul(mid_by_states, one / 2 - h / 8 * last.by_states))
     shifted = mid_by_own + np.matmul(h / 8 * mid_by_states, first.by_parameters - last.by_parameters)
     by_coefficients = -h / 6 * (first.by_parameters + 4 * shifted + last.by_parameters)
-    found = _defects(mesh, own, *derivatives, middle + (forces[:-1] + forces[1:]) / 2)
-    law = Jacobians(found, start * on, end * on, by_coefficients)
+    law_defects = _defects(mesh, z, *derivatives, middle + (forces[:-1] + forces[1:]) / 2)
+    law = Jacobians(law_defects, start * on, end * on, by_coefficients)
     if latent is None:
         return law
     shares = np.eye(field.width)[:, field.highest]
@@ -73,15 +73,18 @@ def _with_latent(law: Jacobians, hidden: Floats, latent: LatentSteps, by_forces:
     """Return the Jacobians of a law and of latent processes; derivatives by the forces have shape (2, n - 1, D, d)."""
     steps, width, parameters = law.coefficients.shape
     wide, ends = width + hidden.shape[1], []
-    for own, matrices, forces in ((law.start, latent.start, by_forces[0]), (law.end, latent.end, by_forces[1])):
+    for law_matrices, matrices, forces in (
+        (law.start, latent.start, by_forces[0]),
+        (law.end, latent.end, by_forces[1]),
+    ):
         joined = np.zeros((steps, wide, wide))
-        joined[:, :width, :width], joined[:, width:, width:] = own, matrices
+        joined[:, :width, :width], joined[:, width:, width:] = law_matrices, matrices
         if latent.force is not None:
             joined[:, :width, width + latent.force : width + latent.force + forces.shape[2]] = forces
         ends.append(joined)
     by_coefficients = np.concatenate([law.coefficients, np.zeros((steps, wide - width, parameters))], axis=1)
-    found = np.column_stack([law.defects, _latent_defects(hidden, latent)])
-    return Jacobians(found, ends[0], ends[1], by_coefficients)
+    all_defects = np.column_stack([law.defects, _latent_defects(hidden, latent)])
+    return Jacobians(all_defects, ends[0], ends[1], by_coefficients)
 
 
 def _latent_defects(hidden: Floats, latent: LatentSteps) -> Floats:
@@ -91,11 +94,11 @@ def _latent_defects(hidden: Floats, latent: LatentSteps) -> Floats:
 
 def _forces(field: VectorField, hidden: Floats, latent: LatentSteps | None) -> Floats:
     """Return what forces add to the derivatives of all states, shape (n, D)."""
-    found = np.zeros((len(hidden), field.width))
+    forces = np.zeros((len(hidden), field.width))
     if latent is not None and latent.force is not None:
         equations = len(field.coefficients)
-        found[:, field.highest] = hidden[:, latent.force : latent.force + equations]
-    return found
+        forces[:, field.highest] = hidden[:, latent.force : latent.force + equations]
+    return forces
 
 
 def _at_points(mesh: Mesh, states: Floats) -> Floats:

@@ -37,8 +37,8 @@ FIELDS = {name: getattr(MeshStructure, name).offset // 8 for name, *_ in MeshStr
 
 def addresses(structures: Sequence[Packed], counts: Sequence[int] | None = None) -> NDArray[np.uint64]:
     """Return where models are, each as often as counts say."""
-    found = np.array([addressof(each.model) for each in structures], dtype=np.uint64)
-    return found if counts is None else np.repeat(found, counts)
+    pointers = np.array([addressof(structure.model) for structure in structures], dtype=np.uint64)
+    return pointers if counts is None else np.repeat(pointers, counts)
 
 
 _MODELS: "WeakKeyDictionary[TrajectoryModel, Packed | None]" = WeakKeyDictionary()
@@ -72,7 +72,7 @@ def _packed(model: TrajectoryModel) -> Packed:
         len(second),
         model.meshes[0].inputs.shape[1],
         model.latent.width,
-        any(each.held for each in model.meshes),
+        any(mesh.held for mesh in model.meshes),
         model.latent.correlated is not None,
         -1 if latent is None or latent.force is None else latent.force,
         len(inside),
@@ -83,11 +83,11 @@ def _packed(model: TrajectoryModel) -> Packed:
         address(inside),
         address(second),
         address(highest),
-        *(address(each) if each is not None else 0 for each in prior),
+        *(address(array) if array is not None else 0 for array in prior),
         _PROGRAMS[program],
     )
     kept = (unit, std, logarithmic, inside, second, highest, prior, program, meshes)
-    structures = (MeshStructure * len(meshes))(*(own for own, _ in meshes))
+    structures = (MeshStructure * len(meshes))(*(structure for structure, _ in meshes))
     return Packed(
         structure, structures, np.frombuffer(memoryview(structures), np.uint64).reshape(len(meshes), -1), kept
     )
@@ -134,15 +134,15 @@ def linearize_each(
     large = [not in_one_call(model, columns) for model in models]
     if any(large):
         return [
-            _linearize_by_parts(library, model, own, estimate, model_error, free)
+            _linearize_by_parts(library, model, structure, estimate, model_error, free)
             if alone
-            else linearize_each(library, [model], [own], [estimate], model_error, free)[0]
-            for model, own, estimate, alone in zip(models, structures, estimates, large, strict=True)
+            else linearize_each(library, [model], [structure], [estimate], model_error, free)[0]
+            for model, structure, estimate, alone in zip(models, structures, estimates, large, strict=True)
         ]
     counts = [len(model.meshes) for model in models]
-    where, meshes = addresses(structures, counts), np.concatenate([each.words for each in structures])
+    where, meshes = addresses(structures, counts), np.concatenate([structure.words for structure in structures])
     states = np.concatenate([values for estimate in estimates for values in estimate.states])
-    coefficients = np.repeat([each.coefficients for each in estimates], counts, axis=0)
+    coefficients = np.repeat([estimate.coefficients for estimate in estimates], counts, axis=0)
     factors, log_determinants = triangles(library, where, meshes, free, states, coefficients, model_error)
     cuts = np.cumsum(counts)[:-1]
     parts = zip(models, np.split(factors, cuts), np.split(log_determinants, cuts), strict=True)
@@ -174,7 +174,7 @@ def triangles(
     size = int(free.sum()) + 1
     factors, log_determinants = np.empty((len(meshes), size, size)), np.empty(len(meshes))
     free = np.ascontiguousarray(free, dtype=np.bool_)
-    inside = (address(each) for each in (free, states, coefficients))
+    inside = (address(array) for array in (free, states, coefficients))
     failed = library.commonlaw_linearize(
         *(address(models), address(meshes), len(meshes), *inside, model_error, _VAGUENESS),
         *(address(factors), address(log_determinants)),
@@ -193,11 +193,11 @@ def whitened(
     library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, estimate: Estimate, model_error: float, free: Bools
 ) -> list[tuple[Floats, float]]:
     """Return what `commonlaw.likelihood.linearization.whitened` returns, to rounding."""
-    found = []
+    blocks = []
     for index in range(len(model.meshes)):
         rows, mixed, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
-        found.append((np.column_stack([rows[:, :-1] @ mixed, rows[:, -1]]), log_determinant))
-    return found
+        blocks.append((np.column_stack([rows[:, :-1] @ mixed, rows[:, -1]]), log_determinant))
+    return blocks
 
 
 def _linearize_by_parts(
@@ -222,11 +222,11 @@ def jacobians(
     states, coefficients = contiguous(estimate.states[index]), contiguous(estimate.coefficients)
     free = np.ascontiguousarray(free, dtype=np.bool_)
     shapes = (steps, width), (steps, width, width), (steps, width, width), (steps, width, int(free.sum()))
-    found = [np.empty(shape) for shape in shapes]
-    inside = (address(each) for each in (free, states, coefficients, *found))
+    outputs = [np.empty(shape) for shape in shapes]
+    inside = (address(array) for array in (free, states, coefficients, *outputs))
     if library.commonlaw_jacobians(packed.model, packed.meshes[index], *inside):
         raise MemoryError
-    return Jacobians(*found)
+    return Jacobians(*outputs)
 
 
 def _whitened(
@@ -279,15 +279,15 @@ def fit_each(
     shapes = [(sum(map(len, model.meshes)), model.width + model.latent.width) for model in models]
     states = [np.concatenate(start.states, dtype=np.float64) for start in starts]
     of_law = (models[0].equations, len(models[0].terms))
-    if [each.shape for each in states] != shapes or any(start.coefficients.shape != of_law for start in starts):
+    if [state.shape for state in states] != shapes or any(start.coefficients.shape != of_law for start in starts):
         raise ValueError("states or coefficients do not have the shapes of the model")
     whole, coefficients = np.concatenate(states), np.array([start.coefficients for start in starts], dtype=np.float64)
     counts = np.array([len(model.meshes) for model in models], dtype=np.int64)
-    own, meshes = addresses(structures), np.concatenate([each.words for each in structures])
+    pointers, meshes = addresses(structures), np.concatenate([structure.words for structure in structures])
     free, errors = np.ascontiguousarray(support, dtype=np.bool_), np.array(model_errors, float)
     reached = np.empty((len(models), 2))
     failed = library.commonlaw_fit(
-        *(address(own), len(models), address(meshes), address(counts)),
+        *(address(pointers), len(models), address(meshes), address(counts)),
         *(address(free), address(errors), len(errors), steps, GAIN, SHORTEST, _LEAST_NORM),
         *(address(whole), address(coefficients), address(reached)),
     )
@@ -296,8 +296,8 @@ def fit_each(
     lengths = [len(mesh) for model in models for mesh in model.meshes]
     parts = iter(np.split(whole, np.cumsum(lengths)[:-1]))
     return [
-        Estimate(tuple(next(parts) for _ in model.meshes), found, *of_fit)
-        for model, found, of_fit in zip(models, coefficients, reached.tolist(), strict=True)
+        Estimate(tuple(next(parts) for _ in model.meshes), theta, *of_fit)
+        for model, theta, of_fit in zip(models, coefficients, reached.tolist(), strict=True)
     ]
 
 
@@ -333,26 +333,26 @@ class BatchedModel:
     def linearize(
         self, library: ctypes.CDLL, std: Floats, latent: LatentProcesses, model_error: float
     ) -> tuple[Floats, float]:
-        """Return the factor of each object's rows, and the sum of log-determinants, see `AboutEstimates`."""
+        """Return the factor of each object's rows, and the sum of log-determinants, see `LinearizedObjects`."""
         meshes, model = self.words.copy(), ModelStructure.from_buffer_copy(self.model)
         arrays, std = {}, contiguous(std)
         if latent.width:
             steps = latent.along(self.mesh)
             arrays = {"latent_start": steps.start, "latent_end": steps.end, "anchors": steps.anchors}
-            arrays = {name: contiguous(each) for name, each in arrays.items()}
+            arrays = {name: contiguous(array) for name, array in arrays.items()}
             model.latent_std = address(deviations := contiguous(steps.std))
             assert len(deviations) == model.latent
         for name, array in {"std": std, **arrays}.items():
             meshes[:, FIELDS[name]] = address(array) + array.strides[0] * self.first
-        own = np.full(len(meshes), ctypes.addressof(model), dtype=np.uint64)
+        pointers = np.full(len(meshes), ctypes.addressof(model), dtype=np.uint64)
         inside = (self.free, self.states, self.coefficients)
-        factors, log_determinants = triangles(library, own, meshes, *inside, model_error)
+        factors, log_determinants = triangles(library, pointers, meshes, *inside, model_error)
         return factors, float(log_determinants.sum())
 
 
 def together(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], free: Bools) -> BatchedModel | None:
     """Return objects that are linearised together; None if they have what is better done one by one."""
-    structures = [each for model in models if (each := packed(model)) is not None]
+    structures = [structure for model in models if (structure := packed(model)) is not None]
     if len(structures) < len(models) or not all(
         len(model.meshes) == 1 and in_one_call(model, int(free.sum()) + 1) for model in models
     ):
@@ -361,11 +361,11 @@ def together(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], f
     lengths = np.array([len(model.meshes[0]) for model in models])
     return BatchedModel(
         structures[0].model,
-        np.concatenate([each.words for each in structures]),
+        np.concatenate([structure.words for structure in structures]),
         mesh,
         np.cumsum(lengths) - lengths,
-        np.concatenate([each.states[0] for each in estimates]),
-        np.array([each.coefficients for each in estimates]),
+        np.concatenate([estimate.states[0] for estimate in estimates]),
+        np.array([estimate.coefficients for estimate in estimates]),
         np.ascontiguousarray(free, dtype=np.bool_),
         structures,
     )

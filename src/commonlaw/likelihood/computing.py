@@ -43,7 +43,7 @@ def fit_each(
     models: Sequence[TrajectoryModel], starts: Sequence[Estimate], support: Bools, model_errors: Sequence[float]
 ) -> tuple[Estimate, ...]:
     """Return the estimate of largest likelihood of each of several objects, see `fit`."""
-    if threads_pay(models):
+    if threads_are_worthwhile(models):
         return tuple(in_parallel(lambda model, start: fit(model, start, support, model_errors), models, starts))
     return tuple(_fit_each(models, starts, support, model_errors))
 
@@ -52,7 +52,7 @@ def linearize_each(
     models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], model_error: float
 ) -> list[Linearization]:
     """Return the likelihood of each of several objects about its estimate, see `linearize`."""
-    if threads_pay(models):
+    if threads_are_worthwhile(models):
         return in_parallel(lambda model, estimate: linearize(model, estimate, model_error), models, estimates)
     return _linearize_each(models, estimates, model_error, None)
 
@@ -71,7 +71,7 @@ def whitened(
     return compiled.whitened(library, model, structures, estimate, model_error, _free(estimate, columns))
 
 
-def threads_pay(models: Sequence[TrajectoryModel]) -> bool:
+def threads_are_worthwhile(models: Sequence[TrajectoryModel]) -> bool:
     """Whether threads are worth what they cost: one linearisation of these objects takes milliseconds."""
     points = sum(len(mesh) for model in models for mesh in model.meshes)
     return points * models[0].equations * len(models[0].terms) > 50_000
@@ -114,12 +114,12 @@ def _compiled(models: Sequence[TrajectoryModel]) -> tuple[CDLL, list[Packed]] | 
     library = kernel()
     if library is None:
         return None
-    structures = [each for model in models if (each := packed(model)) is not None]
+    structures = [structure for model in models if (structure := packed(model)) is not None]
     return (library, structures) if len(structures) == len(models) else None
 
 
 @dataclass(frozen=True, eq=False)
-class AboutEstimates:
+class LinearizedObjects:
     """Several objects, and the estimates about which they are linearized, with columns as in `linearize`."""
 
     models: Sequence[TrajectoryModel]
@@ -137,13 +137,15 @@ class AboutEstimates:
             return self._together.linearize(library, std, latent, model_error)
         cuts = np.cumsum([sum(map(len, model.meshes)) for model in self.models])[:-1]
         linear = list[Linearization]()
-        for model, own, estimate in zip(self.models, np.split(std, cuts), self.estimates, strict=True):
-            parts = np.split(own, np.cumsum([len(mesh) for mesh in model.meshes])[:-1])
+        for model, stds, estimate in zip(self.models, np.split(std, cuts), self.estimates, strict=True):
+            parts = np.split(stds, np.cumsum([len(mesh) for mesh in model.meshes])[:-1])
             pairs = zip(model.meshes, parts, strict=True)
-            meshes = [mesh.with_scale(each / model.observation.noise) for mesh, each in pairs]
+            meshes = [mesh.with_scale(stds_of_mesh / model.observation.noise) for mesh, stds_of_mesh in pairs]
             changed = replace(model, meshes=meshes, latent=latent)
             linear.append(linearize(changed, estimate, model_error, self.columns))
-        return np.array([each.problem.factor for each in linear]), sum(each.log_determinant for each in linear)
+        return np.array([linearization_.problem.factor for linearization_ in linear]), sum(
+            linearization_.log_determinant for linearization_ in linear
+        )
 
     @cached_property
     def _together(self) -> BatchedModel | None:

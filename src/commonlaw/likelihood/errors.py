@@ -74,7 +74,7 @@ class ErrorModel:
     def heteroscedastic_in_words(self, names: Sequence[str]) -> dict[ErrorKind, str]:
         """Return the levels of heteroscedastic noise as text, by kind, for the states of these names."""
         return {
-            kind: ", ".join(heteroscedastic(kind).in_words(*each) for each in zip(levels.tolist(), names, strict=True))
+            kind: ", ".join(heteroscedastic(kind).in_words(*pair) for pair in zip(levels.tolist(), names, strict=True))
             for kind, levels in self.heteroscedastic.items()
         }
 
@@ -194,7 +194,7 @@ class _Timed(AbstractErrors):
     def starts(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
         times = [low[-1:] + share * (high - low)[-1:] for share in self.times]
         levels = self._levels(log_noise, low[:-1], high[:-1])
-        return [np.concatenate(each) for each in product(levels, times)]
+        return [np.concatenate(pair) for pair in product(levels, times)]
 
     def _levels(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
         return super().starts(log_noise, low, high)
@@ -254,6 +254,6 @@ ERRORS: Mapping[ErrorKind, AbstractErrors] = {
 
 def heteroscedastic(kind: ErrorKind) -> Heteroscedastic:
     """Return a kind of errors that grow with the states."""
-    found = ERRORS[kind]
-    assert isinstance(found, Heteroscedastic)
-    return found
+    errors = ERRORS[kind]
+    assert isinstance(errors, Heteroscedastic)
+    return errors

@@ -46,13 +46,13 @@ class SchurComplement:
     def state_covariances(self) -> tuple[Floats, Floats]:
         """Return the variance of every state where the coefficients stay, shape (n, D), and the last's covariance."""
         points, width = self.state_step.shape
-        own, following = np.zeros((points, width, width)), np.zeros((points - 1, width, width))
+        diagonal, following = np.zeros((points, width, width)), np.zeros((points - 1, width, width))
         for i, j in np.ndindex(width, width):
             if j >= i:
-                own[:, i, j] = self.factor[2 * width - 1 + i - j, j::width]
+                diagonal[:, i, j] = self.factor[2 * width - 1 + i - j, j::width]
             following[:, i, j] = self.factor[width - 1 + i - j, width + j :: width]
         # Given the next state, a state is normal about what follows from that
-        root = np.linalg.inv(own)
+        root = np.linalg.inv(diagonal)
         follow, covariances = np.matmul(root[:-1], following), np.matmul(root, root.transpose(0, 2, 1))
         for k in range(points - 2, -1, -1):
             covariances[k] += follow[k] @ covariances[k + 1] @ follow[k].T
@@ -88,13 +88,13 @@ def eliminate_states(
     bands = _bands(linear, precision, blocks)
     gradient[:-1] += np.matmul(start, weighted[:, :, np.newaxis])[:, :, 0]
     gradient[1:] += np.matmul(end, weighted[:, :, np.newaxis])[:, :, 0]
-    own = linear.coefficients
-    count = own.shape[2]
-    scaled = own * precision[:, :, np.newaxis]
+    by_coefficients = linear.coefficients
+    count = by_coefficients.shape[2]
+    scaled = by_coefficients * precision[:, :, np.newaxis]
     border = np.zeros((points, width, count))
     border[:-1] += np.matmul(start, scaled)
     border[1:] += np.matmul(end, scaled)
-    flat, flat_scaled = own.reshape(weighted.size, count), scaled.reshape(weighted.size, count)
+    flat, flat_scaled = by_coefficients.reshape(weighted.size, count), scaled.reshape(weighted.size, count)
     flat_border = border.reshape(gradient.size, count)
     right = np.column_stack([flat_border, gradient.ravel()])
     if not np.isfinite(right).all():
@@ -102,12 +102,12 @@ def eliminate_states(
     factor = _factor(bands)
     solved = cho_solve_banded((factor, False), right, check_finite=False)
     information = flat.T @ flat_scaled - flat_border.T @ solved[:, :count]
-    left = flat.T @ weighted.ravel() - flat_border.T @ solved[:, count]
-    if not (np.isfinite(information).all() and np.isfinite(left).all()):
+    remainder = flat.T @ weighted.ravel() - flat_border.T @ solved[:, count]
+    if not (np.isfinite(information).all() and np.isfinite(remainder).all()):
         raise NotPositiveError
     return SchurComplement(
         (information + information.T) / 2,
-        left,
+        remainder,
         -solved[:, count].reshape(points, width),
         -solved[:, :count].reshape(points, width, count),
         factor,
@@ -208,8 +208,8 @@ class TrajectoryModel:
     def precision(self, mesh: Mesh, model_error: float) -> Floats:
         """Return the precision of each defect, shape (n - 1, D + w): the model error is a random walk in time."""
         on = mesh.contiguous[:, np.newaxis]
-        found = on / (model_error * self.unit) ** 2 / mesh.relative_steps[:, np.newaxis]
-        return np.column_stack([found, np.repeat(on, self.latent.width, axis=1)]) if self.latent.width else found
+        q = on / (model_error * self.unit) ** 2 / mesh.relative_steps[:, np.newaxis]
+        return np.column_stack([q, np.repeat(on, self.latent.width, axis=1)]) if self.latent.width else q
 
     @cached_property
     def latent_steps(self) -> tuple[LatentSteps | None, ...]:
@@ -219,10 +219,10 @@ class TrajectoryModel:
     @property
     def observed(self) -> Floats:
         """What is measured of states and latent processes, shape (d, D + w)."""
-        found = np.eye(self.equations, self.width + self.latent.width)
+        h = np.eye(self.equations, self.width + self.latent.width)
         if self.latent.correlated is not None:
-            found[:, self.width : self.width + self.equations] = np.eye(self.equations)
-        return found
+            h[:, self.width : self.width + self.equations] = np.eye(self.equations)
+        return h
 
     def residuals(self, mesh: Mesh, states: Floats) -> Floats:
         """Return measured less sought values, shape (n, d); NaN where nothing was measured."""
@@ -234,9 +234,9 @@ class TrajectoryModel:
 
     def with_latent(self, latent: LatentProcesses, estimate: "Estimate") -> tuple["TrajectoryModel", "Estimate"]:
         """Return the model with other latent processes, and an estimate in which they are zero."""
-        states = tuple(np.zeros((len(each), self.width + latent.width)) for each in estimate.states)
-        for found, each in zip(states, estimate.states, strict=True):
-            found[:, : self.width] = each[:, : self.width]
+        states = tuple(np.zeros((len(state), self.width + latent.width)) for state in estimate.states)
+        for padded, z in zip(states, estimate.states, strict=True):
+            padded[:, : self.width] = z[:, : self.width]
         return replace(self, latent=latent), replace(estimate, states=states)
 
 
@@ -258,18 +258,18 @@ def fit(
     model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = 12
 ) -> Estimate:
     """Return the estimate of largest likelihood with NumPy, see `computing.fit`."""
-    found = start
+    estimate = start
     for model_error in model_errors:
-        found = _evaluated(model, found, model_error)
+        estimate = _evaluated(model, estimate, model_error)
         for _ in range(steps):
-            better = _step(model, found, support, model_error)
+            better = _step(model, estimate, support, model_error)
             if better is None:
                 break
-            gain = found.objective - better.objective
-            found = better
-            if gain < GAIN * (1 + _RELATIVE_GAIN * found.objective):
+            gain = estimate.objective - better.objective
+            estimate = better
+            if gain < GAIN * (1 + _RELATIVE_GAIN * estimate.objective):
                 break
-    return found
+    return estimate
 
 
 def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -> Estimate:
@@ -279,8 +279,8 @@ def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -
     with np.errstate(all="ignore"):
         for mesh, states, latent in model.parts(estimate):
             deviance += model.observation.deviance(model.residuals(mesh, states), mesh.scale)
-            found = defects(field, mesh, states, latent)
-            objective += float(np.sum(found**2 * model.precision(mesh, model_error)))
+            residuals = defects(field, mesh, states, latent)
+            objective += float(np.sum(residuals**2 * model.precision(mesh, model_error)))
             if latent is not None:
                 objective += float(np.sum(latent.anchors * states[:, model.width :] ** 2))
     if model.prior is not None:
@@ -289,7 +289,7 @@ def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -
     return replace(estimate, deviance=deviance, objective=objective if np.isfinite(objective) else np.inf)
 
 
-def without_states(
+def eliminate_states_of_meshes(
     model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float
 ) -> list[SchurComplement]:
     """Return the normal equations of each mesh about an estimate with the states eliminated, see `eliminate_states`."""
@@ -307,9 +307,9 @@ def without_states(
 def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float) -> Estimate | None:
     """Return the estimate after one Gauss-Newton step, shortened until it is better; None if none is."""
     try:
-        parts = without_states(model, estimate, support, model_error)
-        total = np.sum([each.information for each in parts], axis=0)
-        gradient = np.sum([each.gradient for each in parts], axis=0)
+        parts = eliminate_states_of_meshes(model, estimate, support, model_error)
+        total = np.sum([part.information for part in parts], axis=0)
+        gradient = np.sum([part.gradient for part in parts], axis=0)
         if model.prior is not None:
             precision = model.prior.precision[support]
             total = total + np.diag(precision)
@@ -323,15 +323,15 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
         own = least_norm(relative, (-gradient) / scale) / scale
     except (NotPositiveError, np.linalg.LinAlgError):
         return None
-    directions = [each.state_step + each.state_sensitivity @ own for each in parts]
+    directions = [part.state_step + part.state_sensitivity @ own for part in parts]
     fraction = 1.0
     while fraction > SHORTEST:
         coefficients = estimate.coefficients.copy()
         coefficients[support] += fraction * own
         moved = tuple(z + fraction * step for z, step in zip(estimate.states, directions, strict=True))
-        found = _evaluated(model, Estimate(moved, coefficients), model_error)
-        if found.objective < estimate.objective:
-            return found
+        candidate = _evaluated(model, Estimate(moved, coefficients), model_error)
+        if candidate.objective < estimate.objective:
+            return candidate
         fraction *= _SHORTER
     return None
 

@@ -36,20 +36,20 @@ class Regression:
         parts, states, leverage = list[Floats](), list[Indices](), np.zeros(d + 1)
         for mesh, values in zip(model.meshes, estimate.states, strict=True):
             with np.errstate(all="ignore"):
-                found = _along(model, mesh, values, estimate.coefficients, free)[:, :d]
+                derivatives = _along(model, mesh, values, estimate.coefficients, free)[:, :d]
                 residuals = model.residuals(mesh, values)
                 roots = np.sqrt(model.observation.weights(residuals, mesh.scale))
-                rows = np.concatenate([found, residuals[:, :, np.newaxis]], axis=2) * roots[:, :, np.newaxis]
+                rows = np.concatenate([derivatives, residuals[:, :, np.newaxis]], axis=2) * roots[:, :, np.newaxis]
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
-            for each in range(segments[-1] + 1):
-                seen = mesh.observed & (segments == each)[:, np.newaxis]
-                own, columns = rows[seen], np.where(mesh.still, d, np.arange(d))[seen]
-                if not np.isfinite(own).all() or np.abs(own).max(initial=0.0) > np.sqrt(np.finfo(float).max):
+            for segment in range(segments[-1] + 1):
+                seen = mesh.observed & (segments == segment)[:, np.newaxis]
+                block, columns = rows[seen], np.where(mesh.still, d, np.arange(d))[seen]
+                if not np.isfinite(block).all() or np.abs(block).max(initial=0.0) > np.sqrt(np.finfo(float).max):
                     return None
-                basis = _basis(own[:, :width])
+                basis = _basis(block[:, :width])
                 if basis is None:
                     return None
-                parts.append(own[:, width:] - basis @ (basis.T @ own[:, width:]))
+                parts.append(block[:, width:] - basis @ (basis.T @ block[:, width:]))
                 states.append(columns)
                 leverage += np.bincount(columns, np.sum(basis**2, axis=1), minlength=d + 1)
         stacked, columns = np.concatenate(parts), np.concatenate(states)
@@ -119,7 +119,7 @@ def linearize(
 
 def joined(parts: Sequence[tuple[Floats, float]], count: int) -> Linearization:
     """Return the linearisation with so many columns that rows and log-determinants of meshes make."""
-    rows = LeastSquaresProblem.of_blocks((own for own, _ in parts), count, count + 1)
+    rows = LeastSquaresProblem.of_blocks((block for block, _ in parts), count, count + 1)
     return Linearization(rows, sum(log_determinant for _, log_determinant in parts))
 
 
@@ -131,14 +131,14 @@ def whitened(
     return [_whitened(model, part, estimate.coefficients, free, model_error) for part in model.parts(estimate)]
 
 
-def whitened_from_starts(
+def whitened_with_initial_states(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools
 ) -> tuple[list[Floats], float]:
     """Return the rows of each segment, [start | library | target], with the log-determinant of all.
 
     Columns of the start are as many as states; rows are those of `whitened`, and the measurements at the start.
     """
-    found, total = list[Floats](), 0.0
+    blocks, total = list[Floats](), 0.0
     for part in model.parts(estimate):
         rows, log_determinant = _whitened(model, part, estimate.coefficients, columns, model_error, from_starts=True)
         mesh, states, _ = part
@@ -153,9 +153,9 @@ def whitened_from_starts(
         at_start[:, :, -1] = precision * np.where(mesh.observed[first], residuals, 0.0)
         steps = np.diff(first, append=len(mesh)) - 1
         of_each = np.split(rows, np.cumsum(steps)[:-1] * model.width)
-        found += [np.vstack(pair) for pair in zip(at_start, of_each, strict=True)]
+        blocks += [np.vstack(pair) for pair in zip(at_start, of_each, strict=True)]
         total += log_determinant
-    return found, total
+    return blocks, total
 
 
 def _whitened(
@@ -219,8 +219,8 @@ def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tupl
         basis, mixed = np.linalg.qr(library)
         return units * basis, mixed
     basis, mixed, ends = np.empty(library.shape), np.zeros((library.shape[1],) * 2), np.cumsum(counts)
-    for own in map(slice, ends - counts, ends):
-        basis[:, own], mixed[own, own] = _orthogonal(library[:, own])
+    for columns in map(slice, ends - counts, ends):
+        basis[:, columns], mixed[columns, columns] = _orthogonal(library[:, columns])
     return units * basis, mixed
 
 

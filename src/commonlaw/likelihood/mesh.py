@@ -89,9 +89,9 @@ class Mesh:
 
     def with_scale(self, scale: Floats) -> "Mesh":
         """Return the mesh with other standard deviations; what follows from the rest is not computed again."""
-        found, rest = replace(self, scale=scale), ("still", "moving", "observed", "steps", "relative_steps", "grid")
-        found.__dict__.update({name: getattr(self, name) for name in (*rest, "typical_step")})
-        return found
+        scaled, rest = replace(self, scale=scale), ("still", "moving", "observed", "steps", "relative_steps", "grid")
+        scaled.__dict__.update({name: getattr(self, name) for name in (*rest, "typical_step")})
+        return scaled
 
     def __len__(self) -> int:
         return len(self.times)
@@ -125,8 +125,8 @@ class Mesh:
         """What the kernel takes of the mesh whatever measurements are worth."""
         middle = (self.inputs[:-1] + self.inputs[1:]) / 2 if self.middle is None else self.middle
         middle_times = (self.times[:-1] + self.times[1:]) / 2
-        found = (self.times, middle_times, self.steps, self.relative_steps, self.measured, self.inputs, middle)
-        arrays = tuple(np.ascontiguousarray(each, dtype=np.float64) for each in found)
+        listed = (self.times, middle_times, self.steps, self.relative_steps, self.measured, self.inputs, middle)
+        arrays = tuple(np.ascontiguousarray(array, dtype=np.float64) for array in listed)
         return Grid(arrays, np.ascontiguousarray(self.contiguous, dtype=np.uint8))
 
     @cached_property
@@ -146,9 +146,9 @@ class Grid:
 def joined(parts: Sequence[Mesh]) -> Mesh:
     """Return the mesh of several, one behind the other, as far as what happens in time goes."""
     times, measured, inputs = (
-        np.concatenate([getattr(each, name) for each in parts]) for name in ("times", "measured", "inputs")
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("times", "measured", "inputs")
     )
-    contiguous = np.concatenate([np.append(each.contiguous, False) for each in parts])[:-1]
+    contiguous = np.concatenate([np.append(part.contiguous, False) for part in parts])[:-1]
     return Mesh(times, measured, inputs, contiguous)
 
 
@@ -162,13 +162,13 @@ def meshes(
     """
     return [
         _mesh([(trials[i], segment) for i, segment in group], points, input_between)
-        for group in _groups([len(each) for each in trials], most)
+        for group in _groups([len(trial) for trial in trials], most)
     ]
 
 
 def interpolate(values: Sequence[Floats], points: int = 1, most: int = MAX_MESH_SAMPLES) -> list[Floats]:
     """Return values at the samples of trials, each of shape (samples, columns), linearly on their meshes."""
-    groups = _groups([len(each) for each in values], most)
+    groups = _groups([len(value) for value in values], most)
     return [np.concatenate([_between(values[i][segment], points) for i, segment in group]) for group in groups]
 
 
@@ -197,15 +197,15 @@ def _mesh(group: Sequence[tuple[Trial, slice]], points: int, input_between: str)
     averaging: Floats | float = 1.0
     if any(trial.repeats is not None for trial, _ in group):
         parts = [np.broadcast_to(trial.averaging, trial.states.shape)[segment] for trial, segment in group]
-        averaging = np.nan_to_num(np.concatenate([_spaced(each, points) for each in parts]), nan=1.0)
+        averaging = np.nan_to_num(np.concatenate([_spaced(part, points) for part in parts]), nan=1.0)
     courses = [Inputs.of(trial.times, trial.inputs, input_between) for trial, _ in group]
     inputs, middle = (
         np.concatenate([values_of(course, grid) for course, grid in zip(courses, times, strict=True)])
         for values_of in (Inputs.at, _in_middle)
     )
     contiguous = np.ones(sum(map(len, times)) - 1, dtype=bool)
-    contiguous[np.cumsum([len(each) for each in times])[:-1] - 1] = False
-    held = any(each.held for each in courses)
+    contiguous[np.cumsum([len(time) for time in times])[:-1] - 1] = False
+    held = any(course.held for course in courses)
     return Mesh(
         np.concatenate(times),
         measured,

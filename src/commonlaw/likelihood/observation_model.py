@@ -49,13 +49,13 @@ class LatentProcesses:
     @property
     def width(self) -> int:
         """How many processes there are."""
-        errors, forces = (0 if each is None else len(each) for each in (self.correlated, self.force))
+        errors, forces = (0 if level is None else len(level) for level in (self.correlated, self.force))
         return errors + 2 * forces
 
     @property
     def hyperparameters(self) -> int:
         """How many numbers describe the processes: a level for each state, and a time for all."""
-        return sum(0 if each is None else len(each) + 1 for each in (self.correlated, self.force))
+        return sum(0 if level is None else len(level) + 1 for level in (self.correlated, self.force))
 
     def along(self, mesh: Mesh) -> LatentSteps:
         """Return the processes along a mesh."""
@@ -83,10 +83,10 @@ NO_PROCESSES = LatentProcesses()
 
 def _diagonal(values: Floats, added: Floats, mesh: Mesh) -> Floats:
     """Return diagonal matrices of values over what each step adds, shape (n - 1, d, d), zero between segments."""
-    found = np.zeros((*added.shape, added.shape[1]))
+    matrices = np.zeros((*added.shape, added.shape[1]))
     scaled = np.divide(values, added, out=np.zeros_like(added), where=mesh.contiguous[:, np.newaxis])
-    found[:, range(added.shape[1]), range(added.shape[1])] = scaled
-    return found
+    matrices[:, range(added.shape[1]), range(added.shape[1])] = scaled
+    return matrices
 
 
 def _matern(std: Floats, time: float, mesh: Mesh) -> tuple[Floats, Floats]:
@@ -106,24 +106,26 @@ def _matern(std: Floats, time: float, mesh: Mesh) -> tuple[Floats, Floats]:
     last = 1 / np.sqrt(of_rates - across**2 / variance)
     inverse = np.array([[first, np.zeros_like(a)], [-across / variance * last, last]]).transpose(2, 0, 1)
     transition = decay[:, np.newaxis, np.newaxis] * np.array([[1 + a, a], [-a, 1 - a]]).transpose(2, 0, 1)
-    found = []
+    steps = []
     for matrices in (-inverse @ transition, inverse):
         wide = np.zeros((len(a), 2, len(std), 2, len(std)))
-        for j, own in enumerate(std):
-            wide[:, :, j, :, j] = matrices / np.array([own, rate * own]) * mesh.contiguous[:, np.newaxis, np.newaxis]
-        found.append(wide.reshape(len(a), 2 * len(std), 2 * len(std)))
-    return found[0], found[1]
+        for j, sigma in enumerate(std):
+            wide[:, :, j, :, j] = (
+                matrices / np.array([sigma, rate * sigma]) * mesh.contiguous[:, np.newaxis, np.newaxis]
+            )
+        steps.append(wide.reshape(len(a), 2 * len(std), 2 * len(std)))
+    return steps[0], steps[1]
 
 
 def _joined(blocks: list[Floats]) -> Floats:
     """Return block-diagonal matrices, shape (n - 1, w, w)."""
-    width = sum(each.shape[1] for each in blocks)
-    found, at = np.zeros((len(blocks[0]), width, width)), 0
-    for each in blocks:
-        stop = at + each.shape[1]
-        found[:, at:stop, at:stop] = each
+    width = sum(block.shape[1] for block in blocks)
+    joint, at = np.zeros((len(blocks[0]), width, width)), 0
+    for block in blocks:
+        stop = at + block.shape[1]
+        joint[:, at:stop, at:stop] = block
         at = stop
-    return found
+    return joint
 
 
 HUBER_THRESHOLD = FitOptions.huber_threshold

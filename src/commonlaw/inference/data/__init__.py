@@ -1,1 +1,1 @@
-"""What is known before any law: noise, smooth curves, some of many samples."""
+"""Preprocessing of trials: noise estimates, smoothing, subsampling."""

@@ -1,4 +1,4 @@
-"""How noisy measurements are before any law is known: as given, or by the samples alone."""
+"""Estimates of measurement noise before any model: given, from replicates, rounding or differences of samples."""
 
 from collections.abc import Callable, Mapping
 from numbers import Real
@@ -15,66 +15,66 @@ from commonlaw.trials.headers import find_name
 from commonlaw.trials.repeats import pure_error
 
 
-def spread_within(trials: Trials) -> Floats:
-    """Return the standard deviation of each state within the trials in which it was measured, shape (states,)."""
-    spread = np.zeros(len(trials.schema.states))
-    for j in range(len(spread)):
+def within_trial_std(trials: Trials) -> Floats:
+    """Return the pooled within-trial standard deviation of each measured state, shape (states,)."""
+    std = np.zeros(len(trials.schema.states))
+    for j in range(len(std)):
         columns = [trial.states[np.isfinite(trial.states[:, j]), j] for trial in trials]
-        spread[j] = np.sqrt(np.mean([np.var(each) for each in columns if len(each)]))
-    return spread
+        std[j] = np.sqrt(np.mean([np.var(column) for column in columns if len(column)]))
+    return std
 
 
-def scales_of_starts(trials: Trials) -> Floats:
-    """Return the scale of each state, shape (states,), by the standard deviations of unmeasured initial values."""
-    of_starts = np.max([trial.noise[0] for trial in trials], axis=0)
-    return np.asarray(of_starts / np.where(trials.schema.with_free_start, settings.VAGUE, settings.ROUNDING))
+def initial_value_scales(trials: Trials) -> Floats:
+    """Return the scales of latent states, shape (states,), from the standard deviations of their initial values."""
+    std = np.max([trial.noise[0] for trial in trials], axis=0)
+    return np.asarray(std / np.where(trials.schema.with_free_start, settings.VAGUE, settings.ROUNDING))
 
 
 def noise_floor(trials: Trials) -> Floats:
-    """Return what noise a law is fitted under at least, shape (d,): a small share of each state, or that of its digits.
+    """Return the lower bound of the noise of each state under which laws are fitted, shape (d,), see `noise_floors`."""
+    return noise_floors(trials, 1.0)[0]
 
-    Of a latent state it is that of its starts.
+
+def noise_floors(trials: Trials, share: float) -> tuple[Floats, Floats]:
+    """Return the lower bounds of the noise in fits, and in estimates from residuals, each of shape (d,).
+
+    The first is `MIN_NOISE` times the within-trial standard deviation, and at least the rounding noise; of latent
+    states it is the standard deviation of their initial values. The second is a share of it, with the same minimum.
     """
-    return noise_told(trials, 1.0)[0]
+    rounding = rounding_noise(trials)
+    measured = np.maximum(settings.MIN_NOISE * within_trial_std(trials), rounding)
+    floor = np.where(trials.schema.unmeasured, settings.ROUNDING * initial_value_scales(trials), measured)
+    return floor, np.maximum(share * floor, rounding)
 
 
-def noise_told(trials: Trials, share: float) -> tuple[Floats, Floats]:
-    """Return the `noise_floor`, and what exact measurements tell: a share of it, but no less than their digits."""
-    digits = noise_of_digits(trials)
-    measured = np.maximum(settings.MIN_NOISE * spread_within(trials), digits)
-    floor = np.where(trials.schema.unmeasured, settings.ROUNDING * scales_of_starts(trials), measured)
-    return floor, np.maximum(share * floor, digits)
+def rounding_noise(trials: Trials) -> Floats:
+    """Return the standard deviation of rounding errors of each state, shape (d,), zero if there is no quantum.
 
-
-def noise_of_digits(trials: Trials) -> Floats:
-    """Return the noise of each state by the step to which its values were rounded, shape (d,), zero if there is none.
-
-    Values that are all multiples of one step from each other err by up to half of it, evenly: step / sqrt(12).
+    Values that are multiples of a quantum q have uniform rounding errors of standard deviation ``q / sqrt(12)``.
     """
     columns = np.concatenate([trial.states for trial in trials]).T
-    steps = np.zeros(len(columns))
+    quanta = np.zeros(len(columns))
     for j, column in enumerate(columns):
-        different = np.unique(column[np.isfinite(column)])
-        if len(different) < 3:
+        distinct = np.unique(column[np.isfinite(column)])
+        if len(distinct) < 3:
             continue
-        step = float(np.diff(different).min())
-        multiples = (different - different[0]) / step
+        quantum = float(np.diff(distinct).min())
+        multiples = (distinct - distinct[0]) / quantum
         if np.all(np.abs(multiples - np.round(multiples)) < settings.MAX_FROM_MULTIPLE):
-            steps[j] = step
-        else:  # Few values seldom are neighbours on their scale: the last decimal that any has is the step
-            decimals = (n for n in range(np.finfo(float).precision) if np.array_equal(different.round(n), different))
-            steps[j] = next((10.0**-n for n in decimals), 0.0)
-    return np.asarray(steps / np.sqrt(12))
+            quanta[j] = quantum
+        else:  # Few values are seldom neighbours on their scale: take the last decimal of any
+            decimals = (n for n in range(np.finfo(float).precision) if np.array_equal(distinct.round(n), distinct))
+            quanta[j] = next((10.0**-n for n in decimals), 0.0)
+    return np.asarray(quanta / np.sqrt(12))
 
 
 def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:
-    """Return the noise of every state, shape (states,), whose name may be given with its unit: ``U [V]``.
+    """Return the given noise of each state, shape (states,), NaN for latent states; None if none is given.
 
-    Of states whose measurements have standard deviations of their own it is the median of these, and NaN of latent
-    states; None if nothing is known of any state.
+    Names may have a unit, ``U [V]``. For states with a column of standard deviations it is their median.
 
-    Raises `CommonlawError` if a state has none while others have, or two; a name is not a state, or a value is not
-    positive.
+    Raises `CommonlawError` if it is given for some measured states only, or twice for one; a name is not a state, or a
+    value is not positive.
     """
     states, columns = trials.schema.states, trials.schema.noise_columns
     if noise is None and not columns:
@@ -89,8 +89,8 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
             raise CommonlawError("noise-not-positive", name=name, level=level)
         if name in columns:
             raise CommonlawError("noise-given-twice", name=name, column=columns[name])
-    each = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
-    noise |= {name: float(np.nanmedian(each[:, states.index(name)])) for name in columns}
+    stds = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
+    noise |= {name: float(np.nanmedian(stds[:, states.index(name)])) for name in columns}
     missing = [name for name in states if name not in noise and name not in trials.schema.starts]
     if missing:
         raise CommonlawError("noise-missing", states=missing)
@@ -98,17 +98,22 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
 
 
 def by_columns(schema: Schema) -> str:
-    """Return what columns noise is given by, if by any, as the end of a sentence."""
+    """Return the columns that give the noise, if any, as the end of a sentence."""
     columns = ", ".join(f"{state} by {column}" for state, column in schema.noise_columns.items())
     return f" for each measurement, {columns}; their median" if columns else ""
 
 
 def parabola(times: Floats, values: Floats) -> Polynomial:
+    """Return the least-squares polynomial of degree 2, or of the number of samples less one."""
     return Polynomial.fit(times, values, min(2, len(times) - 1))
 
 
 def _estimator(samples: int, name: str) -> tuple[int, int, Callable[[Floats, Floats], float], str]:
-    """Return samples that the best estimator of a variance takes and spends, if there are so many; it; and its name."""
+    """Return the variance estimator for trials of so many samples.
+
+    It is the least number of samples it takes, the degrees of freedom it spends, the estimator itself (of times and
+    values), and its description.
+    """
     if samples >= settings.MIN_SAMPLES:
         by_differences = "from differences of neighbouring samples"
         return settings.MIN_SAMPLES, 0, lambda t, x: float(noise_level(t, x[:, np.newaxis])[0]) ** 2, by_differences
@@ -120,38 +125,41 @@ def _estimator(samples: int, name: str) -> tuple[int, int, Callable[[Floats, Flo
     return 2, 0, lambda _, x: (settings.ASSUMED_NOISE * float(np.std(x))) ** 2, assumed
 
 
-def told_by_repeats(trials: Trials) -> Bools:
-    """Return of which states repeated measurements estimate the noise, shape (states,)."""
+def has_replicates(trials: Trials) -> Bools:
+    """Return for which states replicates have enough degrees of freedom to estimate the noise, shape (states,)."""
     freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))[1]
     return np.asarray(freedom >= settings.MIN_FREEDOM)
 
 
 def estimated_noise(trials: Trials) -> tuple[Floats, str]:
-    """Return the noise of each state, of all trials in which it changes, shape (d,), and what it was taken from.
+    """Return the pooled noise of each state, shape (d,), NaN for latent states, and the description of its estimator.
 
-    Of latent states it is NaN.
+    From replicates it is ``sqrt(SS / nu)`` with the pure-error sum of squares SS and its degrees of freedom nu;
+    otherwise variances of single trials, in which the state varies, are averaged with their degrees of freedom as
+    weights.
     """
-    squares, weights = np.zeros((2, len(trials), len(trials.schema.states)))
-    repeated, freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))
-    by_repeats, reasons = told_by_repeats(trials), list[str]()
+    variances, weights = np.zeros((2, len(trials), len(trials.schema.states)))
+    squares, freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))
+    replicated, reasons = has_replicates(trials), list[str]()
     for j, name in enumerate(trials.schema.states):
         if name in trials.schema.starts:
-            squares[:, j], weights[:, j] = np.nan, 1.0
+            variances[:, j], weights[:, j] = np.nan, 1.0
             continue
-        if by_repeats[j]:
-            squares[:, j], weights[:, j] = repeated[j] / freedom[j], 1.0
+        if replicated[j]:
+            variances[:, j], weights[:, j] = squares[j] / freedom[j], 1.0
             reasons.append("from repeated measurements")
             continue
         pairs = [(trial.times, trial.states[:, j]) for trial in trials]
         measured = [(times[~np.isnan(values)], values[~np.isnan(values)]) for times, values in pairs]
         counts = [len(values) * (len(np.unique(values)) > 1) for _, values in measured]
         if not any(counts):
-            others = len(trials.schema.measured) > 1
-            remedy = "take its column as a property instead" if others else "measure it while it changes"
+            remedy = "measure it while it changes"
+            if len(trials.schema.measured) > 1:
+                remedy = "take its column as a property instead"
             raise CommonlawError("state-constant", state=name, remedy=remedy)
         least, spent, variance, reason = _estimator(max(counts), name)
         for i, count in enumerate(counts):
             if count >= least:
-                squares[i, j], weights[i, j] = variance(*measured[i]), count - spent
+                variances[i, j], weights[i, j] = variance(*measured[i]), count - spent
         reasons.append(reason)
-    return np.sqrt(np.average(squares, axis=0, weights=weights)), "; ".join(dict.fromkeys(reasons))
+    return np.sqrt(np.average(variances, axis=0, weights=weights)), "; ".join(dict.fromkeys(reasons))

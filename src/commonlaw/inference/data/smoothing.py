@@ -1,4 +1,7 @@
-"""Smooth curves through the measurements of a trial, and candidate terms and rates of change on them."""
+"""Smoothing of trials, and gradient matching: regression of smoothed derivatives on terms of smoothed states.
+
+Two-stage estimates of this kind (Varah 1982, SIAM J. Sci. Stat. Comput. 3) are the initial guesses of all fits.
+"""
 
 from collections.abc import Sequence
 
@@ -18,35 +21,38 @@ Curve = tuple[Floats, Floats]
 
 
 def filled_curves(curves: Sequence[Curve], typical: Floats) -> list[Floats]:
-    """Return smoothed states (and rates), shape (n, D), the typical ones, shape (D,), where a state has no curve."""
+    """Return smoothed states (and rates), shape (n, D), `typical` ones, shape (D,), where there is no curve."""
     return [np.where(np.isnan(states), typical, states) for states, _ in curves]
 
 
 def typical_states(curves: Sequence[Sequence[Curve]]) -> Floats:
-    """Return the mean of each state (and rate) over all objects' curves, shape (D,)."""
+    """Return the mean of each state (and rate) over the curves of all objects, shape (D,)."""
     return np.asarray(np.nanmean(np.concatenate([states for group in curves for states, _ in group]), axis=0))
 
 
 def smooth_curves(trial: Trial, order: Order, unmeasured: Bools | None = None) -> Curve:
     """Return smoothed states and rates of a trial, shape (n, D), and the highest derivatives, shape (n, d).
 
-    Those of a state that was not measured in it are NaN, and so are those of states of which at most a start is known.
+    They come from a robust smoothing spline, or from a parabola if there are fewer than five samples. Those of
+    unmeasured states are NaN.
     """
     columns, states = [], trial.states if unmeasured is None else np.where(unmeasured, np.nan, trial.states)
-    for column, own in zip(states.T, order_of_each(order, states.shape[1]), strict=True):
+    for column, degree in zip(states.T, order_of_each(order, states.shape[1]), strict=True):
         seen = np.isfinite(column)
         if not seen.any():
-            columns.append([column] * (own + 1))
-        elif seen.sum() >= 5:  # As a spline takes
-            found = RobustSpline().differentiate(trial.times, column[:, np.newaxis], own)
-            columns.append([each[:, 0] for each in (found.states, *found.derivatives)])
+            columns.append([column] * (degree + 1))
+        elif seen.sum() >= 5:  # The least that a spline takes
+            spline = RobustSpline().differentiate(trial.times, column[:, np.newaxis], degree)
+            columns.append([values[:, 0] for values in (spline.states, *spline.derivatives)])
         elif seen.sum() > 1:
             curve = parabola(trial.times[seen], column[seen])
-            columns.append([curve.deriv(k)(trial.times) for k in range(own + 1)])
+            columns.append([curve.deriv(k)(trial.times) for k in range(degree + 1)])
         else:
             raise CommonlawError("one-value", where=trial.label)
-    rates = [each[1] for each in columns if len(each) > 2]
-    return np.stack([*(each[0] for each in columns), *rates], axis=1), np.stack([each[-1] for each in columns], axis=1)
+    rates = [column[1] for column in columns if len(column) > 2]
+    return np.stack([*(column[0] for column in columns), *rates], axis=1), np.stack(
+        [column[-1] for column in columns], axis=1
+    )
 
 
 def terms_and_rates(
@@ -54,26 +60,26 @@ def terms_and_rates(
 ) -> tuple[Floats, Floats]:
     """Return terms, shape (n, terms), and the highest derivatives, shape (n, states), on the curves of some trials.
 
-    Parameters inside terms have the values of their coefficients, shape (equations, terms). Samples of which no
-    state was measured are left out: smoothed rates know nothing of the moments in which doses are given.
+    Nonlinear parameters have the values of their coefficients, shape (equations, terms). Samples without any measured
+    state, such as those of doses, are omitted.
 
     Raises `CommonlawError` if a term is not finite there; the message names the trial.
     """
     blocks, rates = [], []
     for trial, curve in curves:
-        values, own = values_and_rates(terms.variables, trial, curve)
+        values, derivatives = values_and_rates(terms.variables, trial, curve)
         if coefficients is not None:
             values = terms.at(values, coefficients)
         block = terms.evaluate(values)
         terms.check_finite(block, values, trial.label)
         seen = np.isfinite(trial.states).any(axis=1)
         blocks.append(block[seen])
-        rates.append(own[seen])
+        rates.append(derivatives[seen])
     return np.concatenate(blocks), np.concatenate(rates)
 
 
 def values_and_rates(variables: Variables, trial: Trial, curve: Curve) -> tuple[Floats, Floats]:
-    """Return the variables along a trial's curve, shape (n, variables), and the highest derivatives, (n, states)."""
+    """Return the variables along the curve of a trial, (n, variables), and the highest derivatives, (n, states)."""
     states, rates = curve[0], curve[1].copy()
     values = variables.natural(np.column_stack([states, trial.inputs, trial.times]))
     logarithmic = list(variables.logarithmic_columns)
@@ -81,13 +87,16 @@ def values_and_rates(variables: Variables, trial: Trial, curve: Curve) -> tuple[
     return values, rates
 
 
-def first_coefficients(terms: Terms, curves: Sequence[tuple[Trial, Curve]], known: Floats) -> Floats:
-    """Return coefficients by least squares on each trial's smoothed states and rates, shape (equations, terms)."""
-    found = np.nan_to_num(known)
-    library, targets = terms_and_rates(terms, curves, found)
+def gradient_matching(terms: Terms, curves: Sequence[tuple[Trial, Curve]], known: Floats) -> Floats:
+    """Return least-squares coefficients of smoothed derivatives on terms of smoothed states, shape (equations, terms).
+
+    Known coefficients, not NaN, are fixed.
+    """
+    theta = np.nan_to_num(known)
+    library, targets = terms_and_rates(terms, curves, theta)
     for equation, free in enumerate(np.isnan(known)):
         columns = library[:, free]
         norms = column_scales(columns)
-        rest = targets[:, equation] - library @ found[equation]
-        found[equation, free] = np.linalg.lstsq(columns / norms, rest, rcond=MIN_SINGULAR_VALUE)[0] / norms
-    return found
+        residuals = targets[:, equation] - library @ theta[equation]
+        theta[equation, free] = np.linalg.lstsq(columns / norms, residuals, rcond=MIN_SINGULAR_VALUE)[0] / norms
+    return theta

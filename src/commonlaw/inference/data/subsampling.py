@@ -1,9 +1,8 @@
 """Subsampling of long trials, up to the sample limit of the trajectory likelihood.
 
-Where samples are much closer than what the states do between them, fewer of them tell a law as well if they reach as
-far, and its rates and frequencies better than a part of the time would; so samples are thinned first. They are not
-thinned further than their differences still tell noise from motion, as everything begins with a curve through them. If
-more are left than can be carried, the rest is segments that are spread over the trials of each object.
+Samples are first thinned by a stride, as coefficients and frequencies are better identified by a long trial than by
+many samples. The stride is at most 1/`MIN_RESOLUTION` of that up to which differences of samples still estimate the
+noise. If too many samples remain, segments that are evenly spaced over the trials of each object are kept.
 """
 
 from collections import Counter
@@ -23,34 +22,34 @@ from commonlaw.trials import Trial, Trials
 
 @dataclass(frozen=True, eq=False)
 class FittedSamples:
-    """The trials that are fitted, and in words what of all samples these are; nothing if they are all."""
+    """The fitted trials, and the description of the subsample, empty if all samples are fitted."""
 
     trials: Trials
     words: str = ""
 
 
-def as_many_as_are_carried(trials: Trials, noise: Floats, most: int = settings.MAX_SAMPLES) -> FittedSamples:
-    """Return the trials, or if they have more samples than are carried, what of them is fitted.
+def subsample(trials: Trials, noise: Floats, most: int = settings.MAX_SAMPLES) -> FittedSamples:
+    """Return the trials, subsampled if they have more samples than the limit.
 
     Parameters
     ----------
     trials
-        What was measured.
+        The measurements.
     noise
-        Standard deviation of each state's measurement noise, by all samples, shape (states,).
+        Noise standard deviation of each state, estimated from all samples, shape (states,).
     most
-        Samples that are carried.
+        Limit of the number of samples.
     """
     total = sum(map(len, trials))
     if total <= most:
         return FittedSamples(trials)
     wanted = -(-total // most)
-    # Between samples that are left out, inputs may do anything
+    # Inputs between omitted samples would be lost
     stride = 1 if trials.schema.inputs else _stride(list(trials), noise, wanted)
-    thinned = [each.rows(slice(None, None, stride)) for each in trials]
-    groups = [[each for each in thinned if each.object == name] for name in trials.objects]
+    thinned = [trial.rows(slice(None, None, stride)) for trial in trials]
+    groups = [[trial for trial in thinned if trial.object == name] for name in trials.objects]
     share = max(_share([sum(map(len, group)) for group in groups], most), settings.MAX_CURVE_POINTS)
-    fitted = [segment for group in groups for segment in _spread_segments(group, share)]
+    fitted = [segment for group in groups for segment in _evenly_spaced_segments(group, share)]
     kept = sum(map(len, fitted))
     how = [f"every {_ordinal(stride)}"] if stride > 1 else []
     if kept < sum(map(len, thinned)):
@@ -58,8 +57,8 @@ def as_many_as_are_carried(trials: Trials, noise: Floats, most: int = settings.M
     return FittedSamples(trials.with_trials(fitted), f"{kept} of {total}: {', '.join(how)}" if how else "")
 
 
-def can_be_carried(trials: Trials) -> bool:
-    """Whether no object must lose so many samples that few are left of it."""
+def can_be_subsampled(trials: Trials) -> bool:
+    """Return whether all objects keep enough samples in a subsample."""
     of_objects = Counter[str]()
     for trial in trials:
         of_objects[trial.object] += len(trial)
@@ -67,23 +66,24 @@ def can_be_carried(trials: Trials) -> bool:
 
 
 def _stride(trials: Sequence[Trial], noise: Floats, wanted: int) -> int:
-    """Return the stride that thins samples, at most as wanted: much finer than one that still tells the noise."""
+    """Return the stride of thinning, at most as wanted and 1/`MIN_RESOLUTION` of one that resolves the noise."""
     longest, coarse = max(trials, key=len), 1
-    # From fine to coarse: samples once in a turn look slow
-    while coarse < settings.MIN_RESOLUTION * wanted and _tells_noise(longest, noise, 2 * coarse):
+    # From fine to coarse: samples once in a cycle are aliased
+    while coarse < settings.MIN_RESOLUTION * wanted and _resolves_noise(longest, noise, 2 * coarse):
         coarse *= 2
     return max(min(wanted, coarse // settings.MIN_RESOLUTION), 1)
 
 
-def _tells_noise(trial: Trial, noise: Floats, stride: int) -> bool:
+def _resolves_noise(trial: Trial, noise: Floats, stride: int) -> bool:
+    """Return whether differences at a stride estimate the noise, not larger by two standard errors, of all states."""
     around = max(0, len(trial) // 2 - stride * settings.MAX_SCREENED_SAMPLES // 2)
-    looked_at = trial.rows(slice(around, around + stride * settings.MAX_SCREENED_SAMPLES, stride))
-    for column, level in zip(looked_at.states.T, noise, strict=True):
+    thinned = trial.rows(slice(around, around + stride * settings.MAX_SCREENED_SAMPLES, stride))
+    for column, level in zip(thinned.states.T, noise, strict=True):
         known = np.isfinite(column)
         if known.sum() < settings.MIN_SAMPLES_OF_MANY:
             return False
         if (
-            noise_level(looked_at.times[known], column[known, np.newaxis])[0]
+            noise_level(thinned.times[known], column[known, np.newaxis])[0]
             > (1 + 2 / np.sqrt(2 * settings.MIN_SAMPLES_OF_MANY)) * level
         ):
             return False
@@ -91,17 +91,17 @@ def _tells_noise(trial: Trial, noise: Floats, stride: int) -> bool:
 
 
 def _share(counts: Sequence[int], most: int) -> int:
-    """Return how many samples an object may have so that all of them have together at most so many."""
-    left = float(most)
+    """Return the limit of samples of each object at which all objects have together at most so many (water-filling)."""
+    rest = float(most)
     for done, count in enumerate(ordered := sorted(counts)):
-        if count * (len(ordered) - done) > left:
-            return int(left // (len(ordered) - done))
-        left -= count
+        if count * (len(ordered) - done) > rest:
+            return int(rest // (len(ordered) - done))
+        rest -= count
     return max(counts)
 
 
-def _spread_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
-    """Return segments of an object's trials of so many samples together, spread evenly; all if they have no more."""
+def _evenly_spaced_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
+    """Return evenly spaced segments of the trials of an object, of `share` samples together."""
     if sum(map(len, trials)) <= share:
         return list(trials)
     longest = min(MAX_MESH_SAMPLES, max(share // settings.MAX_OBJECTS, min(share, settings.MAX_CURVE_POINTS)))
@@ -117,14 +117,14 @@ def _spread_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
                 for first, stop in pairwise(ends)
             ]
         )
-    count = max(1, int(share / np.mean([len(each) for each in segments])))
+    count = max(1, int(share / np.mean([len(segment) for segment in segments])))
     return [segments[i] for i in evenly_spaced(len(segments), count)]
 
 
 def _ordinal(number: int) -> str:
-    """Return the number as one counts.
+    """Return the ordinal of a number.
 
-    >>> [_ordinal(each) for each in (2, 3, 11, 21)]
+    >>> [_ordinal(n) for n in (2, 3, 11, 21)]
     ['2nd', '3rd', '11th', '21st']
     """
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")

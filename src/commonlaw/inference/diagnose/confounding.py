@@ -89,14 +89,14 @@ def _confounded_sets(trials: Trials, order: Order, given: AbstractLibrary | None
     variables, states = law_variables(trials.schema, order), trials.schema.states
     orders = order_of_each(order, len(states))
     choices = [given] if given else [PolynomialLibrary(degree) for degree in (3, 2, 1)]
-    for terms in (each.bind(variables) for each in choices):
+    for terms in (choice.bind(variables) for choice in choices):
         used = sorted(set().union(*(term.columns() for term in terms.terms)))
         if not 1 < len(used) <= settings.MAX_VARIABLES:
             continue
-        forms = {each: _IntegralForm.of(curves, terms, each) for each in {*orders}}
+        forms = {n: _IntegralForm.of(curves, terms, n) for n in {*orders}}
         if all(form.objects for form in forms.values()):
-            found = (_one_equation(forms[each], j, used, curves) for j, each in enumerate(orders))
-            return tuple(each for each in found if each is not None)
+            confounded = (_one_equation(forms[n], j, used, curves) for j, n in enumerate(orders))
+            return tuple(variables_ for variables_ in confounded if variables_ is not None)
     return ()
 
 
@@ -112,10 +112,10 @@ class _Curve:
 
 def _curves(trials: Trials, order: Order) -> list[_Curve]:
     """Return smooth curves through the first samples, with all states, of trials of objects with many trials first."""
-    found, groups = list[_Curve](), sorted(map(trials.of_object, trials.objects), key=len, reverse=True)
+    curves, groups = list[_Curve](), sorted(map(trials.of_object, trials.objects), key=len, reverse=True)
     for trial in chain.from_iterable(groups):
         complete = np.asarray(np.isfinite(trial.states).all(axis=1))
-        if not complete.any() or len(found) == settings.MAX_OBJECTS:
+        if not complete.any() or len(curves) == settings.MAX_OBJECTS:
             continue
         measured = trial if complete.all() else trial.rows(complete)
         if len(measured) > settings.MAX_CURVE_POINTS:
@@ -127,8 +127,8 @@ def _curves(trials: Trials, order: Order) -> list[_Curve]:
             continue
         of_rates = rates.derivatives[0][:, with_rates(order, states.shape[1])]
         values = np.column_stack([rates.states, of_rates, measured.inputs, measured.times])
-        found.append(_Curve(trial.object, measured.times - measured.times[0], values, states))
-    return found
+        curves.append(_Curve(trial.object, measured.times - measured.times[0], values, states))
+    return curves
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ class _Rows:
         from scipy.linalg import solve_triangular
 
         factor = correlation_factor(self.times.tobytes(), share, memory)
-        values, start = (solve_triangular(factor, each, lower=True) for each in (self.values, self.start))
+        values, start = (solve_triangular(factor, block, lower=True) for block in (self.values, self.start))
         return _Rows(self.times, values, start)
 
 
@@ -180,23 +180,23 @@ class _IntegralForm:
     def of(cls, curves: Sequence[_Curve], terms: Terms, order: int) -> "_IntegralForm":
         """Return the form of the objects that have samples for all terms."""
         objects = []
-        for name in dict.fromkeys(each.object for each in curves):
-            of_object = [each for each in curves if each.object == name]
-            if sum(len(each.times) - order for each in of_object) >= 2 * len(terms):
-                rows = tuple(_Rows.of(each, terms, order) for each in of_object)
-                if all(np.isfinite(each.values).all() for each in rows):
+        for name in dict.fromkeys(curve.object for curve in curves):
+            of_object = [curve for curve in curves if curve.object == name]
+            if sum(len(curve.times) - order for curve in of_object) >= 2 * len(terms):
+                rows = tuple(_Rows.of(curve, terms, order) for curve in of_object)
+                if all(np.isfinite(row.values).all() for row in rows):
                     objects.append(rows)
         return cls(terms, tuple(objects))
 
     @cached_property
     def factors(self) -> list[list[Floats]]:
         """What a factorisation of each object's rows leaves, without their starts."""
-        return [[np.asarray(np.linalg.qr(each.without_start, mode="r")) for each in rows] for rows in self.objects]
+        return [[np.asarray(np.linalg.qr(row.without_start, mode="r")) for row in rows] for rows in self.objects]
 
     @cached_property
     def free(self) -> Floats:
         """The number of samples that starts leave of each object."""
-        return np.array([sum(len(each.times) - each.start.shape[1] for each in rows) for rows in self.objects], float)
+        return np.array([sum(len(row.times) - row.start.shape[1] for row in rows) for rows in self.objects], float)
 
     def over(self, variables: Sequence[int]) -> list[int]:
         """Return the terms over some variables alone."""
@@ -211,20 +211,20 @@ class _IntegralForm:
             found.append((sum(squares for squares, _ in fits), sum(size for _, size in fits)))
         return found
 
-    def rms(self, left: Left) -> float:
+    def rms(self, residuals: Left) -> float:
         """Return the root mean square of what is left."""
-        return float(np.sqrt(sum(squares for squares, _ in left) / self.free.sum()))
+        return float(np.sqrt(sum(squares for squares, _ in residuals) / self.free.sum()))
 
     def criterion(self, equation: int) -> Callable[[Left], float]:
         """Return what gives the Bayesian information criterion of what is left, comparable for one equation."""
         column = len(self.terms) + equation
-        totals = [sum(float(each[:, column] @ each[:, column]) for each in factors) for factors in self.factors]
+        totals = [sum(float(r[:, column] @ r[:, column]) for r in factors) for factors in self.factors]
         floors = np.maximum(settings.ROUNDING**2 * np.array(totals), np.finfo(float).tiny)
         sizes = [size for _, size in self.left(equation, range(len(self.terms)))]
         freedom = np.maximum(self.free - sizes, np.e)
 
-        def value(left: Left) -> float:
-            squares, counts = np.array(left).T
+        def value(residuals: Left) -> float:
+            squares, counts = np.array(residuals).T
             return float(np.sum(freedom * np.log(squares + floors) + counts * np.log(freedom)))
 
         return value
@@ -235,9 +235,9 @@ class _IntegralForm:
         Errors are white noise and a part that is correlated in time, of the same share and memory in all trials; these
         are chosen by the restricted likelihood, which knows what all terms and the starts have taken.
         """
-        errors = min(self._deviances, key=lambda each: each[1][equation])[0]
+        errors = min(self._deviances, key=lambda rows: rows[1][equation])[0]
         if errors not in self._white:
-            rows = tuple(tuple(each.whitened(*errors) for each in own) for own in self.objects)
+            rows = tuple(tuple(row.whitened(*errors) for row in rows) for rows in self.objects)
             self._white[errors] = _IntegralForm(self.terms, rows) if errors[0] else self
         return self._white[errors]
 
@@ -249,18 +249,18 @@ class _IntegralForm:
     @cached_property
     def _deviances(self) -> list[tuple[tuple[float, float], Floats]]:
         """Return minus twice the restricted log-likelihood of each equation by shares and memories of errors."""
-        step = float(np.median(np.concatenate([np.diff(each.times) for rows in self.objects for each in rows])))
+        step = float(np.median(np.concatenate([np.diff(row.times) for rows in self.objects for row in rows])))
         memories = [step * steps for steps in settings.CORRELATION_TIMES]
         few = [rows[: settings.MAX_WINDOWS] for rows in self.objects[: settings.MAX_WINDOWS]]
         mixed = [(rows, self._mixture(rows)) for rows in few]
         return [
-            (errors, np.sum([self._restricted_deviances(*each, *errors) for each in mixed], axis=0))
+            (errors, np.sum([self._restricted_deviances(*pair, *errors) for pair in mixed], axis=0))
             for errors in [(0.0, step), *product(settings.CORRELATED_SHARES, memories)]
         ]
 
     def _mixture(self, rows: Sequence[_Rows]) -> Floats:
         """Return the mixture of terms that is orthonormal over an object's trials."""
-        columns = np.concatenate([each.without_start[:, : len(self.terms)] for each in rows])
+        columns = np.concatenate([row.without_start[:, : len(self.terms)] for row in rows])
         scale = column_scales(columns)
         _, values, right = np.linalg.svd(columns / scale, full_matrices=False)
         kept = values > settings.MIN_SINGULAR_VALUE
@@ -268,13 +268,13 @@ class _IntegralForm:
 
     def _restricted_deviances(self, rows: Sequence[_Rows], mixture: Floats, share: float, memory: float) -> Floats:
         """Return minus twice the restricted log-likelihoods of an object's trials, given share and memory of errors."""
-        white, count = [each.whitened(share, memory) for each in rows], len(self.terms)
-        values = np.concatenate([each.without_start for each in white])
+        white, count = [row.whitened(share, memory) for row in rows], len(self.terms)
+        values = np.concatenate([row.without_start for row in white])
         basis, triangle = np.linalg.qr(values[:, :count] @ mixture)
         residuals = values[:, count:] - basis @ (basis.T @ values[:, count:])
-        starts = [np.asarray(np.linalg.qr(each.start, mode="r")) for each in white]
+        starts = [np.asarray(np.linalg.qr(row.start, mode="r")) for row in white]
         freedom = max(len(values) - sum(map(len, starts)) - len(triangle), 1)
-        factors = [correlation_factor(each.times.tobytes(), share, memory) for each in rows]
+        factors = [correlation_factor(row.times.tobytes(), share, memory) for row in rows]
         determinant = 2 * sum(float(np.sum(np.log(np.abs(np.diag(r))))) for r in (*starts, triangle, *factors))
         squares = np.maximum(np.sum(residuals**2, axis=0), np.finfo(float).tiny)
         return np.asarray(determinant + freedom * np.log(squares))
@@ -286,10 +286,10 @@ def _one_equation(
     """Return the smallest sets of variables that suffice for an equation; None if there is one such set."""
     white = form.whitened(equation)
     criterion = white.criterion(equation)
-    subsets = [each for size in range(len(used) + 1) for each in combinations(used, size)]
+    subsets = [subset for size in range(len(used) + 1) for subset in combinations(used, size)]
 
     def values(by_trial: bool) -> dict[Columns, float]:
-        return {each: criterion(white.left(equation, white.over(each), by_trial)) for each in subsets}
+        return {subset: criterion(white.left(equation, white.over(subset), by_trial)) for subset in subsets}
 
     together = values(by_trial=False)
     sets, by_trial = _smallest(together), False
@@ -301,13 +301,16 @@ def _one_equation(
         return None
     names, concerned = form.terms.variables.names, sorted(set().union(*sets))
     starts, visited = (
-        {names[i]: (float(each[:, i].min()), float(each[:, i].max())) for i in concerned}
-        for each in (np.array([each.values[0] for each in curves]), np.concatenate([each.values for each in curves]))
+        {names[i]: (float(visited_values[:, i].min()), float(visited_values[:, i].max())) for i in concerned}
+        for visited_values in (
+            np.array([curve.values[0] for curve in curves]),
+            np.concatenate([curve.values for curve in curves]),
+        )
     )
     return ConfoundedVariables(
         form.terms.variables.states[equation],
-        tuple(tuple(names[i] for i in each) for each in sets),
-        tuple(form.rms(form.left(equation, form.over(each), by_trial)) for each in sets),
+        tuple(tuple(names[i] for i in subset) for subset in sets),
+        tuple(form.rms(form.left(equation, form.over(subset), by_trial)) for subset in sets),
         form.rms(form.left(equation, form.over(used))),
         by_trial,
         starts,
@@ -317,19 +320,19 @@ def _one_equation(
 
 def _smallest(values: Mapping[Columns, float]) -> list[Columns]:
     """Return the sets that suffice and hold no smaller one that does, given criteria of sets from small to large."""
-    found: list[Columns] = []
+    smallest: list[Columns] = []
     least = min(values.values())
-    for each, value in values.items():
-        if value < least + settings.VERY_STRONG and not any(set(smaller) <= set(each) for smaller in found):
-            found.append(each)
-    return found
+    for subset, value in values.items():
+        if value < least + settings.VERY_STRONG and not any(set(smaller) <= set(subset) for smaller in smallest):
+            smallest.append(subset)
+    return smallest
 
 
 def _fits(columns: Sequence[Floats], targets: Sequence[Floats]) -> list[tuple[float, int]]:
     """Return the sum of squares that columns leave of a target, and their rank, of each trial."""
-    if len({each.shape for each in columns}) > 1:
+    if len({column.shape for column in columns}) > 1:
         return [fit for pair in zip(columns, targets, strict=True) for fit in _fits([pair[0]], [pair[1]])]
-    scaled, aims = np.array([each / column_scales(each) for each in columns]), np.array(targets)
+    scaled, aims = np.array([column / column_scales(column) for column in columns]), np.array(targets)
     bases, values, _ = np.linalg.svd(scaled, full_matrices=False)
     kept = values > settings.MIN_SINGULAR_VALUE
     bases = bases * kept[:, np.newaxis]

@@ -22,9 +22,9 @@ _MAX_MISFIT = 3
 _ROUNDING = 1e-8
 
 
-def with_outcomes_of_zero(outcomes: Iterable[Outcome], law: Law, trials: Trials) -> tuple[Outcome, ...]:
+def with_origin_outcomes(outcomes: Iterable[Outcome], law: Law, trials: Trials) -> tuple[Outcome, ...]:
     """Return outcomes with those of where zero is as a law and the trials that it was learned from have it."""
-    others = (each for each in outcomes if each.kind not in (OutcomeKind.SCALE, OutcomeKind.START))
+    others = (outcome for outcome in outcomes if outcome.kind not in (OutcomeKind.SCALE, OutcomeKind.START))
     return (*others, *_of_scales(law), *_of_starts(law, trials))
 
 
@@ -55,17 +55,17 @@ def _changes(law: Law, column: int) -> list[list[str]]:
     slopes, by_parameters = derivatives[:, :, column], derivatives[:, :, len(terms.variables.measured) :]
     finite = np.isfinite(derivatives).all(axis=(0, 2)) & np.isfinite(values).all(axis=0)
     linear = ~finite | (np.ptp(slopes, axis=0) <= _ROUNDING * np.max(np.abs(values), axis=0))
-    found = []
+    changed = []
     for support in law.support & terms.is_factor:
         others = np.column_stack(
             [values[:, support & finite], by_parameters[:, support & finite].reshape(len(points), -1)]
         )
         suspects = np.flatnonzero(support & ~linear)
         scales = np.maximum(np.linalg.norm(others, axis=0), np.finfo(float).tiny)
-        left = slopes[:, suspects] - others / scales @ np.linalg.lstsq(others / scales, slopes[:, suspects])[0]
+        residuals = slopes[:, suspects] - others / scales @ np.linalg.lstsq(others / scales, slopes[:, suspects])[0]
         sizes = np.max(np.abs(slopes[:, suspects]), axis=0)
-        found.append([terms.names[k] for k in suspects[np.max(np.abs(left), axis=0) > 1e2 * _ROUNDING * sizes]])
-    return found
+        changed.append([terms.names[k] for k in suspects[np.max(np.abs(residuals), axis=0) > 1e2 * _ROUNDING * sizes]])
+    return changed
 
 
 def _absolute(name: str, unit: str) -> str | None:

@@ -23,8 +23,8 @@ def differing_trials(fit: Fit) -> tuple[Outcome, ...]:
     trials = fit.problem.trials
     names = [name for name in trials.objects if len(trials.of_object(name)) > 1]
     names = [names[i] for i in evenly_spaced(len(names), settings.MAX_CHECKED_OBJECTS)] if names else []
-    found = [name for name in names if _probability(fit, name) < settings.MIN_PROBABILITY / len(names)]
-    return (note("trials-differ", objects=shown(found)),) if found else ()
+    differing = [name for name in names if _probability(fit, name) < settings.MIN_PROBABILITY / len(names)]
+    return (note("trials-differ", objects=shown(differing)),) if differing else ()
 
 
 def _probability(fit: Fit, name: str) -> float:
@@ -35,15 +35,15 @@ def _probability(fit: Fit, name: str) -> float:
     from scipy.special import fdtrc
 
     try:
-        factors, left = _factors(fit, fit.problem.trials.objects.index(name))
+        factors, n = _factors(fit, fit.problem.trials.objects.index(name))
     except CommonlawError:
         return 1.0
     size = factors[0].shape[1] - 1
-    alone = sum(_rest(each) for each in factors)
+    alone = sum(_rest(factor) for factor in factors)
     together = _rest(np.concatenate(factors))
-    free = sum(np.linalg.matrix_rank(each[:, :-1]) for each in factors)
+    free = sum(np.linalg.matrix_rank(factor[:, :-1]) for factor in factors)
     more = free - size
-    within = left - free
+    within = n - free
     if more <= 0 or within <= 0 or not size:
         return 1.0
     variance = max(alone / within, fit.problem.least_variance)
@@ -58,14 +58,14 @@ def _factors(fit: Fit, index: int) -> tuple[list[Floats], int]:
     known = np.repeat(problem.known[index : index + 1], len(group), axis=0)
     estimate = fit.estimates[index]
     part = problem.of_trials(alone, known, np.array([estimate.coefficients] * len(group)))
-    own: Bools = (estimate.coefficients != 0) & np.isnan(problem.known[index])
-    none, last = np.zeros_like(own), fit.fitted_model_error
-    errors = [each for each in settings.SHORT_SCHEDULE[1:] if each > last] + [last]
-    found = []
+    free: Bools = (estimate.coefficients != 0) & np.isnan(problem.known[index])
+    none, last = np.zeros_like(free), fit.fitted_model_error
+    errors = [error for error in settings.SHORT_SCHEDULE[1:] if error > last] + [last]
+    factors = []
     for model, start in zip(part.models, part.starts, strict=True):
         fitted = fitted_states(model, Estimate(start.states, estimate.coefficients), none, errors)
-        found.append(linearize(model, fitted, last, own).problem.factor)
-    return found, sum(part.measured) - part.models[0].width * len(group)
+        factors.append(linearize(model, fitted, last, free).problem.factor)
+    return factors, sum(part.measured) - part.models[0].width * len(group)
 
 
 def _rest(factor: Floats) -> float:

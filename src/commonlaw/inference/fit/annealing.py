@@ -23,15 +23,15 @@ from commonlaw.inference.fit.fit import (
     linearized_evidence,
     restricted,
 )
-from commonlaw.inference.fit.initial_condition_prior import AlikeStarts
+from commonlaw.inference.fit.initial_condition_prior import InitialConditionPrior
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.supports import SupportEvidence
-from commonlaw.likelihood import Estimate, NotPositiveError, threads_pay
+from commonlaw.likelihood import Estimate, NotPositiveError, threads_are_worthwhile
 from commonlaw.runtime.parallel import in_parallel
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.text import counted
 
-LEFT_BY_LAW = "from the residuals of the law"
+FROM_RESIDUALS = "from the residuals of the law"
 """Why the noise is what it is."""
 
 
@@ -40,16 +40,16 @@ def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequen
 
     Raises `CommonlawError` if no fit succeeds.
     """
-    fits = annealed(problem, progress)
-    distinct = {each.tobytes(): each for each in proposals}.values()
-    fits += [fit_supports(problem, each, settings.SCHEDULES[-1]) for each in distinct]
+    fits = anneal(problem, progress)
+    distinct = {proposal.tobytes(): proposal for proposal in proposals}.values()
+    fits += [fit_supports(problem, support, settings.SCHEDULES[-1]) for support in distinct]
     best = best_of(fits)
     if best.has_model_error:  # No schedule may have come by its supports without one
         fits.append(fitted(problem, best.estimates, best.supports, NO_ERROR))
-    return with_close_neighbours(fits)
+    return with_neighbours(fits)
 
 
-def annealed(
+def anneal(
     problem: SearchProblem, progress: ProgressCallback, schedules: Sequence[Sequence[float]] = settings.SCHEDULES
 ) -> list[Fit]:
     """Return the fits at all model errors of all schedules."""
@@ -59,8 +59,8 @@ def annealed(
         progress(Stage(f"choosing terms, {done} of {of} done", done / (len(schedules) + 1)))
 
     show(0)
-    pays = threads_pay(problem.models)
-    ways = in_parallel(lambda each: _anneal(problem, None, each), schedules, pays=pays, done=show)
+    pays = threads_are_worthwhile(problem.models)
+    ways = in_parallel(lambda schedule: _anneal(problem, None, schedule), schedules, pays=pays, done=show)
     return [fit for way in ways for fit in way]
 
 
@@ -110,7 +110,7 @@ def fit_with(
         start = problem.starts
     if start is not None:
         return fitted(problem, start, supports, model_error)
-    larger = [each for each in settings.MODEL_ERRORS if each > model_error]
+    larger = [error for error in settings.MODEL_ERRORS if error > model_error]
     ways = dict.fromkeys(((*larger, model_error), (model_error,)))
     fits = [fit for way in ways for fit in _anneal(problem, supports, way) if fit.model_error == model_error]
     return min(fits, key=_objective, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error))
@@ -118,7 +118,7 @@ def fit_with(
 
 def _objective(fit: Fit) -> float:
     """Return minus twice the log-likelihood at estimates, which compares those with the same supports and errors."""
-    return sum(each.objective for each in fit.estimates)
+    return sum(estimate.objective for estimate in fit.estimates)
 
 
 def fit_solutions(problem: SearchProblem, supports: Bools) -> Fit:
@@ -140,7 +140,7 @@ def rescale_noise(fit: Fit) -> Fit:
         factor = float(np.sqrt(variance))
         if 1 / (1 + settings.CONVERGED_NOISE) <= factor <= (1 + settings.CONVERGED_NOISE) or not 0 < factor < np.inf:
             break
-        problem, before = problem.with_scaled_noise(factor, LEFT_BY_LAW), fit
+        problem, before = problem.with_scaled_noise(factor, FROM_RESIDUALS), fit
         fit = fitted(problem, fit.estimates, fit.supports, fit.model_error)
         if not fit.is_usable:
             break
@@ -148,7 +148,7 @@ def rescale_noise(fit: Fit) -> Fit:
     return fit
 
 
-def with_close_neighbours(fits: Sequence[Fit], starts: AlikeStarts | None = None) -> list[Fit]:
+def with_neighbours(fits: Sequence[Fit], starts: InitialConditionPrior | None = None) -> list[Fit]:
     """Return fits of one problem, and what may be as plausible as the best; this comes first, with the others.
 
     Starts that are alike count where they are given; the values of the fits have their prices.
@@ -156,33 +156,33 @@ def with_close_neighbours(fits: Sequence[Fit], starts: AlikeStarts | None = None
     any law that was fitted and is plausible, comes near to the best, the most promising first: until none is left, or
     so many as are carried along at most were fitted in vain.
     """
-    best, ranked = best_of(fits), sorted(each for each in fits if each.is_usable)
-    done = {each.supports.tobytes() for each in ranked if each.model_error == best.model_error}
+    best, ranked = best_of(fits), sorted(fit for fit in fits if fit.is_usable)
+    done = {fit.supports.tobytes() for fit in ranked if fit.model_error == best.model_error}
     seen, promising, vain = set[bytes](), dict[bytes, tuple[float, Fit, Bools]](), 0
     while vain < settings.MAX_MODELS:
         most = best.score.total + PLAUSIBLE
-        for near in (each for each in ranked if each.model_error == best.model_error and each.score.total < most):
+        for near in (fit for fit in ranked if fit.model_error == best.model_error and fit.score.total < most):
             if (key := near.supports.tobytes()) not in seen:
                 seen.add(key)
                 more = starts.near(near) if starts else lambda _: 0.0
                 for predicted, supports in near.predicted_neighbours():
                     value = predicted + more(supports)
-                    known = promising.get(own := supports.tobytes())
-                    promising[own] = (value, near, supports) if known is None or value < known[0] else known
-        left = [each for key, each in promising.items() if key not in done and each[0] < most]
-        if not left:
+                    known = promising.get(proposed := supports.tobytes())
+                    promising[proposed] = (value, near, supports) if known is None or value < known[0] else known
+        untried = [entry for key, entry in promising.items() if key not in done and entry[0] < most]
+        if not untried:
             break
-        _, near, supports = min(left, key=lambda each: each[0])
+        _, near, supports = min(untried, key=lambda entry: entry[0])
         done.add(supports.tobytes())
         fit = _comparable(near.problem, near, supports, best.model_error, starts)
         ranked = sorted([*ranked, fit]) if fit.is_usable else ranked
         vain = vain + 1 if ranked[0] is best else 0
         best = ranked[0]
-    return [best.with_alternatives([each for each in ranked if each.model_error == best.model_error]), *ranked[1:]]
+    return [best.with_alternatives([fit for fit in ranked if fit.model_error == best.model_error]), *ranked[1:]]
 
 
 def _comparable(
-    problem: SearchProblem, near: Fit, supports: Bools, model_error: float, starts: AlikeStarts | None
+    problem: SearchProblem, near: Fit, supports: Bools, model_error: float, starts: InitialConditionPrior | None
 ) -> Fit:
     """Return supports fitted from a fit that is near, to be compared with others.
 
@@ -202,12 +202,15 @@ def _comparable(
     return fit.with_score(score.plus("initial conditions", starts.price(fit)) if starts else score)
 
 
-def recompared(fit: Fit) -> Fit:
+def compare_alternatives(fit: Fit) -> Fit:
     """Return the best of a fit and its alternatives, fitted to its problem, and of what else may be as plausible."""
-    here, starts = fit.with_score(fit.evidence.score(fit.supports)), AlikeStarts(fit)
-    plausible = [each for each in fit.alternatives if each.score - fit.score < PLAUSIBLE]
-    fits = [_comparable(fit.problem, each, each.supports, fit.model_error, starts) for each in plausible]
-    best = with_close_neighbours([here, *fits], starts)[0]
+    here, starts = fit.with_score(fit.evidence.score(fit.supports)), InitialConditionPrior(fit)
+    plausible = [alternative for alternative in fit.alternatives if alternative.score - fit.score < PLAUSIBLE]
+    fits = [
+        _comparable(fit.problem, alternative, alternative.supports, fit.model_error, starts)
+        for alternative in plausible
+    ]
+    best = with_neighbours([here, *fits], starts)[0]
     return fit.with_alternatives_of(best) if np.array_equal(best.supports, fit.supports) else best
 
 
@@ -216,7 +219,7 @@ def refit_leading(fit: Fit) -> Fit:
 
     At most as many are fitted as laws are carried along.
     """
-    starts, done = AlikeStarts(fit), {each.supports.tobytes() for each in (fit, *fit.alternatives)}
+    starts, done = InitialConditionPrior(fit), {known.supports.tobytes() for known in (fit, *fit.alternatives)}
     for _ in range(settings.MAX_MODELS):
         ahead = [
             (predicted, supports)
@@ -225,11 +228,11 @@ def refit_leading(fit: Fit) -> Fit:
         ]
         if not ahead:
             break
-        _, supports = min(ahead, key=lambda each: each[0])
+        _, supports = min(ahead, key=lambda pair: pair[0])
         done.add(supports.tobytes())
-        other = _comparable(fit.problem, fit, supports, fit.model_error, starts)
-        if other.is_usable:
-            best, rest = sorted([fit, other])
+        candidate = _comparable(fit.problem, fit, supports, fit.model_error, starts)
+        if candidate.is_usable:
+            best, rest = sorted([fit, candidate])
             fit = best.with_alternatives([*fit.alternatives, rest])
     return fit
 

@@ -12,13 +12,13 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.inference import settings
-from commonlaw.inference.fit.annealing import LEFT_BY_LAW
+from commonlaw.inference.fit.annealing import FROM_RESIDUALS
 from commonlaw.inference.fit.covariance import (
     factors,
+    fixed_at_pooled,
     free_coefficients,
-    held_like_others,
-    residual_freedom,
-    total_freedom,
+    residual_degrees_of_freedom,
+    total_degrees_of_freedom,
 )
 from commonlaw.inference.fit.fit import Fit, Status
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
@@ -32,7 +32,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     exact measurements the estimate of the search is returned, under its smallest noise, and so is one that did not
     converge. Measurements count as outliers on very strong evidence; by least squares none does.
     """
-    shared = any(held_like_others(fit.problem, index).any() for index in range(len(fit.estimates)))
+    shared = any(fixed_at_pooled(fit.problem, index).any() for index in range(len(fit.estimates)))
     if fit.has_model_error or shared:
         return fit, True
     before, moved = fit, np.inf
@@ -47,8 +47,8 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         return before, False
     while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
         estimates = tuple(
-            replace(each, states=tuple(map(type(model.meshes[0]).halfway, model.meshes, each.states)))
-            for model, each in zip(fit.problem.models, fit.estimates, strict=True)
+            replace(estimate, states=tuple(map(type(model.meshes[0]).halfway, model.meshes, estimate.states)))
+            for model, estimate in zip(fit.problem.models, fit.estimates, strict=True)
         )
         finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
         if not finer.is_usable:
@@ -57,7 +57,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         fit = finer
         if moved < settings.CONVERGED:
             break
-    return (fit, True) if moved < settings.CONVERGED else (before, before.follows_solutions)
+    return (fit, True) if moved < settings.CONVERGED else (before, before.is_resolved)
 
 
 def _minus_twice_log_likelihood(fit: Fit) -> float:
@@ -84,8 +84,8 @@ def _relative_residuals(fit: Fit) -> Floats:
 def _moved(fit: Fit, before: Sequence[Estimate]) -> float:
     """Return by how many standard errors coefficients differ from others, the most of any object (Mahalanobis)."""
     return max(
-        float(np.linalg.norm(factor[:, :-1] @ (other.coefficients - one.coefficients)[own]))
-        for factor, own, one, other in zip(factors(fit), free_coefficients(fit), before, fit.estimates, strict=True)
+        float(np.linalg.norm(factor[:, :-1] @ (after.coefficients - one.coefficients)[free]))
+        for factor, free, one, after in zip(factors(fit), free_coefficients(fit), before, fit.estimates, strict=True)
     )
 
 
@@ -93,7 +93,7 @@ def _fitted(fit: Fit) -> Fit:
     """Return the fit once it does not move in one more."""
     for _ in range(settings.MAX_ITERATIONS):
         estimates = fit_each(fit.problem.models, fit.estimates, fit.supports, settings.FINAL_MODEL_ERRORS[-1:])
-        if not all(np.isfinite(each.objective) for each in estimates):
+        if not all(np.isfinite(estimate.objective) for estimate in estimates):
             return fit.but(Status.NOT_COMPUTABLE)
         fit, before = replace(fit, estimates=estimates), fit.estimates
         try:
@@ -119,7 +119,7 @@ def _under_residual_noise(fit: Fit) -> Fit:
         scale = residual_scale(fit)
         if np.abs(np.log(scale)).max() < settings.CONVERGED_NOISE:
             break
-        fit = _fitted(replace(fit, problem=fit.problem.with_scaled_noise(scale, LEFT_BY_LAW)))
+        fit = _fitted(replace(fit, problem=fit.problem.with_scaled_noise(scale, FROM_RESIDUALS)))
     return fit
 
 
@@ -131,21 +131,21 @@ def residual_scale(fit: Fit) -> Floats:
         s_j^2 = sum r_ij^2 / nu_j,    nu_j = n_j - p_j,
 
     where p_j, of the initial states and coefficients of all objects, is what the measurements of this state determine,
-    see `residual_freedom` (restricted maximum likelihood, Patterson and Thompson 1971). Outliers count as neither. A
-    state with less than one degree of freedom has the scale of all.
+    see `residual_degrees_of_freedom` (restricted maximum likelihood, Patterson and Thompson 1971). Outliers count as
+    neither. A state with less than one degree of freedom has the scale of all.
     """
     problem, sizes = fit.problem, _relative_residuals(fit)
     huber = problem.models[0].observation.huber_threshold
     far, measured = sizes > huber, ~problem.trials.schema.unmeasured
     squares = np.nansum(np.where(far, 0.0, sizes) ** 2, axis=0) + problem.measurements.pure_error[0] / problem.noise**2
-    freedom = residual_freedom(fit) - far.sum(axis=0)
-    total = total_freedom(freedom[measured])
+    freedom = residual_degrees_of_freedom(fit) - far.sum(axis=0)
+    total = total_degrees_of_freedom(freedom[measured])
     if total < 1:
         return np.ones(len(measured))
     common = np.sum(squares[measured]) / total
-    own = np.where(freedom < 1, common, squares / np.maximum(freedom, 1))
+    variances = np.where(freedom < 1, common, squares / np.maximum(freedom, 1))
     rounding = np.finfo(float).eps * np.nanmax(np.abs(problem.measurements.measured), axis=0) / problem.noise
-    return np.where(measured, np.maximum(np.sqrt(own), rounding), 1.0)
+    return np.where(measured, np.maximum(np.sqrt(variances), rounding), 1.0)
 
 
 def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:
@@ -156,20 +156,23 @@ def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:
     finer, total = problem.finer(), 0.0
     estimates = fit_each(finer.models, finer.starts_with(fit.estimates), fit.supports, model_errors)
     # Squared changes of measured states, relative to the noise
-    for model, one, other in zip(problem.models, fit.estimates, estimates, strict=True):
-        for mesh, states, finest in zip(model.meshes, one.states, other.states, strict=True):
+    for model, one, after in zip(problem.models, fit.estimates, estimates, strict=True):
+        for mesh, states, finest in zip(model.meshes, one.states, after.states, strict=True):
             indices = mesh.indices_on(finer.points // problem.points)
             change = (finest[indices] - states)[:, : len(problem.noise)] / problem.std_of(mesh)
             total += float(np.sum(change[mesh.observed] ** 2))
     # And of coefficients, relative to how surely they are known
-    for own, known, one, other in zip(fit.evidence.problems, problem.known, fit.estimates, estimates, strict=True):
+    for linearized, known, one, after in zip(
+        fit.evidence.problems, problem.known, fit.estimates, estimates, strict=True
+    ):
         free = fit.supports & np.isnan(known)
-        moved = own.factor[:, np.flatnonzero(free)] @ (other.coefficients - one.coefficients)[free]
+        moved = linearized.factor[:, np.flatnonzero(free)] @ (after.coefficients - one.coefficients)[free]
         total += float(np.sum(moved**2))
     if total < settings.MAX_MESH_CHANGE * min(1.0, fit.evidence.noise_variance(fit.supports)):
         return None
     others = tuple(
-        replace(each, problem=finer, estimates=finer.starts_with(each.estimates)) for each in fit.alternatives
+        replace(alternative, problem=finer, estimates=finer.starts_with(alternative.estimates))
+        for alternative in fit.alternatives
     )
     return replace(fit, problem=finer, estimates=estimates, alternatives=others)
 

@@ -25,11 +25,11 @@ from commonlaw.runtime.fit_options import CovarianceKind
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
     """Return the law with the coefficients of a fit, their covariance, and the errors of measurements and law."""
     problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
-    fit, known_starts = like_others(fit), schema.unmeasured & ~schema.with_free_start
+    fit, known_starts = with_pooled_coefficients(fit), schema.unmeasured & ~schema.with_free_start
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
-        coefficients=np.array([each.coefficients for each in fit.estimates]),
+        coefficients=np.array([estimate.coefficients for estimate in fit.estimates]),
         uncertainty=replace(
             law.uncertainty,
             covariance=covariances(fit, covariance, seed),
@@ -53,11 +53,11 @@ def degrees_of_freedom(fit: Fit) -> Floats | None:
     """
     if fit.problem.noise_given:
         return None
-    found = residual_freedom(fit)
-    return np.where(found < 1, max(total_freedom(found), 1.0), found)
+    freedom = residual_degrees_of_freedom(fit)
+    return np.where(freedom < 1, max(total_degrees_of_freedom(freedom), 1.0), freedom)
 
 
-def residual_freedom(fit: Fit) -> Floats:
+def residual_degrees_of_freedom(fit: Fit) -> Floats:
     """Return the degrees of freedom of the residuals of each state, shape (states,).
 
     These are nu_j = n_j - tr H_j, the measurements, repeated ones too, less the trace of the hat matrix (Seber and Wild
@@ -78,7 +78,7 @@ def residual_freedom(fit: Fit) -> Floats:
     return np.where(problem.trials.schema.unmeasured, 0.0, counts - np.sum(used, axis=0))
 
 
-def total_freedom(freedom: Floats) -> float:
+def total_degrees_of_freedom(freedom: Floats) -> float:
     """Return the degrees of freedom of all states, a whole number in least squares, without errors of rounding."""
     return round(float(np.sum(freedom)), 6)
 
@@ -86,7 +86,7 @@ def total_freedom(freedom: Floats) -> float:
 def free_coefficients(fit: Fit) -> list[Bools]:
     """Return which coefficients of each object were found, each of shape (equations, terms)."""
     pairs = zip(fit.estimates, fit.problem.known, strict=True)
-    return [(each.coefficients != 0) & np.isnan(known) for each, known in pairs]
+    return [(estimate.coefficients != 0) & np.isnan(known) for estimate, known in pairs]
 
 
 def regressions(fit: Fit) -> list[Regression | None]:
@@ -98,18 +98,18 @@ def regressions(fit: Fit) -> list[Regression | None]:
     if fit.has_model_error or models[0].latent.width:
         return [None] * len(models)
     listed = zip(models, fit.estimates, free_coefficients(fit), strict=True)
-    return [Regression.of(*each) for each in listed]
+    return [Regression.of(*arguments) for arguments in listed]
 
 
 def factors(fit: Fit) -> list[Floats]:
     """Return the triangular factor of each object's information on its free coefficients, and of the residuals."""
-    found = regressions(fit)
-    complete = [each.factor for each in found if each is not None]
-    if len(complete) == len(found):
+    fitted = regressions(fit)
+    complete = [regression.factor for regression in fitted if regression is not None]
+    if len(complete) == len(fitted):
         return complete
     return [
         rows.restrict(np.flatnonzero(free).tolist()).factor if regression is None else regression.factor
-        for regression, rows, free in zip(found, fit.evidence.problems, free_coefficients(fit), strict=True)
+        for regression, rows, free in zip(fitted, fit.evidence.problems, free_coefficients(fit), strict=True)
     ]
 
 
@@ -132,9 +132,9 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
     Stoffer and Wall 1991, in blocks, and linearised about the law).
     """
     problem = fit.problem
-    coefficients = np.array([each.coefficients for each in fit.estimates])
+    coefficients = np.array([estimate.coefficients for estimate in fit.estimates])
     support = np.any(coefficients != 0, axis=0)
-    found = np.zeros((len(fit.estimates), support.sum(), support.sum()))
+    covariance_ = np.zeros((len(fit.estimates), support.sum(), support.sum()))
     triangles = factors(fit) if kind == "likelihood" else ()
     for o, (model, estimate) in enumerate(zip(problem.models, fit.estimates, strict=True)):
         free = (estimate.coefficients != 0) & np.isnan(problem.known[o])
@@ -145,14 +145,14 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
         else:
             factor = triangles[o][:, :-1]
             covariance = _inverse(factor)
-            if (held := held_like_others(problem, o) & free).any():
-                whole = _of_whole(fit)
+            if (held := fixed_at_pooled(problem, o) & free).any():
+                whole = _fully_measured(fit)
                 scatter = whole[0] ** 2  # The scatter over objects is not identifiable from one: that of its size
                 if len(whole) > 1:
                     scatter = np.var(whole, axis=0, ddof=1) * (1 + 1 / len(whole))
                 covariance = _with_held(factor, held[free], scatter[held])
-        found[o][np.ix_(indices, indices)] = covariance
-    return found
+        covariance_[o][np.ix_(indices, indices)] = covariance
+    return covariance_
 
 
 def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> Floats:
@@ -161,9 +161,9 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
     `trials` has the rows ``[library | target]`` of each, whitened, and `indices` the columns of the library that are
     used.
     """
-    each = -(-settings.BOOTSTRAP[0] // len(trials))
+    count = -(-settings.BOOTSTRAP[0] // len(trials))
     columns = [*indices, -1]
-    blocks = [part for rows in trials for part in np.array_split(rows[:, columns], each) if len(part)]
+    blocks = [part for rows in trials for part in np.array_split(rows[:, columns], count) if len(part)]
     factors = np.array([LeastSquaresProblem.of(part[:, :-1], part[:, -1:]).factor for part in blocks])
     drawn = np.random.default_rng(seed).integers(len(blocks), size=(settings.BOOTSTRAP[1], len(blocks)))
     stacked = factors[drawn].reshape(settings.BOOTSTRAP[1], -1, len(columns))
@@ -181,14 +181,14 @@ def _with_held(factor: Floats, held: Bools, variances: Floats) -> Floats:
 
     The others follow them as far as the trials say.
     """
-    found, free = np.zeros((len(held), len(held))), ~held
+    covariance, free = np.zeros((len(held), len(held))), ~held
     follow = -np.linalg.pinv(factor[:, free]) @ factor[:, held]
     moved = follow * variances
-    found[np.ix_(held, held)] = np.diag(variances)
-    found[np.ix_(free, held)] = moved
-    found[np.ix_(held, free)] = moved.T
-    found[np.ix_(free, free)] = _inverse(factor[:, free]) + moved @ follow.T
-    return found
+    covariance[np.ix_(held, held)] = np.diag(variances)
+    covariance[np.ix_(free, held)] = moved
+    covariance[np.ix_(held, free)] = moved.T
+    covariance[np.ix_(free, free)] = _inverse(factor[:, free]) + moved @ follow.T
+    return covariance
 
 
 def _inverse(factor: Floats) -> Floats:
@@ -198,31 +198,31 @@ def _inverse(factor: Floats) -> Floats:
     return np.asarray(inverse @ inverse.T)
 
 
-def held_like_others(problem: SearchProblem, index: int) -> Bools:
+def fixed_at_pooled(problem: SearchProblem, index: int) -> Bools:
     """Return which coefficients of an object are held like those of others, shape (equations, terms)."""
     measured = problem.measured_states[index]
     terms = problem.models[index].terms
     of_unmeasured = np.array([any(c in term.columns() for c in np.flatnonzero(~measured)) for term in terms.terms])
-    is_known = any(own.all() for own in problem.measured_states)
+    is_known = any(measured_.all() for measured_ in problem.measured_states)
     return np.asarray(measured[:, np.newaxis] & of_unmeasured & is_known)
 
 
-def like_others(fit: Fit) -> Fit:
+def with_pooled_coefficients(fit: Fit) -> Fit:
     """Return the fit with objects fitted again of which some coefficients are held."""
-    whole, problem = _of_whole(fit), fit.problem
+    whole, problem = _fully_measured(fit), fit.problem
     if len(whole) in (0, len(problem.models)):
         return fit
-    errors = (*(each for each in settings.MODEL_ERRORS if each > fit.fitted_model_error), fit.fitted_model_error)
+    errors = (*(error for error in settings.MODEL_ERRORS if error > fit.fitted_model_error), fit.fitted_model_error)
     estimates = list(fit.estimates)
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
         if not problem.measured_states[o].all():
-            free = fit.supports & ~held_like_others(problem, o)
-            found = fitted_states(model, begun(model, start, whole), free, errors)
-            if found.deviance < settings.MAX_DEVIANCE_RATIO * estimates[o].deviance:
-                estimates[o] = found
+            free = fit.supports & ~fixed_at_pooled(problem, o)
+            estimate = fitted_states(model, begun(model, start, whole), free, errors)
+            if estimate.deviance < settings.MAX_DEVIANCE_RATIO * estimates[o].deviance:
+                estimates[o] = estimate
     return replace(fit, estimates=tuple(estimates))
 
 
-def _of_whole(fit: Fit) -> list[Floats]:
+def _fully_measured(fit: Fit) -> list[Floats]:
     pairs = zip(fit.estimates, fit.problem.measured_states, strict=True)
-    return [each.coefficients for each, own in pairs if own.all()]
+    return [estimate.coefficients for estimate, measured in pairs if measured.all()]

@@ -11,7 +11,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departure, departures, diverges, follows_solutions, in_words
+from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departure, departures, diverges, in_words, is_resolved
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import SupportEvidence
@@ -115,19 +115,19 @@ class Fit:
 
     def with_alternatives(self, others: Sequence["Fit"]) -> Self:
         """Return the fit with others, under the same errors: the best with each supports."""
-        listed = {each.supports.tobytes(): each for each in sorted(others, reverse=True)}
+        listed = {fit.supports.tobytes(): fit for fit in sorted(others, reverse=True)}
         listed.pop(self.supports.tobytes(), None)
-        return self._like(alternatives=tuple(replace(each, alternatives=()) for each in listed.values()))
+        return self._like(alternatives=tuple(replace(fit, alternatives=()) for fit in listed.values()))
 
     def with_alternatives_of(self, before: "Fit") -> Self:
         """Return the fit with the alternatives of one that was fitted before, by as much less plausible."""
         more = self.score - before.score
-        kept = (each.with_score(each.score.plus("refit", more)) for each in before.alternatives)
+        kept = (alternative.with_score(alternative.score.plus("refit", more)) for alternative in before.alternatives)
         return self._like(alternatives=tuple(kept))
 
     def _like(self, **changes: Any) -> Self:
         """Return the fit with changes that its linearization does not depend on."""
-        changed, of_estimates = replace(self, **changes), ("evidence", "departures", "follows_solutions", "diverges")
+        changed, of_estimates = replace(self, **changes), ("evidence", "departures", "is_resolved", "diverges")
         vars(changed).update({name: known for name, known in vars(self).items() if name in of_estimates})
         return changed
 
@@ -197,9 +197,9 @@ class Fit:
         return (NO_LAW,) if self.has_model_error else departures(self.problem, self.estimates)
 
     @cached_property
-    def follows_solutions(self) -> bool:
-        """Whether the discretization error is below the noise, see `follows_solutions`."""
-        return follows_solutions(self.problem, self.estimates)
+    def is_resolved(self) -> bool:
+        """Whether the discretization error is below the noise, see `is_resolved`."""
+        return is_resolved(self.problem, self.estimates)
 
     @cached_property
     def diverges(self) -> bool:
@@ -209,12 +209,12 @@ class Fit:
     @property
     def is_solved(self) -> bool:
         """Whether solutions of the law follow the trials, from their starts and step by step."""
-        return self.follows_solutions and not self.diverges
+        return self.is_resolved and not self.diverges
 
     @property
     def lack_of_fit(self) -> str:
         """What speaks against the law itself, whatever its noise, in words; nothing if nothing does."""
-        reason = in_words(each for each in self.departures if not each.is_of_noise)
+        reason = in_words(departure for departure in self.departures if not departure.is_of_noise)
         if not reason and self.diverges:
             return "trajectories of training trials diverge"
         return reason
@@ -240,7 +240,7 @@ class Fit:
 
     def neighbours(self) -> list[list[tuple[float, Bools]]]:
         """Return the supports next to those of the fit, by equation, see `SupportEvidence.neighbours`."""
-        exact = [(each.score - self.score, each.supports) for each in self.alternatives]
+        exact = [(alternative.score - self.score, alternative.supports) for alternative in self.alternatives]
         return self.evidence.neighbours(self.supports, exact)
 
     def predicted_neighbours(self) -> Iterator[tuple[float, Bools]]:
@@ -298,12 +298,12 @@ def restricted(
 
     Parameters inside terms, in which it is not linear, stay. None if it is not finite.
     """
-    if not all(np.isfinite(each.factor).all() for each in evidence.problems):
+    if not all(np.isfinite(problem.factor).all() for problem in evidence.problems):
         return None
     factors = problem.terms.is_factor
-    held = np.array([np.where(supports & ~factors, each.coefficients, 0.0) for each in estimates])
+    held = np.array([np.where(supports & ~factors, estimate.coefficients, 0.0) for estimate in estimates])
     coefficients = evidence.coefficients(supports & factors, held) + np.nan_to_num(problem.known)
-    return tuple(replace(each, coefficients=own) for each, own in zip(estimates, coefficients, strict=True))
+    return tuple(replace(estimate, coefficients=theta) for estimate, theta in zip(estimates, coefficients, strict=True))
 
 
 def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
@@ -314,26 +314,31 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     linear = linearize_each(problem.models, estimates, model_error)
     known = np.nan_to_num(problem.known)
     pairs = zip(linear, known, strict=True)
-    problems = [each.problem.subtract(own.reshape(1, -1)) if own.any() else each.problem for each, own in pairs]
+    problems = [
+        linearization.problem.subtract(beta.reshape(1, -1)) if beta.any() else linearization.problem
+        for linearization, beta in pairs
+    ]
     outliers, cost, count = _outliers(problem, estimates)
-    counted = problem.counted.with_outliers(outliers, count)
+    noise_scale = problem.noise_scale.with_outliers(outliers, count)
     offsets: dict[Part, float] = {
-        "latent states": sum(each.log_determinant for each in linear),
-        "model error": price_of_model_error(model_error, sum(problem.measured)),
-        "error levels": problem.price_of_errors,
+        "latent states": sum(linearization.log_determinant for linearization in linear),
+        "model error": model_error_penalty(model_error, sum(problem.measured)),
+        "error levels": problem.error_level_penalty,
         "outliers": 0.0 if problem.noise_is_fixed else cost,
     }
     log_parametrized = None
     if problem.terms.parameters:  # Those whose signs differ between objects have no logarithms
-        values = np.array([each.coefficients for each in estimates])
-        own = problem.allowed & np.array(problem.terms.have_parameters, dtype=bool)
+        values = np.array([estimate.coefficients for estimate in estimates])
+        parametrized = problem.allowed & np.array(problem.terms.have_parameters, dtype=bool)
         same = np.abs(np.sign(values).sum(axis=0)) == len(values)
-        log_parametrized = np.where(own & same, values, 0.0).reshape(len(values), -1)
+        log_parametrized = np.where(parametrized & same, values, 0.0).reshape(len(values), -1)
     most, stated = problem.most_terms, problem.trials.schema.unmeasured
-    return SupportEvidence(problems, problem.allowed, counted, problem.prices, most, offsets, stated, log_parametrized)
+    return SupportEvidence(
+        problems, problem.allowed, noise_scale, problem.structure_prior, most, offsets, stated, log_parametrized
+    )
 
 
-def price_of_model_error(model_error: float, count: int) -> float:
+def model_error_penalty(model_error: float, count: int) -> float:
     """Return what a model error costs where so many numbers were measured: as any number to be found (BIC)."""
     return float(np.log(count)) if model_error > settings.FINAL_MODEL_ERRORS[0] else 0.0
 
@@ -344,7 +349,7 @@ def _outliers(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[fl
     Each costs what a measurement at the threshold does, however far off it is: else a law under noise that is too small
     has all the outliers that it needs.
     """
-    model, states = problem.models[0], np.concatenate([own for each in estimates for own in each.states])
+    model, states = problem.models[0], np.concatenate([z for estimate in estimates for z in estimate.states])
     residuals = problem.measurements.measured - states @ model.observed.T
     sizes, bound = np.abs(residuals / problem.white_std), model.observation.huber_threshold
     far = sizes[sizes > bound]

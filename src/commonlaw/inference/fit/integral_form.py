@@ -14,7 +14,7 @@ import numpy as np
 from commonlaw.array_types import Floats, Indices, evenly_spaced
 from commonlaw.inference import settings
 from commonlaw.inference.fit.lack_of_fit import values_along
-from commonlaw.inference.fit.parameter_grid import Banks, along
+from commonlaw.inference.fit.parameter_grid import ParameterGrids, along
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, order_of_each
 from commonlaw.likelihood import Estimate, Mesh
@@ -37,7 +37,7 @@ class CurveData:
     problem: SearchProblem
     index: int
     plain: Floats
-    banks: Banks
+    banks: ParameterGrids
 
     @classmethod
     def of(
@@ -46,7 +46,7 @@ class CurveData:
         """Return the curves of an object along its estimated states."""
         terms, values = problem.models[index].terms, values_along(problem, index, estimate)
         sampled = np.concatenate([mesh.observed.any(axis=1) for mesh in problem.models[index].meshes])
-        banks = Banks.along(terms.variables, values, others, sampled)
+        banks = ParameterGrids.along(terms.variables, values, others, sampled)
         return cls(problem, index, terms.evaluate(values), banks)
 
     def match(self, equation: int) -> "IntegralRegression":
@@ -82,7 +82,7 @@ class IntegralRegression:
     plain: Floats
     norms: Floats
     others: Floats
-    banks: Banks
+    banks: ParameterGrids
     integrals: "Integrals"
     changed: dict[tuple[int, int], Floats] = field(default_factory=dict)
 
@@ -97,7 +97,10 @@ class IntegralRegression:
 
     def places_of(self, others: Sequence[int]) -> tuple[Indices, Indices]:
         """Return the columns of some of the others, by their indices, and how many each of them has."""
-        places = [np.empty(0, dtype=np.intp), *(np.arange(own.start, own.stop) for own in map(self._of, others))]
+        places = [
+            np.empty(0, dtype=np.intp),
+            *(np.arange(columns.start, columns.stop) for columns in map(self._of, others)),
+        ]
         return np.concatenate(places), np.array([*map(len, places[1:])], dtype=np.intp)
 
     def repeats(self, a: int) -> bool:
@@ -114,17 +117,17 @@ class IntegralRegression:
 
     def best_values(self, plain: Sequence[int], others: Sequence[int]) -> tuple[int, ...]:
         """Return the values of the others that leave least, by their indices in banks, found in turn."""
-        found, fixed = dict[int, int](), self.plain[:, list(plain)]
+        chosen, fixed = dict[int, int](), self.plain[:, list(plain)]
         for a in [*others] * len(others):
             if len(self.banks.parameters[a]) == 1:
-                found[a] = 0
+                chosen[a] = 0
                 continue
-            found.pop(a, None)
-            basis = np.linalg.qr(np.column_stack([fixed, self.columns_at([*found], [*found.values()])]))[0]
+            chosen.pop(a, None)
+            basis = np.linalg.qr(np.column_stack([fixed, self.columns_at([*chosen], [*chosen.values()])]))[0]
             columns, residuals = self.columns_of(a), self.target - basis @ (basis.T @ self.target)
             outside = self.squares[self._of(a)] - np.sum((basis.T @ columns) ** 2, axis=0)
-            found[a] = int(np.argmax(gains(residuals @ columns, outside)))
-        return tuple(found[a] for a in others)
+            chosen[a] = int(np.argmax(gains(residuals @ columns, outside)))
+        return tuple(chosen[a] for a in others)
 
     def _of(self, a: int) -> slice:
         return slice(self.banks.firsts[a], self.banks.firsts[a + 1])
@@ -136,10 +139,10 @@ class IntegralRegression:
 
         The others are any terms with these parameters. All is left where a term is not finite.
         """
-        columns = self._integrated(others, [own[np.newaxis] for own in parameters])
+        columns = self._integrated(others, [parameter[np.newaxis] for parameter in parameters])
         return solved(np.column_stack([self.plain[:, list(plain)] * self.norms[list(plain)], *columns]), self.target)
 
-    def left_nearby(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
+    def linearized_rss(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
         """Return the least sum of squares to first order about values of the parameters in banks."""
         for a, i in zip(others, indices, strict=True):
             if (a, i) not in self.changed:
@@ -154,23 +157,25 @@ class IntegralRegression:
         begin = [self.banks.parameters[a][i] for a, i in zip(others, indices, strict=True)]
         if not any(map(len, begin)):
             return tuple(begin)
-        cuts = np.cumsum([len(each) for each in begin])[:-1]
-        found = closest(
+        cuts = np.cumsum([len(theta) for theta in begin])[:-1]
+        optimum = closest(
             lambda values: self._projected(plain, self._changed(others, np.split(values, cuts))), np.concatenate(begin)
         )
-        return tuple(np.split(found, cuts))
+        return tuple(np.split(optimum, cuts))
 
     def _changed(self, others: Sequence[int], parameters: Sequence[Floats]) -> list[Floats]:
         """Return integrals of the others at parameters, and with one after the other of these a little changed."""
-        return self._integrated([self.banks.others[a] for a in others], [with_steps(each) for each in parameters])
+        return self._integrated(
+            [self.banks.others[a] for a in others], [with_steps(parameter) for parameter in parameters]
+        )
 
     def _projected(self, plain: Sequence[int], columns: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Return what plain terms and the first of each of some columns leave, and its derivatives by the others."""
-        here = np.column_stack([self.plain[:, list(plain)], *(each[:, 0] for each in columns)])
-        counts = [each.shape[1] - 1 for each in columns]
+        here = np.column_stack([self.plain[:, list(plain)], *(column[:, 0] for column in columns)])
+        counts = [column.shape[1] - 1 for column in columns]
         whole, step = np.repeat(here[np.newaxis], 1 + sum(counts), axis=0), 1
-        for place, (each, count) in enumerate(zip(columns, counts, strict=True), len(plain)):
-            whole[step : step + count, :, place] = each[:, 1:].T
+        for place, (column, count) in enumerate(zip(columns, counts, strict=True), len(plain)):
+            whole[step : step + count, :, place] = column[:, 1:].T
             step += count
         return projected(self.target, whole)
 
@@ -178,9 +183,9 @@ class IntegralRegression:
         """Return integrals of some terms at some values of their parameters, shape (n, values) each."""
         if not others:
             return []
-        columns = [along(each, self.banks.values, own) for each, own in zip(others, banks, strict=True)]
+        columns = [along(each, self.banks.values, bank) for each, bank in zip(others, banks, strict=True)]
         whole = self.integrals.of(np.concatenate(columns, axis=1))
-        return np.split(whole, np.cumsum([len(own) for own in banks])[:-1], axis=1)
+        return np.split(whole, np.cumsum([len(bank) for bank in banks])[:-1], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +237,7 @@ class Integrals:
         """Return integrals of rates along the curves, shape (n, k), as they show in the measurements."""
         pairs = zip(self.points, self.operators, strict=True)
         with np.errstate(all="ignore"):
-            return np.concatenate([own @ rates[points] for points, own in pairs])
+            return np.concatenate([operator @ rates[points] for points, operator in pairs])
 
 
 def with_steps(values: Floats) -> Floats:
@@ -245,17 +250,17 @@ def closest(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats
 
     What is left and its derivatives by relative changes of the values are those that `projected` returns.
     """
-    found, (here, slopes) = begin, linearized(begin)
+    theta, (here, slopes) = begin, linearized(begin)
     for _ in range(settings.MAX_SWEEPS):
-        step = np.linalg.lstsq(slopes, -here, rcond=settings.MIN_SINGULAR_VALUE)[0] * _sizes(found)
-        there = linearized(found + step)
+        step = np.linalg.lstsq(slopes, -here, rcond=settings.MIN_SINGULAR_VALUE)[0] * _sizes(theta)
+        there = linearized(theta + step)
         if not there[0] @ there[0] < here @ here:
             step = step / 4
-            there = linearized(found + step)
+            there = linearized(theta + step)
         if not there[0] @ there[0] < here @ here:
             break
-        found, (here, slopes) = found + step, there
-    return found
+        theta, (here, slopes) = theta + step, there
+    return theta
 
 
 def projected(target: Floats, columns: Floats) -> tuple[Floats, Floats]:
@@ -278,8 +283,8 @@ def projected(target: Floats, columns: Floats) -> tuple[Floats, Floats]:
     kept = sizes > settings.MIN_SINGULAR_VALUE * sizes[:1].sum()
     basis = basis[:, kept]
     inner = basis.T @ target
-    found = np.divide(turned[kept].T @ (inner / sizes[kept]), norms, out=np.zeros(len(norms)), where=norms > 0)
-    slopes = (columns[0] - columns[1:]) @ found / settings.ROUNDING
+    coefficients = np.divide(turned[kept].T @ (inner / sizes[kept]), norms, out=np.zeros(len(norms)), where=norms > 0)
+    slopes = (columns[0] - columns[1:]) @ coefficients / settings.ROUNDING
     return target - basis @ inner, slopes.T - basis @ (basis.T @ slopes.T)
 
 
@@ -292,8 +297,8 @@ def solved(columns: Floats, target: Floats) -> tuple[Floats, Floats]:
     whole, norms = unit(columns)
     if not np.isfinite(norms).all():
         return np.zeros(len(norms)), target
-    found = np.linalg.lstsq(whole, target, rcond=settings.MIN_SINGULAR_VALUE)[0]
-    return found / np.where(norms > 0, norms, 1.0), target - whole @ found
+    coefficients = np.linalg.lstsq(whole, target, rcond=settings.MIN_SINGULAR_VALUE)[0]
+    return coefficients / np.where(norms > 0, norms, 1.0), target - whole @ coefficients
 
 
 def gains(inner: Floats, outside: Floats) -> Floats:

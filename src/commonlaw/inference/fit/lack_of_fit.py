@@ -15,7 +15,7 @@ from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.differentiation import differences, noise_correlation, noise_order, without_outliers
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
-from commonlaw.inference.fit.parameter_grid import divisors, powers_of_ten
+from commonlaw.inference.fit.parameter_grid import divisors, log_grid
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.settings import (
     MAX_DECADES,
@@ -54,16 +54,16 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[D
     # At the floor, what is left is not of the measurements
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
     return tuple(
-        Departure(f"residuals of {name} are {each.words}", each.is_of_noise)
+        Departure(f"residuals of {name} are {departure.words}", departure.is_of_noise)
         for j, name in enumerate(problem.trials.schema.states)
         if name not in problem.trials.schema.starts
-        for each in _of_state(problem, estimates, j, bool(measured[j]))
+        for departure in _of_state(problem, estimates, j, bool(measured[j]))
     )
 
 
 def in_words(listed: Iterable[Departure]) -> str:
     """Return departures in words; nothing if there are none."""
-    return "; ".join(each.words for each in listed)
+    return "; ".join(departure.words for departure in listed)
 
 
 def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_measured: bool) -> list[Departure]:
@@ -85,21 +85,21 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
         return [Departure(f"mostly larger than {MAX_STANDARDIZED_RESIDUAL:g} noise standard deviations")]
     if not is_measured:
         return []
-    squared, found, price = np.concatenate(squares), [], np.log(max(count, 2))
+    squared, listed, price = np.concatenate(squares), [], np.log(max(count, 2))
     schema = problem.trials.schema
     if schema.states[j] not in schema.logarithmic and growth(squared, np.concatenate(sizes))[0] > price:
-        found.append(Departure("heteroscedastic", is_of_noise=True))
+        listed.append(Departure("heteroscedastic", is_of_noise=True))
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
     if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * price:
-        found.append(Departure("autocorrelated"))
-    return found
+        listed.append(Departure("autocorrelated"))
+    return listed
 
 
 @unannounced()
 def diverges(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
     """Whether a trajectory of a trial that the law was learned from diverges there, from its fitted start."""
-    found = []
+    problems = []
     for i in evenly_spaced(len(problem.models), settings.MAX_CHECKED_OBJECTS):
         model, estimate = problem.models[i], estimates[i]
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
@@ -108,17 +108,17 @@ def diverges(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
                 times = mesh.times[first:last]
                 inputs = Inputs.of(times, mesh.inputs[first:last], problem.trials.schema.input_between)
                 field = replace(model.field(estimate.coefficients), inputs=inputs)
-                found.append(InitialValueProblem(field, states[first, : model.width], times, ""))
-    return any(each.outcome for each in simulate_each(found, OutputOptions(tolerance=1e-6)))
+                problems.append(InitialValueProblem(field, states[first, : model.width], times, ""))
+    return any(trajectory.outcome for trajectory in simulate_each(problems, OutputOptions(tolerance=1e-6)))
 
 
-def follows_solutions(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
+def is_resolved(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
     """Return whether steps of the likelihood end where solutions do but for less than the noise, in the mean square.
 
     Both begin at the estimated states, and without forces.
     """
     indices = evenly_spaced(len(estimates), settings.MAX_CHECKED_OBJECTS)
-    squares = [own for i in indices for own in _squared_errors(problem, i, estimates[i])]
+    squares = [squares_ for i in indices for squares_ in _squared_errors(problem, i, estimates[i])]
     return bool(np.mean(np.concatenate(squares)) < 1)
 
 
@@ -130,20 +130,20 @@ def _squared_errors(problem: SearchProblem, index: int, estimate: Estimate) -> I
     model = problem.models[index]
     field, d = model.field(estimate.coefficients), model.equations
     for mesh, states in zip(model.meshes, estimate.states, strict=True):
-        own, on = states[:, : model.width], mesh.contiguous
+        z, on = states[:, : model.width], mesh.contiguous
         std = np.broadcast_to(problem.std_of(mesh), (len(mesh), d))[1:][on]
         with np.errstate(all="ignore"):
-            linear = jacobians(field, mesh, own)
+            linear = jacobians(field, mesh, z)
             try:  # Where a step without a defect ends, to first order
                 missed = np.linalg.solve(linear.end[on], linear.defects[on][:, :, np.newaxis])[:, :, 0]
             except np.linalg.LinAlgError:
                 missed = np.full_like(linear.defects[on], np.inf)
-            found = np.full_like(missed, np.inf)
+            ends = np.full_like(missed, np.inf)
             for count in (4, 8, 16, 32, 64):  # Stable where rates are up to 180 in a step
-                found, before = _followed(field, mesh, own, count)[on], found
-                if (np.abs(found - before)[:, :d] < settings.RESOLVED_NOISE * std).all():
+                ends, before = _followed(field, mesh, z, count)[on], ends
+                if (np.abs(ends - before)[:, :d] < settings.RESOLVED_NOISE * std).all():
                     break
-            squares = ((found - own[1:][on] + missed)[:, :d] / std) ** 2
+            squares = ((ends - z[1:][on] + missed)[:, :d] / std) ** 2
         yield np.where(np.isfinite(squares), squares, np.inf).ravel()
 
 
@@ -166,14 +166,14 @@ def _followed(field: VectorField, mesh: Mesh, states: Floats, count: int) -> Flo
 
 def has_poles(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
     """Return whether something that terms are divided by, with parameters in it, vanishes at states or between them."""
-    return any(has_pole(problem, i, each) for i, each in enumerate(estimates))
+    return any(has_pole(problem, i, estimate) for i, estimate in enumerate(estimates))
 
 
 def has_pole(problem: SearchProblem, index: int, estimate: Estimate) -> bool:
     """Return whether something vanishes that terms are divided by, at states of an object or between them."""
     if not (codes := divisors(problem.models[index].terms)):
         return False
-    values = with_points_between(values_along(problem, index, estimate))
+    values = with_chord_points(values_along(problem, index, estimate))
     columns = problem.models[index].terms.at(values, estimate.coefficients).T
     with np.errstate(all="ignore"):
         return any(np.ptp(np.sign(evaluate(code, columns))) != 0 for code in codes)
@@ -182,12 +182,12 @@ def has_pole(problem: SearchProblem, index: int, estimate: Estimate) -> bool:
 def values_along(problem: SearchProblem, index: int, estimate: Estimate) -> Floats:
     """Return the variables along the estimated states of an object, shape (n, variables)."""
     model = problem.models[index]
-    states = np.concatenate([each[:, : model.width] for each in estimate.states])
+    states = np.concatenate([state[:, : model.width] for state in estimate.states])
     inputs, times = (np.concatenate([getattr(mesh, name) for mesh in model.meshes]) for name in ("inputs", "times"))
     return model.terms.variables.natural(np.column_stack([states, inputs, times]))
 
 
-def with_points_between(values: Floats) -> Floats:
+def with_chord_points(values: Floats) -> Floats:
     """Return points, shape (n, variables), with others on the straight lines between some of them."""
     generator = np.random.default_rng(0)
     first, last = generator.integers(len(values), size=(2, settings.MAX_PAIRS))
@@ -208,7 +208,7 @@ def growth(squared: Floats, sizes: Floats) -> tuple[float, Floats]:
         Of the state at these.
     """
     typical = max(np.sqrt(np.mean(sizes**2)), np.finfo(float).tiny)
-    shares = powers_of_ten(PER_DECADE[1], 2 * MAX_DECADES)
+    shares = log_grid(PER_DECADE[1], 2 * MAX_DECADES)
     variances = 1 + (shares[:, np.newaxis] * sizes / typical) ** 2
     levels = np.mean(squared / variances, axis=1)
     if not (levels > 0).all():
@@ -219,7 +219,7 @@ def growth(squared: Floats, sizes: Floats) -> tuple[float, Floats]:
     return gain, np.sqrt(levels[best]) * np.array([1.0, shares[best] / typical])
 
 
-def with_growing_noise(problem: SearchProblem) -> SearchProblem:
+def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
     """Return the problem with noise in proportion to the states whose differences show it, and as it was otherwise.
 
     It shows where it gains more in likelihood than its number costs, neighbouring differences being alike.
@@ -233,9 +233,9 @@ def with_growing_noise(problem: SearchProblem) -> SearchProblem:
         orders = [noise_order(times, values) for times, values, _ in columns]
         if not orders or None in orders:
             continue
-        order = max(each for each in orders if each)
+        order = max(order for order in orders if order)
         squared, sizes = (
-            np.concatenate(own) for own in zip(*(_differences(*each, order) for each in columns), strict=True)
+            np.concatenate(values) for values in zip(*(_differences(*column, order) for column in columns), strict=True)
         )
         if np.sqrt(np.mean(squared)) <= 1.001 * floor[j]:  # Below, what is left is not of the measurements
             continue
@@ -259,9 +259,9 @@ def _columns(problem: SearchProblem, j: int) -> Iterator[tuple[Floats, Floats, F
 def _differences(times: Floats, values: Floats, smooth: Floats, order: int) -> tuple[Floats, Floats]:
     """Return squared differences, without outliers among those at states as large, and the sizes of the state there."""
     *_, found = differences(times, values[:, np.newaxis], order)
-    own, sizes = found[:, 0], np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")
-    typical = np.ones(len(own))
-    for near in np.array_split(np.argsort(sizes, kind="stable"), max(len(own) // MIN_SAMPLES_OF_MANY, 1)):
-        typical[near] = np.median(np.abs(own[near])) or np.mean(np.abs(own[near])) or 1.0
-    kept = without_outliers(own / typical, order)
-    return own[kept] ** 2, sizes[kept]
+    residuals, sizes = found[:, 0], np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")
+    typical = np.ones(len(residuals))
+    for near in np.array_split(np.argsort(sizes, kind="stable"), max(len(residuals) // MIN_SAMPLES_OF_MANY, 1)):
+        typical[near] = np.median(np.abs(residuals[near])) or np.mean(np.abs(residuals[near])) or 1.0
+    kept = without_outliers(residuals / typical, order)
+    return residuals[kept] ** 2, sizes[kept]

@@ -14,19 +14,23 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import scales_of_starts
-from commonlaw.inference.data.smoothing import Curve, first_coefficients, terms_and_rates
-from commonlaw.inference.fit.parameter_grid import combined, factor_powers, values_of_each
-from commonlaw.inference.fit.structural_identifiability import may_be_mixed, may_be_rescaled, may_be_shifted
+from commonlaw.inference.data.noise import initial_value_scales
+from commonlaw.inference.data.smoothing import Curve, gradient_matching, terms_and_rates
+from commonlaw.inference.fit.parameter_grid import combined, factor_powers, parameter_values
+from commonlaw.inference.fit.structural_identifiability import (
+    has_mixing_symmetry,
+    has_scaling_symmetry,
+    has_translation_symmetry,
+)
 from commonlaw.library import Terms, order_of_each, with_rates
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import natural
 
 
-def visited_besides(trials: Trials, estimates: Sequence[Estimate]) -> dict[str, tuple[float, float]]:
+def latent_state_ranges(trials: Trials, estimates: Sequence[Estimate]) -> dict[str, tuple[float, float]]:
     """Return the least and the largest value of states with unknown initial values, by name."""
-    states = np.concatenate([path for each in estimates for path in each.states])
+    states = np.concatenate([path for estimate in estimates for path in estimate.states])
     free = np.flatnonzero(trials.schema.with_free_start)
     return {trials.schema.states[j]: (float(states[:, j].min()), float(states[:, j].max())) for j in free}
 
@@ -40,7 +44,7 @@ def unmeasured_in_words(trials: Trials) -> str:
     return ", ".join(f"{name} in {count} of {len(trials)} trials" for name, count in lacking.items() if count)
 
 
-def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
+def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) -> Trials:
     """Return trials whose known starts have standard deviations that are small compared with the scale of their states.
 
     Unknown initial values are zero, with standard deviations that say next to nothing. Scales are those of starts, or
@@ -56,8 +60,8 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
     at_zero = started & np.all([trial.states[0] == 0 for trial in trials], axis=0)
     guesses = _Guesses(trials, terms, known)
     sizes = guesses.whole(np.where(guesses.largest > 0, guesses.largest, np.nan))
-    rescaled = may_be_rescaled(terms, known, at_zero | free, sizes)
-    shifted, mixed = (ways(terms, known, free, sizes) for ways in (may_be_shifted, may_be_mixed))
+    rescaled = has_scaling_symmetry(terms, known, at_zero | free, sizes)
+    shifted, mixed = (ways(terms, known, free, sizes) for ways in (has_translation_symmetry, has_mixing_symmetry))
     for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
         if any_scale and schema.starts.get(name, 0.0) is not None:
             raise CommonlawError("latent-scale-of-zero", name=name)
@@ -76,7 +80,7 @@ def with_exact_starts(trials: Trials, terms: Terms, known: Floats) -> Trials:
     return trials.with_trials(changed)
 
 
-def with_noise_of_unmeasured(noise: Floats, trials: Trials) -> Floats:
+def with_latent_noise(noise: Floats, trials: Trials) -> Floats:
     """Return the noise of each state, shape (states,), with that of latent states as if they had been.
 
     It is the same share of their scale as of others. Model errors are relative to it, and so is what says next to
@@ -85,7 +89,7 @@ def with_noise_of_unmeasured(noise: Floats, trials: Trials) -> Floats:
     started = trials.schema.unmeasured
     spread = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
     share = np.median(noise[~started] / spread)
-    return np.where(started, share * scales_of_starts(trials), noise)
+    return np.where(started, share * initial_value_scales(trials), noise)
 
 
 def begun(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> Estimate:
@@ -101,7 +105,7 @@ def begun(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> 
     return Estimate(fitted.states, coefficients) if np.isfinite(fitted.objective) else start
 
 
-def begun_at_starts(
+def initial_latent_estimates(
     models: Sequence[TrajectoryModel], trials: Trials, curves: Sequence[Sequence[Curve]], known: Floats, guess: Floats
 ) -> tuple[list[Estimate], list[list[Curve]], list[Floats]]:
     """Return where the fit of each object begins, curves of all its states, and what would fit the first one as well.
@@ -115,40 +119,40 @@ def begun_at_starts(
     """
     started, free = trials.schema.unmeasured, trials.schema.with_free_start
     objects = [
-        _Object(model, trials.of_object(name), own, started, free, signs, _Guesses(trials, model.terms, given))
-        for model, name, own, given, signs in zip(models, trials.objects, curves, known, guess, strict=True)
+        _Object(model, trials.of_object(name), smoothed, started, free, signs, _Guesses(trials, model.terms, given))
+        for model, name, smoothed, given, signs in zip(models, trials.objects, curves, known, guess, strict=True)
     ]
-    fits = [each.begun(each.guesses.draws(each.signs)) for each in objects]
-    for each, listed in zip(objects, fits, strict=True):
+    fits = [obj.begun(obj.guesses.draws(obj.signs)) for obj in objects]
+    for obj, listed in zip(objects, fits, strict=True):
         if not listed:
-            raise CommonlawError("latent-diverges", where=each.group[0].object, latent=trials.schema.starts)
-    first = [each.best(listed)[0][0] for each, listed in zip(objects, fits, strict=True)]
+            raise CommonlawError("latent-diverges", where=obj.group[0].object, latent=trials.schema.starts)
+    first = [obj.best(listed)[0][0] for obj, listed in zip(objects, fits, strict=True)]
     some = [
         Draw(first[i].coefficients, first[i].states[0][0, : len(started)])
         for i in evenly_spaced(len(first), settings.MAX_OBJECTS)
     ]
-    best = [each.best([*listed, *each.begun(some)]) for each, listed in zip(objects, fits, strict=True)]
-    likeliest = [each[0][0].coefficients for each in best]
-    typical = min(likeliest, key=lambda each: sum(_distance(each, other) for other in likeliest))
-    nearest = [min(each, key=lambda fitted: _distance(fitted[0].coefficients, typical)) for each in best]
+    best = [obj.best([*listed, *obj.begun(some)]) for obj, listed in zip(objects, fits, strict=True)]
+    likeliest = [ranked[0][0].coefficients for ranked in best]
+    typical = min(likeliest, key=lambda candidate: sum(_distance(candidate, likely) for likely in likeliest))
+    nearest = [min(ranked, key=lambda fitted: _distance(fitted[0].coefficients, typical)) for ranked in best]
     far = settings.ALIKE * np.isnan(known[0]).sum()
-    unlike = [_distance(each.coefficients, typical) > far for each, _ in nearest]
+    unlike = [_distance(estimate.coefficients, typical) > far for estimate, _ in nearest]
     if 2 * sum(unlike) < len(unlike):
         nearest = [
-            each.like(typical, fitted) if other else fitted
-            for each, fitted, other in zip(objects, nearest, unlike, strict=True)
+            obj.like(typical, fitted) if differs else fitted
+            for obj, fitted, differs in zip(objects, nearest, unlike, strict=True)
         ]
     different: list[Floats] = []
-    for one in (nearest[0][0].coefficients, *(each.coefficients for each, _ in best[0])):
-        if not any(np.allclose(one, other, rtol=settings.ALIKE, atol=0.0) for other in different):
+    for one in (nearest[0][0].coefficients, *(estimate.coefficients for estimate, _ in best[0])):
+        if not any(np.allclose(one, known_one, rtol=settings.ALIKE, atol=0.0) for known_one in different):
             different.append(one)
-    return [each for each, _ in nearest], [curve for _, curve in nearest], different[1:]
+    return [estimate for estimate, _ in nearest], [curve for _, curve in nearest], different[1:]
 
 
-def _distance(one: Floats, other: Floats) -> float:
+def _distance(one: Floats, second: Floats) -> float:
     """Return how far coefficients, shape (equations, terms), are apart, relative to their sizes."""
-    sizes = np.abs(one) + np.abs(other)
-    return float(np.sum(np.abs(one - other) / np.where(sizes > 0, sizes, 1.0)))
+    sizes = np.abs(one) + np.abs(second)
+    return float(np.sum(np.abs(one - second) / np.where(sizes > 0, sizes, 1.0)))
 
 
 class Draw(NamedTuple):
@@ -197,7 +201,7 @@ class _Guesses:
         logarithms = np.log([*scales[unknown], *np.full(len(self.terms.parameters), 1 / self._duration)])
         for _ in range(settings.MAX_ITERATIONS):
             here, steps = excess(logarithms), settings.ROUNDING * np.eye(len(logarithms))
-            slopes = np.array([(excess(logarithms + each) - here) / settings.ROUNDING for each in steps]).T
+            slopes = np.array([(excess(logarithms + step) - here) / settings.ROUNDING for step in steps]).T
             step = np.linalg.lstsq(slopes, here, rcond=settings.ROUNDING)[0]
             logarithms = logarithms - np.clip(step, -1.0, 1.0)
             if np.abs(step).max() < settings.ROUNDING:
@@ -227,12 +231,12 @@ class _Guesses:
         first, inside = len(terms.variables.measured), tried & ~is_rate
         others = [first + terms.parameters.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
         sizes = self.whole(self.scales)[np.newaxis]
-        bank = combined(values_of_each(terms, sizes, others)) if others else np.empty((1, 0))
+        bank = combined(parameter_values(terms, sizes, others)) if others else np.empty((1, 0))
         signs = np.sign(guess[is_rate])
         factors = np.nan_to_num(np.abs(self.known[equations, columns]), nan=1.0)
         steps = self._duration / min(np.diff(trial.measured().times).min() for trial in trials)
         count, is_drawn = int(tried.sum() + schema.with_free_start.sum()), bool(schema.with_free_start.any())
-        random, found = np.random.default_rng(0), list[Draw]()
+        random, drawn_ = np.random.default_rng(0), list[Draw]()
         for _ in range(settings.MIN_DRAWS[is_drawn] * max(1, (count + 1) // 2) if count else 1):
             drawn, starts = self.known.copy(), self.scales
             either = np.where(signs == 0, random.choice([-1, 1], len(signs)), signs)
@@ -246,8 +250,8 @@ class _Guesses:
                 is_negative = random.uniform(size=len(starts)) < settings.NEGATIVE
                 sizes = starts * 10 ** random.uniform(*settings.INITIAL_VALUE_DECADES, len(starts))
                 starts = np.where(is_negative, -sizes, sizes)
-            found.append(Draw(drawn, starts))
-        return found
+            drawn_.append(Draw(drawn, starts))
+        return drawn_
 
     def _rates(self, is_rate: Bools, powers: Floats) -> tuple[tuple[Floats, Floats], Floats]:
         """Return where rates stand, by equation and term, and the powers of what is tried in each, (rates, tried)."""
@@ -319,8 +323,8 @@ class _Object:
 
         Of many those begin that leave least of the rates of measured states along curves.
         """
-        drawn = np.array([np.where(np.isnan(self.known), each.coefficients, self.known) for each in tried])
-        starts = np.where(self.free, [each.starts for each in tried], np.nan)
+        drawn = np.array([np.where(np.isnan(self.known), draw.coefficients, self.known) for draw in tried])
+        starts = np.where(self.free, [draw.starts for draw in tried], np.nan)
         pairs = list(zip(self.group, self.curves, strict=True))
         followed = [_followed(self.model.terms, *pair, drawn, starts, self.started) for pair in pairs]
         begins = []
@@ -328,27 +332,27 @@ class _Object:
             if all(np.isfinite(path).all() for path in states):
                 filled = self._filled(states)
                 begins.append((*self._along(filled, coefficients), filled))
-        best = sorted(begins, key=lambda each: each[0])[: 2 * settings.MIN_DRAWS[0]]
+        best = sorted(begins, key=lambda candidate: candidate[0])[: 2 * settings.MIN_DRAWS[0]]
         free, fits = np.isnan(self.known), list[Begun]()
         for _, coefficients, filled in best:
             start = Estimate(tuple(interpolate([states for states, _ in filled])), coefficients)
             fits.append((fit(self.model, start, free, settings.LATENT_MODEL_ERRORS), filled))
-        return [each for each in fits if np.isfinite(each[0].objective)]
+        return [fit for fit in fits if np.isfinite(fit[0].objective)]
 
     def best(self, fits: Sequence[Begun]) -> list[Begun]:
         """Return the fits that are the best, those with signs as guessed and fast unmeasured states first."""
-        least = min((fitted for fitted, _ in fits), key=lambda each: each.objective)
+        least = min((fitted for fitted, _ in fits), key=lambda estimate: estimate.objective)
 
         def unusual(fitted: Begun) -> tuple[int, float]:
             coefficients = fitted[0].coefficients
             return -int(np.sum(coefficients * self.signs > 0)), -self.guesses.relative_speed(coefficients)
 
-        return sorted((each for each in fits if self._as_good(each[0], least)), key=unusual)
+        return sorted((fit for fit in fits if self._as_good(fit[0], least)), key=unusual)
 
-    def _as_good(self, one: Estimate, other: Estimate) -> bool:
+    def _as_good(self, one: Estimate, reference: Estimate) -> bool:
         """Return whether a fit is not worse than another, at the noise that each leaves, as it is not known yet."""
         count = sum(int(np.isfinite(trial.states).sum()) for trial in self.group)
-        ratio = (one.objective + settings.ROUNDING) / (other.objective + settings.ROUNDING)
+        ratio = (one.objective + settings.ROUNDING) / (reference.objective + settings.ROUNDING)
         return bool(count * np.log(ratio) < settings.INDIFFERENT)
 
     def like(self, typical: Floats, fitted: Begun) -> Begun:
@@ -375,11 +379,11 @@ class _Object:
 
         def solutions(parameters: Floats) -> tuple[list[Floats], Floats]:
             """Return states of each trial, and coefficients, at parameters of shape (m, parameters) in their sizes."""
-            laws, starts = (np.tile(each, (len(parameters), 1, 1)) for each in (coefficients, begin))
+            laws, starts = (np.tile(array, (len(parameters), 1, 1)) for array in (coefficients, begin))
             laws[:, free], starts[:, loose] = np.split(parameters * sizes, [int(free.sum())], axis=1)
             rows = zip(self.group, self.curves, starts.swapaxes(0, 1), strict=True)
             terms = self.model.terms
-            return [_followed(terms, trial, curve, laws, own, everything) for trial, curve, own in rows], laws
+            return [_followed(terms, trial, curve, laws, initial, everything) for trial, curve, initial in rows], laws
 
         def residuals(parameters: Floats) -> Floats:
             with np.errstate(all="ignore"):
@@ -397,14 +401,14 @@ class _Object:
             values = residuals(parameters + steps)
             return np.asarray(((values[1:] - values[0]) / settings.ROUNDING).T)
 
-        found = np.concatenate([coefficients[free], begin[loose]]) / sizes
+        x = np.concatenate([coefficients[free], begin[loose]]) / sizes
         with np.errstate(over="ignore"):  # Far from any law
-            squares = float(np.sum(residuals_at(found) ** 2))
-            if np.isfinite(squares) and np.isfinite(slopes(found)).all():
+            squares = float(np.sum(residuals_at(x) ** 2))
+            if np.isfinite(squares) and np.isfinite(slopes(x)).all():
                 tolerance = settings.SAME_DEVIANCE / max(squares, 1.0)
-                solved = least_squares(residuals_at, found, slopes, ftol=tolerance)
-                found, squares = solved.x, float(2 * solved.cost)
-        states, laws = solutions(found[np.newaxis])
+                solved = least_squares(residuals_at, x, slopes, ftol=tolerance)
+                x, squares = solved.x, float(2 * solved.cost)
+        states, laws = solutions(x[np.newaxis])
         start = Estimate(tuple(interpolate([path[0] for path in states])), laws[0])
         # On the mesh a solution is slightly another one
         settled = fit(self.model, start, np.zeros_like(free), (*settings.LATENT_MODEL_ERRORS, 0.001, 0.0003))
@@ -419,7 +423,7 @@ class _Object:
     def _along(self, filled: list[Curve], coefficients: Floats) -> tuple[float, Floats]:
         """Return how much of the rates of measured states is left along curves of all states, and all coefficients."""
         curves = list(zip(self.group, filled, strict=True))
-        completed = first_coefficients(self.model.terms, curves, coefficients)
+        completed = gradient_matching(self.model.terms, curves, coefficients)
         library, rates = terms_and_rates(self.model.terms, curves, completed)
         residuals = (rates - library @ completed.T)[:, ~self.started]
         with np.errstate(over="ignore"):  # Far from any law

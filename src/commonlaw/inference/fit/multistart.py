@@ -27,7 +27,7 @@ def short_schedule(problem: SearchProblem) -> Sequence[Estimate]:
     return fit_each(problem.models, problem.starts, problem.allowed, settings.SHORT_SCHEDULE)
 
 
-def best_fits(
+def multistart(
     problem: SearchProblem,
     estimates: Sequence[Estimate],
     begun: Sequence[Floats],
@@ -40,20 +40,22 @@ def best_fits(
     """
     fits = list[Sequence[Estimate]]()
     for coefficients in begun:
-        starts = problem.padded([Estimate(each.states, own) for each, own in zip(estimates, coefficients, strict=True)])
+        starts = problem.padded(
+            [Estimate(estimate.states, theta) for estimate, theta in zip(estimates, coefficients, strict=True)]
+        )
         fits.append(way(replace(problem, starts=starts)))
-    return [pooled_estimate(own) for own in zip(*filter(None, fits), strict=True)]
+    return [best_estimate(candidates) for candidates in zip(*filter(None, fits), strict=True)]
 
 
-def pooled_estimate(fits: Sequence[Estimate]) -> Estimate:
+def best_estimate(fits: Sequence[Estimate]) -> Estimate:
     """Return the fit of largest likelihood; of those that are the same the one with fewest numbers below zero.
 
     And then with small ones: ``A cos(w*t + p)`` is also ``-A cos(w*t + q)`` with q half a turn farther, and rounding
     is not to decide.
     """
-    least = min(each.objective for each in fits)
-    alike = [each for each in fits if each.objective <= least + settings.SAME_DEVIANCE]
-    return min(alike, key=lambda each: (int(np.sum(each.coefficients < 0)), float(np.abs(each.coefficients).sum())))
+    least = min(fit.objective for fit in fits)
+    alike = [fit for fit in fits if fit.objective <= least + settings.SAME_DEVIANCE]
+    return min(alike, key=lambda fit: (int(np.sum(fit.coefficients < 0)), float(np.abs(fit.coefficients).sum())))
 
 
 def shrink_to_pooled(
@@ -67,31 +69,34 @@ def shrink_to_pooled(
     best = list(free)
     if len(free) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:
         return problem, best
-    own, ranked = np.array([each.coefficients for each in free]), list[tuple[float, Prior, list[Estimate]]]()
+    unpooled, ranked = (
+        np.array([estimate.coefficients for estimate in free]),
+        list[tuple[float, Prior, list[Estimate]]](),
+    )
     (width, least), allowed = settings.PRIOR_WIDTH, problem.allowed
-    for coefficients in (own, *begun):
+    for coefficients in (unpooled, *begun):
         typical = np.median(coefficients, axis=0)
         scatter = 1.4826 * np.median(np.abs(coefficients - typical), axis=0)
         scatter = np.maximum(scatter, least * np.abs(typical))
         scatters = allowed & (scatter > 0)
         precision = np.divide(1.0, width * scatter, out=np.zeros_like(scatter), where=scatters) ** 2
         prior = Prior(typical, precision)
-        both = [own, np.broadcast_to(typical, own.shape)]
-        held = best_fits(problem.with_priors([prior] * len(free)), free, both, short_schedule)
+        both = [unpooled, np.broadcast_to(typical, unpooled.shape)]
+        held = multistart(problem.with_priors([prior] * len(free)), free, both, short_schedule)
         if held:  # By minus twice the log-likelihood of objects and their coefficients
             normal = float(np.sum(np.log(precision[precision > 0])))
-            ranked.append((sum(each.objective for each in held) - len(held) * normal, prior, held))
+            ranked.append((sum(estimate.objective for estimate in held) - len(held) * normal, prior, held))
     if not ranked:
         return problem, best
-    _, prior, held = min(ranked, key=lambda each: each[0])
+    _, prior, held = min(ranked, key=lambda entry: entry[0])
     priors = list[Prior | None]([None] * len(free))
-    for o, (one, other) in enumerate(zip(held, free, strict=True)):
-        if one.deviance < other.deviance + settings.INDIFFERENT:
+    for o, (one, unpooled_estimate) in enumerate(zip(held, free, strict=True)):
+        if one.deviance < unpooled_estimate.deviance + settings.INDIFFERENT:
             priors[o], best[o] = prior, one
     return problem.with_priors(priors), best
 
 
-def priors_from(problem: SearchProblem, begun: Floats) -> tuple[Prior | None, ...]:
+def empirical_priors(problem: SearchProblem, begun: Floats) -> tuple[Prior | None, ...]:
     """Return what the others say of the coefficients of each object, besides some that are near.
 
     Nothing for laws without parameters, of few objects, or whose solutions cannot be fitted. Coefficients have the
@@ -100,5 +105,5 @@ def priors_from(problem: SearchProblem, begun: Floats) -> tuple[Prior | None, ..
     nothing = (None,) * len(begun)
     if len(begun) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:
         return nothing
-    free = best_fits(problem, problem.starts, [begun], full_schedule)
-    return tuple(each.prior for each in shrink_to_pooled(problem, free, [begun])[0].models) if free else nothing
+    free = multistart(problem, problem.starts, [begun], full_schedule)
+    return tuple(model.prior for model in shrink_to_pooled(problem, free, [begun])[0].models) if free else nothing

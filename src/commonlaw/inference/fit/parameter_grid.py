@@ -18,7 +18,7 @@ from commonlaw.library import ParametricTerm, Term, Terms, Variables
 from commonlaw.library.grammar import columns_in, constant, evaluate
 
 
-def powers_of_ten(per_decade: int, decades: float = settings.MAX_DECADES) -> Floats:
+def log_grid(per_decade: int, decades: float = settings.MAX_DECADES) -> Floats:
     """Return values about one, so many in a decade, up and down by some decades."""
     count = round(decades * per_decade)
     return np.asarray(10.0 ** (np.arange(-count, count + 1) / per_decade))
@@ -44,7 +44,7 @@ def factor_powers(terms: Terms) -> Floats:
     return np.asarray(np.where((np.abs(ratios - power) < settings.ROUNDING).all(axis=0), power, np.nan))
 
 
-def values_of_each(terms: Terms, values: Floats, columns: Sequence[int]) -> list[Floats]:
+def parameter_values(terms: Terms, values: Floats, columns: Sequence[int]) -> list[Floats]:
     """Return the values that each constant is tried at.
 
     Parameters
@@ -56,14 +56,14 @@ def values_of_each(terms: Terms, values: Floats, columns: Sequence[int]) -> list
     columns
         Those of the parameters.
     """
-    near, found = (
-        powers_of_ten(settings.PER_DECADE[min(len(columns), len(settings.PER_DECADE)) - 1]),
+    near, grids = (
+        log_grid(settings.PER_DECADE[min(len(columns), len(settings.PER_DECADE)) - 1]),
         dict[int, Floats](),
     )
     for tree in _trees(terms):
-        _look(tree, None, values, near, found)
+        _look(tree, None, values, near, grids)
     unknown = _near_size(None, near)
-    return [found.get(column, unknown) for column in columns]
+    return [grids.get(column, unknown) for column in columns]
 
 
 def divisors(terms: Terms, first: int | None = None) -> list[str]:
@@ -71,22 +71,24 @@ def divisors(terms: Terms, first: int | None = None) -> list[str]:
 
     Only where variables are in it from the `first` column on, by default parameters.
     """
-    divided = (each for tree in _trees(terms) for each in ast.walk(tree) if isinstance(each, ast.BinOp))
-    below = {ast.unparse(each.right) for each in divided if isinstance(each.op, ast.Div)}
+    divided = (node for tree in _trees(terms) for node in ast.walk(tree) if isinstance(node, ast.BinOp))
+    below = {ast.unparse(quotient.right) for quotient in divided if isinstance(quotient.op, ast.Div)}
     first = len(terms.variables.measured) if first is None else first
-    return sorted(each for each in below if any(column >= first for column in columns_in(each)))
+    return sorted(divisor for divisor in below if any(column >= first for column in columns_in(divisor)))
 
 
 def frequencies_in_time(terms: Terms) -> list[int]:
     """Return the columns of the parameters that time is multiplied with in a sine: w of ``cos(w*t + p)``."""
-    variables, found = terms.variables, set[int]()
+    variables, frequencies = terms.variables, set[int]()
     time = f"v{variables.index(variables.time)}"
-    for each in (node for tree in _trees(terms) for node in ast.walk(tree)):
-        if isinstance(each, ast.Call) and ast.unparse(each.func) in ("sin", "cos"):
-            products = (own for own in ast.walk(each) if isinstance(own, ast.BinOp) and isinstance(own.op, ast.Mult))
-            sides = [(ast.unparse(own.left), ast.unparse(own.right)) for own in products]
-            found |= {int(name[1:]) for pair in sides if time in pair for name in pair if name[1:].isdigit()}
-    return sorted(column for column in found if column >= len(variables.measured))
+    for call in (node for tree in _trees(terms) for node in ast.walk(tree)):
+        if isinstance(call, ast.Call) and ast.unparse(call.func) in ("sin", "cos"):
+            products = (
+                node for node in ast.walk(call) if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult)
+            )
+            sides = [(ast.unparse(product.left), ast.unparse(product.right)) for product in products]
+            frequencies |= {int(name[1:]) for pair in sides if time in pair for name in pair if name[1:].isdigit()}
+    return sorted(column for column in frequencies if column >= len(variables.measured))
 
 
 def _trees(terms: Terms) -> list[ast.expr]:
@@ -96,55 +98,55 @@ def _trees(terms: Terms) -> list[ast.expr]:
 
 
 def _look(
-    tree: ast.expr, size: float | None, values: Floats, near: Floats, found: dict[int, Floats], angle: bool = False
+    tree: ast.expr, size: float | None, values: Floats, near: Floats, grids: dict[int, Floats], angle: bool = False
 ) -> None:
     """Note values for the parameters in a tree that is about so large, or the angle of a sine."""
-    inside = {each for each in columns_in(tree) if each >= values.shape[1]}
-    if inside <= found.keys():
+    inside = {column for column in columns_in(tree) if column >= values.shape[1]}
+    if inside <= grids.keys():
         return
     match tree:
         case ast.Name(id=name):
             phases = 2 * np.pi / settings.PER_CYCLE * (np.arange(settings.PER_CYCLE) + 0.5)
-            found[int(name[1:])] = np.asarray(phases) if angle else _near_size(size, near)
+            grids[int(name[1:])] = np.asarray(phases) if angle else _near_size(size, near)
         case ast.UnaryOp(operand=operand):
-            _look(operand, size, values, near, found, angle)
+            _look(operand, size, values, near, grids, angle)
         case ast.Call(func=ast.Name(id=name), args=[argument]):
-            _look(argument, 1.0, values, near, found, angle=name in ("sin", "cos", "tan"))
+            _look(argument, 1.0, values, near, grids, angle=name in ("sin", "cos", "tan"))
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             number = constant(exponent)
             root = None if size is None or not number else size ** (1 / number)
-            _look(base, root, values, near, found)
+            _look(base, root, values, near, grids)
             if isinstance(exponent, ast.Name):
-                found.setdefault(int(exponent.id[1:]), np.array(settings.EXPONENTS))
-            _look(exponent, 1.0, values, near, found)
+                grids.setdefault(int(exponent.id[1:]), np.array(settings.EXPONENTS))
+            _look(exponent, 1.0, values, near, grids)
         case ast.BinOp(op=op, left=left, right=right):
-            for operand, other, first in ((right, left, False), (left, right, True)):
-                other_size = _size(other, values)
+            for operand, sibling, first in ((right, left, False), (left, right, True)):
+                other_size = _size(sibling, values)
                 if angle and isinstance(operand, ast.Name) and other_size is not None:
                     if isinstance(op, ast.Mult):
-                        found.setdefault(int(operand.id[1:]), _frequencies(other, values))
+                        grids.setdefault(int(operand.id[1:]), _frequencies(sibling, values))
                     elif isinstance(op, ast.Div) and not first:
-                        found.setdefault(int(operand.id[1:]), np.asarray(1 / _frequencies(other, values)))
-                _look(operand, _operand_size(op, size, other_size, first), values, near, found, angle)
+                        grids.setdefault(int(operand.id[1:]), np.asarray(1 / _frequencies(sibling, values)))
+                _look(operand, _operand_size(op, size, other_size, first), values, near, grids, angle)
 
 
-def _operand_size(op: ast.operator, size: float | None, other: float | None, first: bool) -> float | None:
+def _operand_size(op: ast.operator, size: float | None, sibling: float | None, first: bool) -> float | None:
     """Return how large an operand is, by the sizes of the result and of the other operand; None if nothing tells."""
     if isinstance(op, ast.Add | ast.Sub):
-        return size if other is None else other
+        return size if sibling is None else sibling
     if size is None:
         return None
     if isinstance(op, ast.Mult):
-        return size / (other or 1.0)
-    return size * (other or 1.0) if first else (other or 1.0) / size
+        return size / (sibling or 1.0)
+    return size * (sibling or 1.0) if first else (sibling or 1.0) / size
 
 
 def _size(tree: ast.expr, values: Floats) -> float | None:
     """Return the root mean square of a tree; None if it has parameters in it, is zero or is not finite."""
-    if any(each >= values.shape[1] for each in columns_in(tree)):
+    if any(column >= values.shape[1] for column in columns_in(tree)):
         return None
-    found = float(np.sqrt(np.mean(_along(tree, values) ** 2)))
-    return found if 0 < found < np.inf else None
+    rms = float(np.sqrt(np.mean(_along(tree, values) ** 2)))
+    return rms if 0 < rms < np.inf else None
 
 
 def _along(tree: ast.expr, values: Floats) -> Floats:
@@ -161,12 +163,12 @@ def _frequencies(tree: ast.expr, values: Floats) -> Floats:
 
 def _near_size(size: float | None, near: Floats) -> Floats:
     """Return values of both signs about a size; if nothing tells it, of all sizes that are not rounding."""
-    sizes = powers_of_ten(1, -float(np.log10(settings.ROUNDING))) if size is None else size * near
+    sizes = log_grid(1, -float(np.log10(settings.ROUNDING))) if size is None else size * near
     return np.concatenate([sizes, -sizes])
 
 
 @dataclass(frozen=True, eq=False)
-class Banks:
+class ParameterGrids:
     """Terms along curves at the values of their parameters in a bank of each, one column for each.
 
     Parameters
@@ -197,7 +199,7 @@ class Banks:
         values: Floats,
         others: Sequence[ParametricTerm],
         sampled: Bools | slice = slice(None),
-    ) -> "Banks":
+    ) -> "ParameterGrids":
         """Return terms along curves at values of their parameters at which they are finite and no others' repeats.
 
         Periodic functions may be as fast as the points that were sampled resolve, by default all. Variables that are
@@ -226,21 +228,21 @@ class Banks:
         return np.cumsum([0, *map(len, self.parameters)])
 
 
-def along(other: ParametricTerm, values: Floats, bank: Floats) -> Floats:
+def along(term: ParametricTerm, values: Floats, bank: Floats) -> Floats:
     """Return a term along curves at each of some values of its parameters, shape (n, values)."""
     count, first = values.shape
     every = np.empty((len(bank), count, first + bank.shape[1]))
     every[:, :, :first], every[:, :, first:] = values, bank[:, np.newaxis]
-    return np.asarray(other.term.evaluate(every.reshape(-1, every.shape[2])).reshape(len(bank), count).T)
+    return np.asarray(term.term.evaluate(every.reshape(-1, every.shape[2])).reshape(len(bank), count).T)
 
 
-def _bank(other: ParametricTerm, variables: Variables, values: Floats, sampled: Bools | slice) -> Floats:
+def _bank(parametric: ParametricTerm, variables: Variables, values: Floats, sampled: Bools | slice) -> Floats:
     """Return values of the parameters of a term that are tried, without a pole along the curves or between points."""
     first = len(variables.measured)
-    columns = range(first, first + len(other.parameters))
+    columns = range(first, first + len(parametric.parameters))
     places = (Term(parameter=column) for column in columns)
-    terms = Terms(replace(variables, parameters=other.parameters), (other.term, *places))
-    bank = combined(values_of_each(terms, values[sampled], columns)) if other.parameters else np.empty((1, 0))
+    terms = Terms(replace(variables, parameters=parametric.parameters), (parametric.term, *places))
+    bank = combined(parameter_values(terms, values[sampled], columns)) if parametric.parameters else np.empty((1, 0))
     every = [*values.T[:, :, np.newaxis], *bank.T[:, np.newaxis, :]]
     whole = np.ones(len(bank), dtype=bool)
     for code in divisors(terms, 0):
@@ -258,7 +260,7 @@ def _usable(columns: Floats) -> dict[bytes, int]:
     shown = columns[np.ix_(probes, good)] / sizes[good]
     largest = np.take_along_axis(shown, np.abs(shown).argmax(axis=0, keepdims=True), axis=0)
     shown = np.rint(shown * np.where(largest < 0, -1.0, 1.0) / settings.ROUNDING) + 0.0  # Of zeros both signs are one
-    found = dict[bytes, int]()
-    for index, own in zip(good.tolist(), shown.T, strict=True):
-        found.setdefault(own.tobytes(), index)
-    return found
+    distinct = dict[bytes, int]()
+    for index, signature in zip(good.tolist(), shown.T, strict=True):
+        distinct.setdefault(signature.tobytes(), index)
+    return distinct

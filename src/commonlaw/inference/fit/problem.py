@@ -10,17 +10,17 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import by_columns, estimated_noise, noise_floor, spread_within, told_by_repeats
-from commonlaw.inference.data.smoothing import filled_curves, first_coefficients, smooth_curves, typical_states
-from commonlaw.inference.data.subsampling import as_many_as_are_carried
+from commonlaw.inference.data.noise import by_columns, estimated_noise, has_replicates, noise_floor, within_trial_std
+from commonlaw.inference.data.smoothing import filled_curves, gradient_matching, smooth_curves, typical_states
+from commonlaw.inference.data.subsampling import subsample
 from commonlaw.inference.fit.latent_initialization import (
     begun,
-    begun_at_starts,
-    with_exact_starts,
-    with_noise_of_unmeasured,
+    initial_latent_estimates,
+    with_initial_condition_noise,
+    with_latent_noise,
 )
-from commonlaw.inference.score.evidence import Measured
-from commonlaw.inference.score.priors import Measurements, StructurePrior, complexity_prices, shifted
+from commonlaw.inference.score.evidence import NoiseScale
+from commonlaw.inference.score.priors import Measurements, StructurePrior, complexity_penalties, shifted
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (
@@ -51,8 +51,8 @@ class SearchProblem:
     Coefficients that are known have shape (objects,
     equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step. The
     `samples` say which of all are fitted, nothing if all are. Of latent states, coefficients that would
-    fit the first object about `as_good` as those that it begins with may be known, each of shape (equations, terms).
-    So many terms were to choose from `besides`, which the price of supports counts. Where terms are given, their
+    fit the first object about as well as its first guess are `equivalent_optima`, each of shape (equations, terms).
+    So many terms were to choose from `excluded_terms`, which the price of supports counts. Where terms are given, their
     residuals may tell the noise that differences of few samples do not. The path of the solver lists the candidates
     of each equation; it is None where the terms are given. Forecasts of laws estimate rates by the differentiation.
     """
@@ -70,9 +70,9 @@ class SearchProblem:
     points: int = 1
     errors: ErrorModel = NO_ERRORS
     samples: str = ""
-    as_good: tuple[Floats, ...] = ()
-    besides: int = 0
-    residuals_tell_noise: bool = False
+    equivalent_optima: tuple[Floats, ...] = ()
+    excluded_terms: int = 0
+    residuals_estimate_noise: bool = False
     solver: AbstractSolver | None = None
     differentiation: AbstractDifferentiator | None = None
 
@@ -120,9 +120,9 @@ class SearchProblem:
         """
         pairs = zip(self.models, self.trials.objects, strict=True)
         starts = [model.width * len(self.trials.of_object(name)) for model, name in pairs]
-        left = min(n - own for n, own in zip(self.measured, starts, strict=True))
+        spare = min(n - initial for n, initial in zip(self.measured, starts, strict=True))
         shared = sum(self.measured) // settings.MIN_SAMPLES_PER_TERM
-        return int(np.clip(min(left, shared) // len(self.noise), 1, settings.MAX_TERMS))
+        return int(np.clip(min(spare, shared) // len(self.noise), 1, settings.MAX_TERMS))
 
     @property
     def noise_is_fixed(self) -> bool:
@@ -130,12 +130,14 @@ class SearchProblem:
 
         It was given, trials are too short to tell it, or more samples tell it than those that are fitted.
         """
-        return self.noise_given or bool(self.samples) or not (self.tells_noise or self.residuals_tell_noise)
+        return (
+            self.noise_given or bool(self.samples) or not (self.noise_is_identifiable or self.residuals_estimate_noise)
+        )
 
     @property
-    def tells_noise(self) -> bool:
+    def noise_is_identifiable(self) -> bool:
         """Whether differences of the samples of some trial tell the noise of a state, or repeated measurements do."""
-        return bool(told_by_repeats(self.trials).any()) or any(
+        return bool(has_replicates(self.trials).any()) or any(
             np.isfinite(trial.states).sum(axis=0).max() >= settings.MIN_SAMPLES for trial in self.trials
         )
 
@@ -147,7 +149,7 @@ class SearchProblem:
     def starts_with(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
         pairs = zip(self.starts, estimates, strict=True)
-        return tuple(replace(start, coefficients=own.coefficients) for start, own in pairs)
+        return tuple(replace(start, coefficients=estimate.coefficients) for start, estimate in pairs)
 
     def with_priors(self, priors: Sequence[Prior | None]) -> "SearchProblem":
         """Return the problem with what the coefficients of each object are beforehand, if anything is known."""
@@ -157,7 +159,7 @@ class SearchProblem:
     def of_objects(self, indices: Sequence[int]) -> "SearchProblem":
         """Return the problem of some of the objects alone, with the same errors."""
         names = [self.trials.objects[i] for i in indices]
-        trials = self.trials.with_trials([each for each in self.trials if each.object in names])
+        trials = self.trials.with_trials([trial for trial in self.trials if trial.object in names])
         return replace(
             self,
             trials=trials,
@@ -176,23 +178,23 @@ class SearchProblem:
         """
         model, some = self.models[0], self.trials.with_trials(trials)
         threshold = model.observation.huber_threshold
-        found = prepare(some, model.terms, known, noise=self.noise_estimate, huber_threshold=threshold, guess=guess)
-        while found.points < self.points:
-            found = found.finer()
-        models = tuple(replace(each, unit=model.unit) for each in found.models)
-        return replace(found, models=models).with_errors(self.noise, self.errors, self.noise_reason)
+        problem = prepare(some, model.terms, known, noise=self.noise_estimate, huber_threshold=threshold, guess=guess)
+        while problem.points < self.points:
+            problem = problem.finer()
+        models = tuple(replace(each, unit=model.unit) for each in problem.models)
+        return replace(problem, models=models).with_errors(self.noise, self.errors, self.noise_reason)
 
     def with_scaled_noise(self, factor: Floats | float, reason: str) -> "SearchProblem":
         """Return the same problem with the noise times a factor, of each state or of all, and the reason for it."""
-        each = np.broadcast_to(factor, self.noise.shape)
-        units = np.concatenate([each, each[with_rates(self.models[0].order, len(each))]])
+        factors = np.broadcast_to(factor, self.noise.shape)
+        units = np.concatenate([factors, factors[with_rates(self.models[0].order, len(factors))]])
         models = tuple(replace(model, unit=units * model.unit) for model in self.models)
         return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
 
     def with_huber_threshold(self, threshold: float) -> "SearchProblem":
         """Return the same problem with other standard deviations beyond which a measurement counts as an outlier."""
         models = (
-            replace(each, observation=replace(each.observation, huber_threshold=threshold)) for each in self.models
+            replace(model, observation=replace(model.observation, huber_threshold=threshold)) for model in self.models
         )
         return replace(self, models=tuple(models))
 
@@ -200,12 +202,12 @@ class SearchProblem:
         """Return the same problem with other noise, shape (d,), and other errors, and the reason for them."""
         stds, models, starts = iter(self._by_mesh(self.measurements.white_std(noise, errors) / noise)), [], []
         for model, start in zip(self.models, self.starts, strict=True):
-            states = tuple(each[:, : model.width] for each in start.states)
+            states = tuple(state[:, : model.width] for state in start.states)
             meshes = [mesh.with_scale(next(stds)) for mesh in model.meshes]
             observation = replace(model.observation, noise=noise)
-            own = replace(model, meshes=meshes, observation=observation)
-            own, start = own.with_latent(errors.latent, replace(start, states=states))
-            models.append(own)
+            changed = replace(model, meshes=meshes, observation=observation)
+            changed, start = changed.with_latent(errors.latent, replace(start, states=states))
+            models.append(changed)
             starts.append(start)
         return replace(
             self, models=tuple(models), starts=tuple(starts), noise=noise, errors=errors, noise_reason=reason
@@ -218,14 +220,16 @@ class SearchProblem:
 
     def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
         """Return the same problem that starts from the states of estimates, at which noise in proportion is taken."""
-        starts = tuple(replace(start, states=each.states) for start, each in zip(self.starts, estimates, strict=True))
+        starts = tuple(
+            replace(start, states=estimate.states) for start, estimate in zip(self.starts, estimates, strict=True)
+        )
         return replace(self, starts=starts).with_errors(self.noise, self.errors, self.noise_reason)
 
     @cached_property
     def measurements(self) -> Measurements:
         """What says how probable levels of errors are, whatever the law."""
         meshes = tuple(mesh for model in self.models for mesh in model.meshes)
-        states = tuple(own for start in self.starts for own in start.states)
+        states = tuple(state for start in self.starts for state in start.states)
         return Measurements(
             self.trials,
             meshes,
@@ -234,13 +238,13 @@ class SearchProblem:
             self.models[0].order,
             sum(self.measured),
             self.noise_is_fixed,
-            settings.PRIOR_OBSERVATIONS if self.tells_noise else 0.0,
+            settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0,
         )
 
     @cached_property
-    def counted(self) -> Measured:
+    def noise_scale(self) -> NoiseScale:
         """How many numbers were measured, and how surely they tell the scale of the noise."""
-        return self.measurements.counted(self.noise, self.errors, self.white_std)
+        return self.measurements.noise_scale(self.noise, self.errors, self.white_std)
 
     @property
     def least_variance(self) -> float:
@@ -248,24 +252,26 @@ class SearchProblem:
         return self.measurements.least_variance(self.noise)
 
     @cached_property
-    def prices(self) -> StructurePrior:
+    def structure_prior(self) -> StructurePrior:
         """What supports cost.
 
         The origin of a state of second order is arbitrary, unless trials pass through its zero.
         """
         terms, states = self.models[0].terms, len(self.noise)
         given = ~self.allowed.any(axis=0) & np.any(np.nan_to_num(self.known) != 0, axis=(0, 1))
-        found = []
+        origins = []
         for j in with_rates(self.models[0].order, states):
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
-                found.append(shifted(terms, j) & ~given)
-        return StructurePrior(complexity_prices(terms), tuple(found), float(np.log(sum(self.measured))), self.besides)
+                origins.append(shifted(terms, j) & ~given)
+        return StructurePrior(
+            complexity_penalties(terms), tuple(origins), float(np.log(sum(self.measured))), self.excluded_terms
+        )
 
     @cached_property
-    def price_of_errors(self) -> float:
-        """What the levels of errors cost, see `Measurements.price`."""
-        return self.measurements.price(self.noise, self.errors, self.white_std)
+    def error_level_penalty(self) -> float:
+        """What the levels of errors cost, see `Measurements.level_penalty`."""
+        return self.measurements.level_penalty(self.noise, self.errors, self.white_std)
 
     def std_of(self, mesh: Mesh) -> Floats:
         """Return the white noise of each measurement at the state where it is, shape (n, d)."""
@@ -285,10 +291,10 @@ class SearchProblem:
         """Return estimates with as many latent processes as the problem has, which begin at zero if they are new."""
         pairs = zip(self.models, estimates, strict=True)
         return tuple(
-            each
-            if all(states.shape[1] == model.width + model.latent.width for states in each.states)
-            else model.with_latent(model.latent, each)[1]
-            for model, each in pairs
+            estimate
+            if all(states.shape[1] == model.width + model.latent.width for states in estimate.states)
+            else model.with_latent(model.latent, estimate)[1]
+            for model, estimate in pairs
         )
 
     def finer(self) -> "SearchProblem":
@@ -322,25 +328,27 @@ def prepare(
     Coefficients that are known have the shape (objects, equations, terms), NaN where they are to be found. A guess of
     that shape says what parameters inside terms begin with, and likely signs in equations of unmeasured states. The
     noise of each state, shape (d,), see `known_noise`, is estimated by default, from all samples, of which
-    `most_samples` are fitted, see `as_many_as_are_carried`; for the Huber threshold see `ObservationModel`.
+    `most_samples` are fitted, see `subsample`; for the Huber threshold see `ObservationModel`.
 
     Raises `CommonlawError` if a trial is too short, or a term is not finite on it; the message names the trial.
     """
-    trials = with_exact_starts(trials, terms, known[0])
-    scale, order = spread_within(trials), terms.variables.order_of(len(trials.schema.states))
+    trials = with_initial_condition_noise(trials, terms, known[0])
+    scale, order = within_trial_std(trials), terms.variables.order_of(len(trials.schema.states))
     trials = trials.with_trials(
-        [replace(each, noise=np.maximum(each.noise, settings.MIN_NOISE * scale)) for each in trials]
+        [replace(trial, noise=np.maximum(trial.noise, settings.MIN_NOISE * scale)) for trial in trials]
     )
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
-    extremes = {name: np.array([np.fmin.reduce(each), np.fmax.reduce(each)]) for name, each in samples.items()}
+    extremes = {name: np.array([np.fmin.reduce(states), np.fmax.reduce(states)]) for name, states in samples.items()}
     started = trials.schema.unmeasured
-    refuse_constant_states({name: np.where(started, np.nan, each) for name, each in extremes.items()}, trials.schema)
+    refuse_constant_states(
+        {name: np.where(started, np.nan, bounds) for name, bounds in extremes.items()}, trials.schema
+    )
     given = noise is not None
     noise, reason = estimated_noise(trials) if noise is None else (noise, "as given")
     levels = np.fmax(noise, settings.MIN_NOISE * scale if given else noise_floor(trials))
     if started.any():
-        levels = with_noise_of_unmeasured(levels, trials)
-    carried = as_many_as_are_carried(trials, levels, most_samples)
+        levels = with_latent_noise(levels, trials)
+    carried = subsample(trials, levels, most_samples)
     trials = carried.trials
     groups = [trials.of_object(name) for name in trials.objects]
     curves = [[smooth_curves(trial, order, started) for trial in group] for group in groups]
@@ -359,15 +367,15 @@ def prepare(
         for group in groups
     ]
     if started.any():
-        starts, curves, as_good = begun_at_starts(
+        starts, curves, equivalent_optima = initial_latent_estimates(
             models, trials, curves, known, np.zeros_like(known) if guess is None else guess
         )
     else:
         begins = known if guess is None else np.where(np.isnan(known) & ~terms.is_factor, guess, known)
-        starts, as_good = _begun_along_curves(models, groups, curves, begins), []
+        starts, equivalent_optima = _smoothed_estimates(models, groups, curves, begins), []
     typical = typical_states(curves)
     measured = tuple(int(sum(trial.counts[:, ~trial.absent].sum() for trial in group)) for group in groups)
-    smooth = tuple(tuple(filled_curves(own, typical)) for own in curves)
+    smooth = tuple(tuple(filled_curves(curve, typical)) for curve in curves)
     problem = SearchProblem(
         trials,
         tuple(models),
@@ -380,7 +388,7 @@ def prepare(
         levels,
         given,
         samples=carried.words,
-        as_good=tuple(as_good),
+        equivalent_optima=tuple(equivalent_optima),
     )
     return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
 
@@ -394,7 +402,7 @@ def _with_starts(mesh: Mesh, levels: Floats, started: Bools) -> Mesh:
     )
 
 
-def _begun_along_curves(
+def _smoothed_estimates(
     models: Sequence[TrajectoryModel],
     groups: Sequence[Sequence[Trial]],
     curves: Sequence[Sequence[tuple[Floats, Floats]]],
@@ -402,13 +410,13 @@ def _begun_along_curves(
 ) -> list[Estimate]:
     """Return the smoothed states and rates of each object, and coefficients of all allowed terms by least squares."""
     starts, own_laws, typical = [], [], typical_states(curves)
-    for model, group, own, fixed in zip(models, groups, curves, known, strict=True):
-        usable = [pair for pair in zip(group, own, strict=True) if np.isfinite(pair[1][0]).all()]
-        coefficients = first_coefficients(model.terms, usable, fixed) if usable else np.nan_to_num(fixed)
-        starts.append(Estimate(tuple(interpolate(filled_curves(own, typical))), coefficients))
+    for model, group, smoothed, fixed in zip(models, groups, curves, known, strict=True):
+        usable = [pair for pair in zip(group, smoothed, strict=True) if np.isfinite(pair[1][0]).all()]
+        coefficients = gradient_matching(model.terms, usable, fixed) if usable else np.nan_to_num(fixed)
+        starts.append(Estimate(tuple(interpolate(filled_curves(smoothed, typical))), coefficients))
         own_laws.append([coefficients] if usable else [])
-    others = [each for own in own_laws for each in own]
-    for o, own in enumerate(curves):
-        if any(np.isnan(states).any() for states, _ in own):
+    others = [coefficients_ for own_law in own_laws for coefficients_ in own_law]
+    for o, smoothed in enumerate(curves):
+        if any(np.isnan(states).any() for states, _ in smoothed):
             starts[o] = begun(models[o], starts[o], own_laws[o] or others)
     return starts

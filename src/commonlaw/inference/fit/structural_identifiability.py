@@ -19,7 +19,7 @@ from commonlaw.library import Terms, highest_columns, with_rates
 from commonlaw.library.sizes import likely_sizes
 
 
-def may_be_rescaled(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
+def has_scaling_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
     """Return which of some states, shape (states,), could be counted in another unit with other coefficients.
 
     Other states among these may change their units, too.
@@ -37,46 +37,46 @@ def may_be_rescaled(terms: Terms, known: Floats, states: Bools, sizes: Floats) -
         are compared where all terms matter, whatever the units.
     """
     indices = np.flatnonzero(states).tolist()
-    return _made_up_for(terms, known, [(i, i) for i in indices], sizes)
+    return _has_symmetry(terms, known, [(i, i) for i in indices], sizes)
 
 
-def may_be_shifted(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
-    """Return which of some states, which start anywhere, could be counted from another zero, see `may_be_rescaled`."""
-    return _made_up_for(terms, known, [(i, None) for i in np.flatnonzero(states).tolist()], sizes)
+def has_translation_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
+    """Return which of some states with free initial values have an arbitrary origin, see `has_scaling_symmetry`."""
+    return _has_symmetry(terms, known, [(i, None) for i in np.flatnonzero(states).tolist()], sizes)
 
 
-def may_be_mixed(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
+def has_mixing_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
     """Return which of some states, which start anywhere, could be taken together with shares of others."""
     count = len(terms.variables.states)
     mixed = [(i, by) for i in np.flatnonzero(states).tolist() for by in (None, *range(count))]
-    return _made_up_for(terms, known, mixed, sizes)
+    return _has_symmetry(terms, known, mixed, sizes)
 
 
-def _made_up_for(terms: Terms, known: Floats, changes: Sequence[tuple[int, int | None]], sizes: Floats) -> Bools:
+def _has_symmetry(terms: Terms, known: Floats, changes: Sequence[tuple[int, int | None]], sizes: Floats) -> Bools:
     """Return for which states coefficients make up for adding a share of a state, or a constant (None)."""
     free, width = np.isnan(known), len(terms.variables.states)
-    found = np.zeros(len(known), dtype=np.bool_)
+    invariant = np.zeros(len(known), dtype=np.bool_)
     if not changes:
-        return found
+        return invariant
     linear, points = _at_generic_points(terms, known, sizes, len(changes))
     columns = [linear.by_parameters.reshape(len(points) * width, -1 if free.any() else 0)]
     for i, by in changes:
-        own = -linear.by_states[:, :, i] * (1.0 if by is None else points[:, [by]])
+        tangent = -linear.by_states[:, :, i] * (1.0 if by is None else points[:, [by]])
         if by is not None:
-            own[:, i] += linear.derivatives[:, by]
-        columns.append(own.reshape(-1, 1))
+            tangent[:, i] += linear.derivatives[:, by]
+        columns.append(tangent.reshape(-1, 1))
     matrix = np.column_stack(columns)
     norms = np.linalg.norm(matrix, axis=0)
     matrix = matrix / np.where(norms > 0, norms, 1.0)
     for k, (i, _) in enumerate(changes):
-        own = matrix[:, free.sum() + k]
+        tangent = matrix[:, free.sum() + k]
         others = np.delete(matrix, free.sum() + k, axis=1)
-        left = own - others @ np.linalg.lstsq(others, own)[0]
-        found[i] |= bool(np.linalg.norm(left) < ROUNDING)
-    return found
+        residual = tangent - others @ np.linalg.lstsq(others, tangent)[0]
+        invariant[i] |= bool(np.linalg.norm(residual) < ROUNDING)
+    return invariant
 
 
-def enters_in_combination(terms: Terms, known: Floats, sizes: Floats) -> Bools:
+def are_confounded(terms: Terms, known: Floats, sizes: Floats) -> Bools:
     """Return which coefficients the equations have in a combination alone, shape (equations, terms), as f and k in f k.
 
     Derivatives of rates by them are linearly dependent at generic points.
@@ -85,9 +85,9 @@ def enters_in_combination(terms: Terms, known: Floats, sizes: Floats) -> Bools:
     free = np.isnan(known)
     columns = linear.by_parameters.reshape(len(points) * len(terms.variables.states), -1)
     _, singular, directions = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
-    found = np.zeros(known.shape, dtype=np.bool_)
-    found[free] = np.linalg.norm(directions[singular < MIN_SINGULAR_VALUE], axis=0) > ALIKE
-    return found
+    combined = np.zeros(known.shape, dtype=np.bool_)
+    combined[free] = np.linalg.norm(directions[singular < MIN_SINGULAR_VALUE], axis=0) > ALIKE
+    return combined
 
 
 def _at_generic_points(terms: Terms, known: Floats, sizes: Floats, changes: int = 0) -> tuple[LinearizedField, Floats]:
@@ -116,8 +116,8 @@ def _likely(terms: Terms, known: Floats, sizes: Floats) -> tuple[Floats, Floats]
     inside = known[:, list(terms.parameters)].sum(axis=0)
     given = dict(enumerate(np.abs([*sizes, *inside]).tolist()))
     usable = {i: size for i, size in given.items() if 0 < size < np.inf}
-    found = likely_sizes(equations, usable, count + len(before), usable.get(first - 1, 1.0))
+    likely = likely_sizes(equations, usable, count + len(before), usable.get(first - 1, 1.0))
     typical = np.ones(known.shape)
-    typical[free] = found[count:]
-    typical[:, list(terms.parameters)] = found[first:count]
-    return typical, found[:first]
+    typical[free] = likely[count:]
+    typical[:, list(terms.parameters)] = likely[first:count]
+    return typical, likely[:first]

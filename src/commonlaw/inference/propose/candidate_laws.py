@@ -15,7 +15,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_supports, fit_with, rescale_noise
 from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_of
 from commonlaw.inference.fit.lack_of_fit import has_poles
-from commonlaw.inference.fit.multistart import best_fits, full_schedule, short_schedule, shrink_to_pooled
+from commonlaw.inference.fit.multistart import full_schedule, multistart, short_schedule, shrink_to_pooled
 from commonlaw.inference.fit.parameter_grid import frequencies_in_time
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start
@@ -56,7 +56,7 @@ class ParametricSearch:
 
     def offering(self, offer: Offer, fewest: int) -> "ParametricSearch":
         """Return the search with another offer, whose terms add to the number of candidate terms."""
-        base = replace(self.base, besides=self.base.besides + offer.count)
+        base = replace(self.base, excluded_terms=self.base.excluded_terms + offer.count)
         return replace(self, base=base, offer=offer, fewest=fewest)
 
     def rows_of_plain(self) -> tuple[CandidateSupport, ...]:
@@ -169,7 +169,7 @@ class ParametricSearch:
     def _quick_fit(self, rows: tuple[CandidateSupport, ...], estimates: Sequence[Estimate]) -> list[Estimate]:
         """Return a quick fit of a law with these terms along estimated states; empty if there is none."""
         try:
-            return best_fits(*self._fit_problem(rows, estimates), short_schedule)
+            return multistart(*self._fit_problem(rows, estimates), short_schedule)
         except (CommonlawError, np.linalg.LinAlgError):  # Terms that cannot be parsed, or are nowhere finite
             return []
 
@@ -179,8 +179,8 @@ class ParametricSearch:
         """Return the problem of fitting a law, estimated states, and starting values of the coefficients."""
         assembled = assemble_terms(self.base, rows)
         models = tuple(replace(each, terms=assembled.terms) for each in self.base.models)
-        besides = self.base.besides - int(assembled.terms.is_factor.sum())
-        problem = replace(self.base, models=models, known=assembled.known, besides=besides, solver=None)
+        excluded = self.base.excluded_terms - int(assembled.terms.is_factor.sum())
+        problem = replace(self.base, models=models, known=assembled.known, excluded_terms=excluded, solver=None)
         several = max(len(row.starts) for row in rows)
         begun = [[row.starts[min(k, len(row.starts) - 1)] for row in rows] for k in range(several)]
         return problem, estimates, [assembled.coefficients(each) for each in begun]
@@ -193,7 +193,7 @@ class ParametricSearch:
             fit = Fit.failed(alone, alone.allowed, Status.NOT_COMPUTABLE)
             for way in (short_schedule, full_schedule):
                 known = self.near.get(rows) if way is short_schedule else None
-                free = known or best_fits(alone, near, begun, way)
+                free = known or multistart(alone, near, begun, way)
                 if not free:
                     break
                 problem, best = shrink_to_pooled(alone, free)

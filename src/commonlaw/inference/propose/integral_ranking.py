@@ -283,7 +283,7 @@ class _Ranking:
 
         def nearby(match: IntegralRegression) -> list[tuple[float, tuple[int, ...]]]:
             values = [match.best_values(*key) for key in keys]
-            return [(match.left_nearby(*key, each), each) for key, each in zip(keys, values, strict=True)]
+            return [(match.linearized_rss(*key, each), each) for key, each in zip(keys, values, strict=True)]
 
         of_keys = list(zip(*in_parallel(nearby, self.matches), strict=True))
         squares = [sum(left for left, _ in each) for each in of_keys]

@@ -17,7 +17,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.fit.annealing import refine_support, rescale_noise, with_close_neighbours
+from commonlaw.inference.fit.annealing import refine_support, rescale_noise, with_neighbours
 from commonlaw.inference.fit.fit import NO_ERROR, Fit, Status
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.law_search import PATH
@@ -195,7 +195,7 @@ class _LatentStateModel:
             for _ in range(settings.ALTERNATIONS):
                 problem = self._prepared(trials, few, most_samples)
                 fit = rescale_noise(refine_support(problem, few, problem.starts, NO_ERROR))
-                fit = rescale_noise(with_close_neighbours([fit])[0])
+                fit = rescale_noise(with_neighbours([fit])[0])
                 if not fit.is_usable or not fit.supports[:-1, self._has_state].any():
                     return fit.but(Status.WITHOUT_EFFECT)
                 if np.isfinite(fit.score.total) and fit.predicted_decrease < settings.MIN_GAIN * len(fit.estimates):

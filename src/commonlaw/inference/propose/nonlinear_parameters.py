@@ -20,10 +20,10 @@ from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
 from commonlaw.inference.fit.integral_form import Integrals, solved
 from commonlaw.inference.fit.lack_of_fit import has_pole, values_along
-from commonlaw.inference.fit.multistart import best_fits, full_schedule, pooled_estimate, shrink_to_pooled
-from commonlaw.inference.fit.parameter_grid import combined, divisors, factor_powers, values_of_each
+from commonlaw.inference.fit.multistart import best_estimate, full_schedule, multistart, shrink_to_pooled
+from commonlaw.inference.fit.parameter_grid import combined, divisors, factor_powers, parameter_values
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.fit.structural_identifiability import enters_in_combination
+from commonlaw.inference.fit.structural_identifiability import are_confounded
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.integration import VectorField
 from commonlaw.law import Law
@@ -177,9 +177,9 @@ def with_initial_parameters(
     setup = FitSetup.of(law, trials, noise, huber_threshold, input_between, positive)
     if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():
         return law
-    if trials.schema.starts:  # There `begun_at_starts` tries values
+    if trials.schema.starts:  # There `initial_latent_estimates` tries values
         unknown = np.full(len(law.terms.variables.measured), np.nan)
-        _refuse_combination(law, enters_in_combination(law.terms, setup.known[0], unknown))
+        _refuse_combination(law, are_confounded(law.terms, setup.known[0], unknown))
         return law
     (on_terminal() if progress is None else progress)("looking for nonlinear parameters")
     with threads(n_jobs):
@@ -195,11 +195,11 @@ def with_initial_parameters(
         _check_identifiable(setup.law, rates, [each[rates[0].inside] for each in starts[-1]])
         fits: list[list[Estimate]] = [[] for _ in problem.models]
         for start in starts:
-            for o, each in enumerate(best_fits(problem, problem.starts, [start], full_schedule)):
+            for o, each in enumerate(multistart(problem, problem.starts, [start], full_schedule)):
                 fits[o] += [] if has_pole(problem, o, each) else [each]
         if not all(fits):
             raise CommonlawError("parameters-not-found", structure=law.structure, names=", ".join(grid.names))
-        free = [pooled_estimate(each) for each in fits]
+        free = [best_estimate(each) for each in fits]
         return replace(
             law, coefficients=np.array([each.coefficients for each in shrink_to_pooled(problem, free, starts)[1]])
         )
@@ -274,7 +274,7 @@ class _Grid:
         first, inside = profiles[0].values.shape[1], np.argwhere(profiles[0].inside)[:, 1]
         columns = [first + law.terms.parameters.index(k) for k in inside]
         names = [law.terms.variables.names[column] for column in columns]
-        tried = values_of_each(law.terms, np.concatenate([each.values for each in profiles]), columns)
+        tried = parameter_values(law.terms, np.concatenate([each.values for each in profiles]), columns)
         banks = list[Floats]()
         for name, bank in zip(names, tried, strict=True):
             low, high = limits_of(name, bounds)

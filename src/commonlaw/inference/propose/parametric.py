@@ -34,7 +34,7 @@ def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: Progres
     Offers after the first are tried if `may_be_simpler`; their multiplicity includes that of the earlier ones.
     """
     best = pool.best
-    base = replace(best.problem, besides=len(best.problem.terms))  # The terms of a law are not yet among them
+    base = replace(best.problem, excluded_terms=len(best.problem.terms))  # The terms of a law are not yet among them
     base = base.under_white_noise if base.errors.of_law else base
     search = ParametricSearch(best, pool.explored, base, Offer(()))
     rows = search.rows_of_plain()
@@ -221,7 +221,7 @@ def _max_parameters(best: Fit, rows: Sequence[CandidateSupport]) -> list[int]:
         return [settings.MAX_NUMBERS] * len(rows)
     left = sum(each.deviance for each in best.estimates) / sum(best.problem.measured)
     is_exact = best.problem.least_variance >= 1
-    return [row.numbers + int(is_exact and left > best.problem.counted.least) for row in rows]
+    return [row.numbers + int(is_exact and left > best.problem.noise_scale.least) for row in rows]
 
 
 def _proposed(

@@ -17,8 +17,8 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference import settings
 from commonlaw.inference.fit.integral_form import CurveData, Integrals, closest, projected, solved, unit, with_steps
-from commonlaw.inference.fit.lack_of_fit import with_points_between
-from commonlaw.inference.fit.parameter_grid import powers_of_ten
+from commonlaw.inference.fit.lack_of_fit import with_chord_points
+from commonlaw.inference.fit.parameter_grid import log_grid
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.integral_ranking import (
     CandidateSupport,
@@ -89,7 +89,7 @@ class _Sides:
             match.integrals.of(added.evaluate(values)),
             above.evaluate(values),
             below.evaluate(values),
-            below.evaluate(with_points_between(values)),
+            below.evaluate(with_chord_points(values)),
         )
 
     def columns(self, below: Sequence[int], coefficients: Floats) -> Floats:
@@ -234,7 +234,7 @@ class _Ranking:
             return
         order, ordered = np.argsort(below), tuple(sorted(below))
         ratio = self.offered.ratio((), ordered, self.problem.models[0].terms.variables)
-        bank = powers_of_ten(settings.PER_DECADE[1])
+        bank = log_grid(settings.PER_DECADE[1])
         tried = bank if ratio.degree % 2 == 0 else np.concatenate([bank, -bank])
         sizes = [np.sqrt(np.mean(each.below**2, axis=0)) for each in self.sides]
         banks = list[Floats]()

@@ -16,7 +16,7 @@ from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import estimated_noise
 from commonlaw.inference.data.smoothing import smooth_curves, terms_and_rates
-from commonlaw.inference.data.subsampling import as_many_as_are_carried
+from commonlaw.inference.data.subsampling import subsample
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.library import Terms
 from commonlaw.runtime.progress import check_memory
@@ -40,7 +40,7 @@ def screen_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> 
         2 * (1 + known.shape[1]) * len(objects) * len(terms) ** 2 + 3 * settings.MAX_SCREENED_SAMPLES * len(terms)
     )
     check_memory(f"screening of {counted(len(terms), 'term')}", size, "take a smaller library")
-    some = as_many_as_are_carried(trials, estimated_noise(trials)[0], settings.MAX_SCREENED_SAMPLES).trials
+    some = subsample(trials, estimated_noise(trials)[0], settings.MAX_SCREENED_SAMPLES).trials
     order, factors = terms.variables.order_of(known.shape[1]), list[Floats]()
     for name, given in zip(objects, known, strict=True):
         pairs = [(trial, smooth_curves(trial, order)) for trial in some.of_object(name)]

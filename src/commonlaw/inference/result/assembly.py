@@ -61,7 +61,7 @@ def assemble(
     compared = compared_terms(pool)
     fit, is_converged = pool.best, True
     problem = fit.problem
-    is_noise_identified = problem.tells_noise or problem.is_determined(fit.size * len(problem.models))
+    is_noise_identified = problem.noise_is_identifiable or problem.is_determined(fit.size * len(problem.models))
     if is_noise_identified and not problem.trials.schema.unmeasured.any():  # Latent states have a prior
         fit, is_converged = converged(fit)
     template = problem.law

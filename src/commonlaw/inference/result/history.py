@@ -101,7 +101,7 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
     The remedies depend on whether errors of other kinds were tried, and whether the law was chosen from a library.
     """
     found = list[Outcome]()
-    if not (fit.has_model_error or (is_converged and fit.follows_solutions)):
+    if not (fit.has_model_error or (is_converged and fit.is_resolved)):
         found.append(note("fit-not-converged" if chosen else "fit-not-converged-from-guesses"))
     if fit.has_process_noise:
         of = ", the best in its library," if chosen else ""
@@ -116,13 +116,13 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
     """Return notes on coefficients of laws with latent states that are not, or not well, identifiable."""
     found = _not_identifiable(law) if problem.trials.schema.starts else ()
-    if not problem.as_good:
+    if not problem.equivalent_optima:
         return found
     names = ", ".join(problem.trials.schema.starts)
     parameters = named_parameters(law)
     others = "; or ".join(
         ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in parameters.definitions)
-        for each in problem.as_good
+        for each in problem.equivalent_optima
     )
     return (*found, note("latent-state-ambiguous", object=law.objects[0], others=others, states=names))
 
@@ -173,9 +173,9 @@ def history(law: Law, fit: Fit, compared: Sequence[Compared], chosen_by: str) ->
         noise_step(problem),
         Step(
             "library",
-            counted(int(law.terms.is_factor.sum()) + problem.besides, "term")
+            counted(int(law.terms.is_factor.sum()) + problem.excluded_terms, "term")
             + (f" for each of {len(law.schema.states)} equations" if len(law.schema.states) > 1 else ""),
-            ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 or problem.besides else ""),
+            ", ".join(law.terms.names[:10]) + (", ..." if len(law.terms) > 10 or problem.excluded_terms else ""),
         ),
         Step(
             "mesh",

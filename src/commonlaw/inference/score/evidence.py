@@ -1,13 +1,17 @@
-"""The evidence for terms that objects share: what their coefficients cost, given how alike they are.
+"""Log-evidence of a support that all objects share, with object-specific coefficients as random effects.
 
-A coefficient that every object has is seen as drawn from a normal distribution over objects, whose mean and standard
-deviation are estimated with it, see `commonlaw.hierarchy`. Terms whose coefficients are all alike, such as gravity,
-then cost little more than one number; terms whose coefficients scatter cost one number for each object. For a single
-object the evidence is the BIC.
+For a support S with k coefficients in each of m objects, n measured numbers and the residual sum of squares R(S),
 
-What scatters over objects independently may be the coefficients, or may be mixtures of them: of a rate k (a - x), with
-x counted from elsewhere, height and slope scatter together. Mixtures that are orthogonal, each to those before it, do
-not depend on where variables are counted from. Both are as probable beforehand.
+    -2 log p(y | S) = D(R(S)) + k (log n + log m) + C(S),
+
+where D is minus twice the log-likelihood with the noise scale integrated out (`NoiseScale.deviance`), the second part
+is the Bayesian information criterion of k means over objects and k between-object variances, and C is the marginal
+deviance of coefficients that are drawn from normal distributions over objects, at the variances of largest marginal
+likelihood (`commonlaw.hierarchy.marginal_deviance`). For m = 1 this is the BIC.
+
+Random effects may be independent in the coefficients or in orthogonalized combinations of them: in a rate k (a - x)
+height and slope covary if the origin of x is arbitrary. Both bases have prior probability 1/2, and C is that of their
+mixture.
 """
 
 from ctypes import CDLL
@@ -25,22 +29,27 @@ from commonlaw.kernel import CONSTANTS, MeasuredStructure, address, kernel
 
 
 @dataclass(frozen=True)
-class Measured:
-    """How many numbers were measured on all objects, and how surely they tell the scale of all noise.
+class NoiseScale:
+    """The inverse-gamma posterior of the noise variance, in units of its present value.
+
+    With nu0 prior observations of sum of squares `prior`, the variance given residual squares R of k coefficients is
+
+        s^2 = max((R - outliers + prior) / (freedom - k), least),
+
+    and integrating it out gives a Student t likelihood of `freedom` degrees of freedom.
 
     Parameters
     ----------
     count
-        Numbers that were measured.
+        Measured numbers n.
     freedom
-        Degrees of freedom of the sum of squares that a law without coefficients leaves, with those that the noise
-        estimated first is worth; infinite if the noise is known.
+        Degrees of freedom before coefficients are fitted, prior observations included; infinite for known noise.
     prior
-        The sum of squares that the first estimate of the noise is worth, in units of the noise that there is.
+        Sum of squares of the prior observations.
     outliers
-        What outliers add to sums of squares, which says nothing of the noise.
+        Contribution of outliers to sums of squares, which does not count as noise.
     least
-        The least variance that the noise can have, in units of that which there is.
+        Lower bound of the variance.
     """
 
     count: int
@@ -49,47 +58,45 @@ class Measured:
     outliers: float = 0.0
     least: float = 0.0
 
-    def without(self, coefficients: int) -> "Measured":
-        """Return the same when so many coefficients are fitted besides."""
+    def without(self, coefficients: int) -> "NoiseScale":
+        """Return the posterior with fewer degrees of freedom, for coefficients that are fitted besides."""
         return replace(self, freedom=self.freedom - coefficients)
 
-    def with_outliers(self, outliers: float, count: int) -> "Measured":
-        """Return the same where so many outliers add this to sums of squares."""
+    def with_outliers(self, outliers: float, count: int) -> "NoiseScale":
+        """Return the posterior with so many outliers, which contribute `outliers` to sums of squares."""
         return replace(self, outliers=outliers, freedom=self.freedom - count)
 
     def variance(self, squares: float, coefficients: int) -> float:
-        """Return the variance of the noise, in units of that which there is, by the squares that are left."""
+        """Return the noise variance s^2 given the residual sum of squares of so many coefficients."""
         if np.isinf(self.freedom):
             return 1.0
         return float(self._variance(squares, max(self.freedom - coefficients, 1.0)))
 
     def deviance(self, squares: Floats | float, coefficients: int) -> Floats | float:
-        """Return minus twice the log-likelihood of squares that are left, with the scale of the noise integrated out.
+        """Return minus twice the log-likelihood of residual squares R with the noise scale integrated out.
 
-        That is by the t distribution, at the variance that is unbiased, and by the normal one at the least that the
-        noise can have; for noise that is known these are the squares.
+        With nu degrees of freedom it is ``nu log s^2 + (R - outliers + prior) / s^2``: the logarithm of a t density,
+        but for a constant, above the lower bound of s^2, and of a normal one at the bound. For known noise it is R.
         """
         if np.isinf(self.freedom):
             return squares
-        left = max(self.freedom - coefficients, 1.0)
-        variance = self._variance(squares, left)
+        nu = max(self.freedom - coefficients, 1.0)
+        variance = self._variance(squares, nu)
         return self.freedom * np.log(variance) + self._of_noise(squares) / variance
 
-    def _variance(self, squares: Floats | float, left: float) -> Floats:
-        return np.maximum(self._of_noise(squares) / left, self.least)
+    def _variance(self, squares: Floats | float, nu: float) -> Floats:
+        return np.maximum(self._of_noise(squares) / nu, self.least)
 
     def _of_noise(self, squares: Floats | float) -> Floats:
         return np.maximum(squares - self.outliers, 0.0) + self.prior
 
 
 def minus_twice_log_evidence(
-    factors: Floats, indices: Indices, measured: Measured, needed: float = np.inf, common: int = 0
+    factors: Floats, indices: Indices, noise_scale: NoiseScale, needed: float = np.inf, common: int = 0
 ) -> float:
-    """Return minus twice the logarithm of the evidence for a support of one equation that all objects share.
+    """Return minus twice the log-evidence of a support of one equation that all objects share.
 
-    A mean costs the logarithm of the number of measurements on all objects, and a variance the logarithm of the number
-    of objects (the BIC of the hierarchy); the scale of the noise is integrated out. Supports that do not come below
-    what is needed get a lower bound of theirs, which takes less time.
+    Where it is not below `needed`, a lower bound that takes less time is returned.
 
     Parameters
     ----------
@@ -98,64 +105,61 @@ def minus_twice_log_evidence(
         variance, shape (objects, terms + 1, terms + 1).
     indices
         Of the terms. The coefficients of the last so many as are `common` do not differ between objects.
+    noise_scale
+        The posterior of the noise variance.
+    needed
+        The value below which the evidence is computed exactly.
+    common
+        Number of shared coefficients.
     """
     library = kernel()
     if library is not None:
-        return _compiled(library, factors, indices, measured, needed, common)
+        return _compiled(library, factors, indices, noise_scale, needed, common)
     size = len(indices)
     reduced = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))
-    squares, own = float(np.sum(reduced[:, size:, size] ** 2)), size * len(factors)
-    floor = float(measured.deviance(squares, own)) + cost_of_coefficients(size, len(factors), measured)
+    rss, parameters = float(np.sum(reduced[:, size:, size] ** 2)), size * len(factors)
+    floor = float(noise_scale.deviance(rss, parameters)) + coefficient_penalty(size, len(factors), noise_scale)
     if not size or floor >= needed:
         return floor
     norms = np.sqrt(np.mean(np.sum(reduced[:, :size, :size] ** 2, axis=1), axis=0))
     columns = reduced[:, :size, :size] / np.where(norms > 0, norms, 1.0)
     try:
         bases = [columns]
-        if (
-            size > 1 and len(factors) > 1
-        ):  # The columns of all together so mixed that each is orthogonal to those before
-            mixed = np.linalg.qr(columns.reshape(-1, size), mode="r")
-            bases.append(np.asarray(np.matmul(columns, np.linalg.inv(mixed))))
-        variance = measured.variance(squares, own)
+        if size > 1 and len(factors) > 1:  # Gram-Schmidt over the columns of all objects
+            triangle = np.linalg.qr(columns.reshape(-1, size), mode="r")
+            bases.append(np.asarray(np.matmul(columns, np.linalg.inv(triangle))))
+        variance = noise_scale.variance(rss, parameters)
         costs = np.array([_scatter_cost(basis, reduced[:, :size, size:], variance, common) for basis in bases])
     except np.linalg.LinAlgError:
         return np.inf
     costs = np.where(np.isnan(costs), np.inf, costs)
-    found = floor - 2 * float(np.logaddexp.reduce(-costs / 2) - np.log(len(costs)))
-    return found if np.isfinite(found) else np.inf
+    evidence = floor - 2 * float(np.logaddexp.reduce(-costs / 2) - np.log(len(costs)))
+    return evidence if np.isfinite(evidence) else np.inf
 
 
-def _compiled(
-    library: CDLL, factors: Floats, indices: Indices, measured: Measured, needed: float, common: int
-) -> float:
+def _compiled(library: CDLL, factors: Floats, indices: Indices, noise: NoiseScale, needed: float, common: int) -> float:
     """Return the same by the kernel, to rounding."""
     worst = _worst_condition(len(factors))
     factors, chosen = np.ascontiguousarray(factors), np.ascontiguousarray(indices, dtype=np.int64)
-    of_measured = MeasuredStructure(measured.count, measured.freedom, measured.prior, measured.outliers, measured.least)
+    structure = MeasuredStructure(noise.count, noise.freedom, noise.prior, noise.outliers, noise.least)
     tried, result = relative_variances(), np.empty(1)
     failed = library.commonlaw_evidence(
         *(len(factors), factors.shape[2] - 1, address(factors), len(chosen), address(chosen), common),
-        *(of_measured, needed, worst, len(tried), address(tried), LIKELIEST_SWEEPS, address(result)),
+        *(structure, needed, worst, len(tried), address(tried), LIKELIEST_SWEEPS, address(result)),
     )
     if failed:
         raise MemoryError
     return float(result[0])
 
 
-def noise_variance(factors: Floats, indices: Indices, measured: Measured) -> float:
-    """Return the variance of the noise that a support leaves, in units of that which there is, see `Measured`."""
-    return measured.variance(residual_squares(factors, indices), len(indices) * len(factors))
-
-
 def residual_squares(factors: Floats, indices: Indices) -> float:
-    """Return the sum of squares that a support leaves on all objects."""
-    left = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))[:, -1, -1]
-    return float(left @ left)
+    """Return the residual sum of squares of a support over all objects."""
+    residuals = np.asarray(np.linalg.qr(factors[:, :, [*indices, -1]], mode="r"))[:, -1, -1]
+    return float(residuals @ residuals)
 
 
 def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int) -> float:
-    """Return what coefficients cost by their scatter, at a variance of the noise; infinite if not identifiable."""
+    """Return the marginal deviance of the coefficients as random effects; infinite if they are not identifiable."""
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
     if not np.linalg.cond(information.sum(axis=0)) < _worst_condition(len(columns)):
         return np.inf
@@ -169,20 +173,19 @@ def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int
 
 
 def _worst_condition(objects: int) -> float:
-    """Return the worst condition of the information on identifiable coefficients."""
+    """Return the largest condition number of the information on identifiable coefficients."""
     return WORST_CONDITION if objects > 1 else MIN_SINGULAR_VALUE**-2
 
 
-def cost_of_coefficients(size: int, objects: int, measured: Measured) -> float:
-    """Return what the means and variances of so many coefficients cost, see `minus_twice_log_evidence`."""
-    return float(size * (np.log(measured.count) + np.log(objects)))
+def coefficient_penalty(size: int, objects: int, noise_scale: NoiseScale) -> float:
+    """Return ``k (log n + log m)``, the BIC of k means over m objects and their variances."""
+    return float(size * (np.log(noise_scale.count) + np.log(objects)))
 
 
-def rss_with_each(factors: Floats, indices: Indices) -> Floats:
-    """Return the residual sums of squares of a support with each one of the other terms, and last with none.
+def rss_with_added_term(factors: Floats, indices: Indices) -> Floats:
+    """Return the residual sums of squares of a support plus one of the other terms, last without any, (terms + 1,).
 
-    Shape (terms + 1,). Where a term is inside, or so near to those inside that the sum would not be exact, this is
-    zero, a lower bound.
+    For a term in the support, or collinear with it, this is zero, a lower bound.
     """
-    found = explained(factors, indices, COLLINEAR, bound=True)
-    return np.append(np.maximum(found[-1] - found[:-1], 0.0), found[-1])
+    reductions = explained(factors, indices, COLLINEAR, bound=True)
+    return np.append(np.maximum(reductions[-1] - reductions[:-1], 0.0), reductions[-1])

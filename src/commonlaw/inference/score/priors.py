@@ -1,4 +1,4 @@
-"""Priors: of supports, what it costs to say which terms an equation has; of levels of errors, whatever the law."""
+"""Priors of supports (beta-binomial, with a description length of terms) and of the levels of measurement errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from math import lgamma
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.data.noise import noise_told
-from commonlaw.inference.score.evidence import Measured
+from commonlaw.inference.data.noise import noise_floors
+from commonlaw.inference.score.evidence import NoiseScale
 from commonlaw.inference.settings import GENERIC_POINTS, MIN_NOISE, RESOLVED_NOISE, ROUNDING
 from commonlaw.library import Order, Terms
 from commonlaw.likelihood import ErrorModel, Mesh
@@ -20,26 +20,24 @@ from commonlaw.trials.trial import with_typical
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """All trials, and the meshes of all objects, one behind the other.
+    """The measurements of all objects, and the prior of their error levels.
 
     Parameters
     ----------
-    trials
-        What was measured.
     meshes
-        Of all objects.
+        Of all objects in turn.
     states
-        The states (and rates) at which noise in proportion is taken, of each mesh, shape (n, D).
+        The states (and rates) at which heteroscedastic noise is evaluated, of each mesh, shape (n, D).
     noise_estimate
-        The noise of each state before any law, shape (d,).
+        Prior noise standard deviations of the states, shape (d,).
     order
-        Of the laws.
+        Order of the laws.
     count
-        How many numbers were measured.
+        Measured numbers.
     noise_is_fixed
-        Whether what a law leaves does not change the noise.
+        Whether the noise is not estimated from residuals.
     prior
-        Measurements of each state that the first estimate of its noise is worth.
+        Prior observations nu0 of each noise variance.
     """
 
     trials: Trials
@@ -52,46 +50,46 @@ class Measurements:
     prior: float
 
     def white_std(self, noise: Floats, errors: ErrorModel) -> Floats:
-        """Return the white noise of all measurements, shape (points, d), if that of the states has shape (d,).
+        """Return the white-noise standard deviation of each measurement, shape (points, d), given that of states, (d,).
 
-        States that never change tell nothing of it, and keep that estimated first; those that are exactly zero, such as
-        a species that is absent, have none.
+        Constant states keep their prior noise; that of absent ones (exactly zero) is negligible.
         """
-        std = errors.white_std(self._usual_states, with_typical(self._given, noise))
+        states = np.concatenate(self.states)[:, : len(self.noise_estimate)]
+        std = errors.white_std(states, with_typical(self._given, noise))
         still = np.where(self._absent, MIN_NOISE * self.noise_estimate, self.noise_estimate)
         return np.where(self._still, with_typical(self._given, still), std) * self._averaging
 
-    def counted(self, noise: Floats, errors: ErrorModel, std: Floats) -> Measured:
-        """Return how many numbers were measured, and how surely they tell the scale of noise that has these levels.
+    def noise_scale(self, noise: Floats, errors: ErrorModel, std: Floats) -> NoiseScale:
+        """Return the inverse-gamma posterior of the noise variance at these levels, in units of these.
 
-        The noise estimated first counts as `prior` measurements of each state (an inverse gamma distribution of the
-        variance). Of exact measurements laws may leave less than what they are fitted under, and then those count for
-        more that leave less, down to a share of it; but digits tell no less than their steps.
+        The prior estimate counts as `prior` observations of each state, and replicates add their pure error. The
+        variance is at least that of rounding, and `RESOLVED_NOISE` squared times that of the noise floor.
         """
         if self.noise_is_fixed:
-            return Measured(self.count)
+            return NoiseScale(self.count)
         inflation = self._inflation(noise, errors, std)
         prior, least = self.prior * float(np.sum(1 / inflation)), self._floors[1] / noise
         squares, repeated = self.pure_error
         freedom = self._freedom + float(repeated.sum()) + self.prior * len(inflation)
         prior += float(np.sum(squares / noise**2))
-        return Measured(self.count, freedom, prior, least=float(np.max(least) ** 2))
+        return NoiseScale(self.count, freedom, prior, least=float(np.max(least) ** 2))
 
     def least_variance(self, noise: Floats) -> float:
-        """Return what the variance of the noise that laws are fitted under is at least, in units of what it is."""
+        """Return the lower bound of the noise variance that laws are fitted under, in units of its present value."""
         return float(np.max(self._floors[0] / noise) ** 2)
 
-    def price(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
-        """Return what levels cost: each but those of the noise as any number (BIC), the noise by its prior."""
-        price = errors.hyperparameters * float(np.log(self.count))
+    def level_penalty(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
+        """Return minus twice the log prior of error levels: log n each (BIC), inverse gamma for the noise variance."""
+        penalty = errors.hyperparameters * float(np.log(self.count))
         if not self.noise_is_fixed:
-            price += self.prior * float(np.sum(np.log(self._inflation(noise, errors, std))))
-        return price
+            penalty += self.prior * float(np.sum(np.log(self._inflation(noise, errors, std))))
+        return penalty
 
     def _inflation(self, noise: Floats, errors: ErrorModel, std: Floats) -> Floats:
-        """Return the variance of the noise over that estimated first, of each state that was measured.
+        """Return the noise variance over its prior estimate, of each measured state.
 
-        It is what differences of neighbouring samples see: of errors with a memory, the share at the highest frequency.
+        Both are variances of neighbouring differences: of autocorrelated errors of standard deviation sigma and
+        correlation time tau at sampling step h, this is ``sigma^2 tanh(h / (2 tau))``.
         """
         relative = np.where(self._absent, 1.0, std / (with_typical(self._given, noise) * self._averaging))
         variance = noise**2 * np.mean(relative**2, axis=0)
@@ -101,41 +99,37 @@ class Measurements:
 
     @cached_property
     def measured(self) -> Floats:
-        """States as measured at all points, shape (points, d); NaN where they were not."""
-        return np.concatenate([each.measured for each in self.meshes])
-
-    @cached_property
-    def _usual_states(self) -> Floats:
-        return np.concatenate(self.states)[:, : len(self.noise_estimate)]
+        """Measured states at all points, shape (points, d), NaN where missing."""
+        return np.concatenate([mesh.measured for mesh in self.meshes])
 
     @cached_property
     def _given(self) -> Floats:
-        return np.concatenate([np.broadcast_to(each.noise, each.measured.shape) for each in self.meshes])
+        return np.concatenate([np.broadcast_to(mesh.noise, mesh.measured.shape) for mesh in self.meshes])
 
     @cached_property
     def _averaging(self) -> Floats:
-        return np.concatenate([np.broadcast_to(each.averaging, each.measured.shape) for each in self.meshes])
+        return np.concatenate([np.broadcast_to(mesh.averaging, mesh.measured.shape) for mesh in self.meshes])
 
     @cached_property
     def _still(self) -> Bools:
-        return np.concatenate([each.still for each in self.meshes])
+        return np.concatenate([mesh.still for mesh in self.meshes])
 
     @cached_property
     def _absent(self) -> Bools:
-        return np.concatenate([each.absent for each in self.meshes])
+        return np.concatenate([mesh.absent for mesh in self.meshes])
 
     @cached_property
     def pure_error(self) -> tuple[Floats, Floats]:
-        """The squares of repeated measurements of each state and their degrees of freedom, each of shape (d,)."""
+        """The pure-error sum of squares of replicates of each state, and its degrees of freedom, each of shape (d,)."""
         return pure_error([trial.repeats for trial in self.trials], len(self.noise_estimate))
 
     @cached_property
     def _freedom(self) -> int:
-        return sum(each.degrees_of_freedom(self.order) for each in self.meshes)
+        return sum(mesh.degrees_of_freedom(self.order) for mesh in self.meshes)
 
     @cached_property
     def _floors(self) -> tuple[Floats, Floats]:
-        return noise_told(self.trials, RESOLVED_NOISE)
+        return noise_floors(self.trials, RESOLVED_NOISE)
 
     @cached_property
     def _step(self) -> float:
@@ -144,47 +138,51 @@ class Measurements:
 
 @dataclass(frozen=True, eq=False)
 class StructurePrior:
-    """The prices of supports of one equation.
+    """The prior of the support of one equation.
+
+    A support S of s out of N terms has minus twice the log prior
+
+        -2 log [B(1 + s, 2 N - s) / B(1, N)] + sum of w_k over S + c z(S).
+
+    The first part is beta-binomial: each term is included with a probability that has the beta distribution of
+    parameters 1 and N, so that one term is expected (Castillo, Schmidt-Hieber and van der Vaart 2015). w_k is the
+    description length of term k, and z(S) counts the states with an arbitrary origin of which S fixes the origin.
 
     Parameters
     ----------
     terms
-        Of each term for what it is written with, shape (terms,).
+        The penalties w_k, shape (terms,).
     shifted
-        For each state whose zero nothing measured, which terms each term takes to keep its form where the state is
-        counted from elsewhere, shape (terms, terms).
+        For each state with an arbitrary origin, which terms each term needs to be invariant to a shift of the origin,
+        shape (terms, terms).
     zero
-        Of a law that says where such a zero is: it is right by chance, and a number that is fitted would cost as much.
-    besides
-        Terms that were to choose from and are not among these.
+        The penalty c of a fixed origin, that of one fitted number.
+    excluded_terms
+        Candidate terms that were screened out before, part of N.
     """
 
     terms: Floats
     shifted: Sequence[Bools] = ()
     zero: float = 0.0
-    besides: int = 0
+    excluded_terms: int = 0
 
     def of(self, support: Bools) -> float:
-        """Return the price of a support, shape (terms,).
-
-        Terms are in it with a probability that is not known, of which one of a library is expected: it has the beta
-        distribution of the parameters 1 and the number of terms (Castillo, Schmidt-Hieber and van der Vaart 2015).
-        """
-        count, size = len(support) + self.besides, int(support.sum())
-        likely = _betaln(1 + size, 2 * count - size) - _betaln(1, count)
-        zeros = sum(bool((each[support] & ~support).any()) for each in self.shifted)
-        return -2 * likely + float(self.terms[support].sum()) + zeros * self.zero
+        """Return minus twice the log prior of a support, shape (terms,)."""
+        count, size = len(support) + self.excluded_terms, int(support.sum())
+        log_prior = _betaln(1 + size, 2 * count - size) - _betaln(1, count)
+        fixed_origins = sum(bool((needed[support] & ~support).any()) for needed in self.shifted)
+        return -2 * log_prior + float(self.terms[support].sum()) + fixed_origins * self.zero
 
 
-def complexity_prices(terms: Terms) -> Floats:
-    """Return what terms cost, shape (terms,): each factor one bit, by which a text tells whether a term goes on."""
+def complexity_penalties(terms: Terms) -> Floats:
+    """Return the description length of terms, shape (terms,): one bit, 2 log 2, for each factor."""
     return np.asarray(2 * np.log(2) * terms.complexities)
 
 
 def shifted(terms: Terms, column: int) -> Bools:
-    """Return which other terms each term takes where a variable is counted from elsewhere, shape (terms, terms).
+    """Return which other terms each term needs to be invariant to a shift of a variable, shape (terms, terms).
 
-    They are those of its derivative by the variable; all, where that is no sum of terms.
+    They are the terms of its derivative by the variable; all, if that is not in the span of the terms.
     """
     points = np.random.default_rng(0).uniform(0.5, 2.0, (4 * len(terms) + GENERIC_POINTS, len(terms.variables.names)))
     with np.errstate(all="ignore"):

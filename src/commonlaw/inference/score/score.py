@@ -1,11 +1,10 @@
-"""What laws are compared by: minus twice the logarithm of a probability, as one sum of named parts.
+"""The score by which laws are compared: minus twice the logarithm of a probability, a sum of named parts.
 
 By Laplace's method (Tierney and Kadane 1986) minus twice the log-evidence of a law is
 
     likelihood + latent states + coefficients + scatter + errors + outliers + structure + ...
 
-with each part where it is computed: see `PARTS`. The least is the most probable. A difference of two is 2 log B of the
-Bayes factor B (Kass and Raftery 1995).
+with the parts listed in `Part`. The difference of two scores is 2 log B of the Bayes factor B (Kass and Raftery 1995).
 """
 
 from collections.abc import Mapping
@@ -32,34 +31,34 @@ Part = Literal[
 ]
 """
 ``likelihood``
-    Of the measurements, with the scale of the noise integrated out, see `evidence.Measured`.
+    Of the measurements, with the noise scale integrated out, see `evidence.NoiseScale`.
 ``latent states``
-    The log-determinant of the information on all states, which are integrated out.
+    The log-determinant of the information on the trajectories, which are integrated out.
 ``coefficients``
     log n for each mean over objects and log(objects) for each variance (BIC).
 ``scatter``
-    What is lost by coefficients that scatter over objects, see `commonlaw.hierarchy.marginal_deviance`.
+    Marginal deviance of coefficients as random effects, see `commonlaw.hierarchy.marginal_deviance`.
 ``structure``
-    Of the supports of all equations, see `priors.StructurePrior`.
+    Prior of the supports of all equations, see `priors.StructurePrior`.
 ``model error``, ``error levels``
-    Of a random walk in each step, and of the levels of other errors (BIC), with the prior of the noise.
+    BIC of a random walk and of the levels of reference errors, with the prior of the noise.
 ``outliers``
-    Of measurements beyond the Huber threshold.
+    Penalty of measurements beyond the Huber threshold.
 ``initial conditions``
-    Of starts that are normal over trials, see `AlikeStarts`, or of rates at starts, see `score_of_order`.
+    Normal prior of initial states over trials, see `InitialConditionPrior`, or of initial rates, see `score_of_order`.
 ``Laplace correction``
-    What the likelihood linearized about a fit predicts to gain elsewhere (predicted decrease).
+    Predicted decrease to the maximum of the linearized likelihood.
 ``multiplicity``
     2 log N of one among N hypotheses.
 ``refit``
-    By how much the best law changed on a mesh or under a noise that an alternative was not fitted again on.
+    Change of the score of the best law on a finer mesh or under reference noise, added to laws that are not refitted.
 ``forecasts``
-    Of a predictive score, which has no other part.
+    The predictive score of held-out data, the only part of its kind.
 """
 
 
 class Kind(StrEnum):
-    """What a score is the logarithm of."""
+    """The probability whose logarithm a score is."""
 
     EVIDENCE = "largest evidence"
     FORECASTS = "best forecasts of held-out data"
@@ -72,14 +71,14 @@ class Score:
     Parameters
     ----------
     parts
-        They add up to the total.
+        Summands of the total.
     kind
-        Evidence, or the predictive probability of what was left out; scores of two kinds do not compare.
+        Marginal likelihood, or predictive probability of held-out data; scores of two kinds are not comparable.
 
     Examples
     --------
-    >>> one, other = Score({"likelihood": 12.5, "structure": 3.0}), Score({"likelihood": 20.0})
-    >>> one.total, one < other, other - one
+    >>> linear, cubic = Score({"likelihood": 12.5, "structure": 3.0}), Score({"likelihood": 20.0})
+    >>> linear.total, linear < cubic, cubic - linear
     (15.5, True, 4.5)
     """
 
@@ -92,18 +91,18 @@ class Score:
         return fsum(self.parts.values())
 
     def plus(self, part: Part, value: float) -> "Score":
-        """Return the score with this added to one of its parts."""
+        """Return the score with a value added to one of its parts."""
         return Score({**self.parts, part: self.parts.get(part, 0.0) + value}, self.kind)
 
-    def __sub__(self, other: "Score") -> float:
+    def __sub__(self, reference: "Score") -> float:
         """Return 2 log B against this, of two scores of one kind."""
-        self._check(other)
-        return self.total - other.total
+        self._check(reference)
+        return self.total - reference.total
 
-    def __lt__(self, other: "Score") -> bool:
-        self._check(other)
-        return self.total < other.total
+    def __lt__(self, reference: "Score") -> bool:
+        self._check(reference)
+        return self.total < reference.total
 
-    def _check(self, other: "Score") -> None:
-        if self.kind is not other.kind:
-            raise TypeError(f"a score by {self.kind} does not compare with one by {other.kind}")
+    def _check(self, reference: "Score") -> None:
+        if self.kind is not reference.kind:
+            raise TypeError(f"a score by {self.kind} does not compare with one by {reference.kind}")

@@ -1,4 +1,4 @@
-"""The supports of all equations together, by their evidence.
+"""Best-subset selection of the supports of all equations by their evidence.
 
 The least-squares problems have the terms of one equation after the other as columns.
 """
@@ -12,12 +12,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import LeastSquaresProblem, least_squares_of_each
 from commonlaw.inference.score.evidence import (
-    Measured,
-    cost_of_coefficients,
+    NoiseScale,
+    coefficient_penalty,
     minus_twice_log_evidence,
-    noise_variance,
     residual_squares,
-    rss_with_each,
+    rss_with_added_term,
 )
 from commonlaw.inference.score.priors import StructurePrior
 from commonlaw.inference.score.score import Part, Score
@@ -27,36 +26,50 @@ from commonlaw.solvers import AbstractSolver
 
 @dataclass(frozen=True, eq=False)
 class SupportEvidence:
-    """The evidence for supports of all equations of all objects, of which none may have more than `most` terms.
+    """The evidence for supports of the equations that all objects share.
 
-    Problems are of unit variance, one for each object: columns are all terms of the first equation, then of the second,
-    ... Which terms may enter which equation has shape (equations, terms). The prior of supports is a `StructurePrior`.
-    The offsets are parts of the score of all supports, for a comparison with those of other problems. Equations that
-    are stated, shape (equations,), keep all terms that may enter. Parameters inside terms, and what such terms are
-    multiplied by, scatter over objects in ratios: where the value of one is given, and not zero, shape (objects,
-    columns), it is its logarithm that scatters.
+    Parameters
+    ----------
+    problems
+        Of each object, with residuals of unit variance; columns are all terms of the first equation, then of the
+        second, ...
+    allowed
+        Candidate terms of each equation, shape (equations, terms).
+    noise_scale
+        The posterior of the noise variance.
+    structure_prior
+        Of the support of one equation.
+    most
+        The largest number of terms of an equation.
+    offsets
+        Parts of the score that all supports have in common.
+    stated
+        Equations that keep all their allowed terms, shape (equations,).
+    log_parametrized
+        Values of coefficients whose logarithms are random effects, shape (objects, columns), zero for others: nonlinear
+        parameters, and the coefficients of terms that contain them.
     """
 
     problems: Sequence[LeastSquaresProblem]
     allowed: Bools
-    measured: Measured
-    prices: StructurePrior
+    noise_scale: NoiseScale
+    structure_prior: StructurePrior
     most: int = MAX_TERMS
     offsets: Mapping[Part, float] = field(default_factory=dict)
     stated: Bools | None = None
     log_parametrized: Floats | None = None
 
     def choose(self, start: Bools, solver: AbstractSolver) -> Bools:
-        """Return the supports with the largest evidence that are found by choosing one equation after the other.
+        """Return supports of largest evidence by coordinate ascent over equations, shape (equations, terms).
 
-        Each is chosen from the solver's path, beginning with those of `start`, shape (equations, terms), in the others.
+        Each is chosen from the path of the solver given the others, at first those of `start`.
         """
         supports, known = start.copy(), dict[int, bytes]()
         for _ in range(MAX_SWEEPS):
             before = supports.copy()
             for j in self._chosen:
                 others = np.delete(supports, j, axis=0).tobytes()
-                if known.get(j) != others:  # Where nothing else has changed, the same is chosen again
+                if known.get(j) != others:  # Else the same would be chosen again
                     known[j], supports[j] = others, self._choose_equation(supports, j, solver)
             if np.array_equal(before, supports):
                 break
@@ -64,82 +77,88 @@ class SupportEvidence:
 
     def value(self, supports: Bools) -> float:
         """Return the total of the `score` of supports of all equations."""
-        evidence = minus_twice_log_evidence(self._scattering, np.flatnonzero(supports), self.measured)
-        return sum(self.offsets.values()) + evidence + sum(self.prices.of(each) for each in supports)
+        evidence = minus_twice_log_evidence(self._random_effects, np.flatnonzero(supports), self.noise_scale)
+        return sum(self.offsets.values()) + evidence + sum(self.structure_prior.of(support) for support in supports)
 
     def score(self, supports: Bools) -> Score:
-        """Return minus twice the log-evidence of supports of all equations, with their prior, part by part."""
+        """Return minus twice the log-evidence and log prior of supports of all equations, in its parts."""
         indices, objects = np.flatnonzero(supports), len(self.problems)
-        evidence = minus_twice_log_evidence(self._scattering, indices, self.measured)
-        squares = residual_squares(self._scattering, indices)
-        likelihood = float(self.measured.deviance(squares, len(indices) * objects))
-        coefficients = cost_of_coefficients(len(indices), objects, self.measured)
+        evidence = minus_twice_log_evidence(self._random_effects, indices, self.noise_scale)
+        squares = residual_squares(self._random_effects, indices)
+        likelihood = float(self.noise_scale.deviance(squares, len(indices) * objects))
+        coefficients = coefficient_penalty(len(indices), objects, self.noise_scale)
         return Score(
             {
                 **self.offsets,
                 "likelihood": likelihood,
                 "coefficients": coefficients,
                 "scatter": evidence - likelihood - coefficients,
-                "structure": sum(self.prices.of(each) for each in supports),
+                "structure": sum(self.structure_prior.of(support) for support in supports),
             }
         )
 
     def noise_variance(self, supports: Bools) -> float:
-        """Return the variance of the noise that supports of all equations leave, in units of that which there is."""
-        return noise_variance(self._factors, np.flatnonzero(supports), self.measured)
+        """Return the noise variance from the residuals of supports of all equations, in units of its present value."""
+        indices = np.flatnonzero(supports)
+        squares = residual_squares(self._factors, indices)
+        return self.noise_scale.variance(squares, len(indices) * len(self._factors))
 
     def path(self, supports: Bools, equation: int, solver: AbstractSolver) -> list[Bools]:
-        """Return the supports that a solver lists for one equation, each of shape (terms,), the others' being given."""
+        """Return the supports on the path of a solver for one equation given the others, each of shape (terms,)."""
         listed = _path(self._alone(supports, equation), self.allowed[equation], solver)
-        return [each for each in listed if each.sum() <= self.most]
+        return [support for support in listed if support.sum() <= self.most]
 
     def neighbours(
         self, supports: Bools, fitted: Sequence[tuple[float, Bools]] = ()
     ) -> list[list[tuple[float, Bools]]]:
-        """Return for each equation the chosen support and those that differ by one term or an exchange of two.
+        """Return for each equation the chosen support and those that differ by one term or a swap of two.
 
-        The best first, each with 2 log B of the chosen against it; the other equations keep their supports. What is
-        known of those that were fitted is more exact than what is linearised about the chosen.
+        They are sorted, each with 2 log B of the chosen against it, given the supports of the other equations. The
+        values of `fitted` ones replace those of the linearization.
         """
-        found = []
+        ranked = []
         for j, chosen in enumerate(supports):
             if j not in self._chosen:
-                found.append([(0.0, chosen)])
+                ranked.append([(0.0, chosen)])
                 continue
             equation = self._equation(supports, j, self._alone(supports, j))
             near = equation.neighbours(chosen, self.allowed[j], max(self.most, chosen.sum()))
-            several = [chosen, *(each for _, each in near), *(other[j] for _, other in fitted)]
-            listed = list({each.tobytes(): each for each in several}.values())
+            several = [chosen, *(support for _, support in near), *(candidate[j] for _, candidate in fitted)]
+            listed = list({support.tobytes(): support for support in several}.values())
             others = np.delete(supports, j, axis=0)
             exact = {
-                each[j].tobytes(): above for above, each in fitted if np.array_equal(np.delete(each, j, axis=0), others)
+                candidate[j].tobytes(): above
+                for above, candidate in fitted
+                if np.array_equal(np.delete(candidate, j, axis=0), others)
             }
             here = equation.value(chosen)
             compared = [
-                (exact[key] if (key := each.tobytes()) in exact else equation.value(each) - here, each)
-                for each in listed
+                (exact[key] if (key := support.tobytes()) in exact else equation.value(support) - here, support)
+                for support in listed
             ]
-            found.append(sorted(compared, key=lambda pair: pair[0]))
-        return found
+            ranked.append(sorted(compared, key=lambda pair: pair[0]))
+        return ranked
 
     def coefficients(self, supports: Bools, held: Floats | None = None) -> Floats:
         """Return each object's least-squares coefficients, shape (objects, equations, terms).
 
-        Besides those of the supports, some may be held at values, of the same shape, that are not zero.
+        Those with a value other than zero in `held`, of the same shape, are fixed there.
         """
         fixed = np.zeros((len(self.problems), *supports.shape)) if held is None else held
-        pairs = zip(self.problems, fixed, strict=True)
-        left = [each.subtract(own.reshape(1, -1)) if own.any() else each for each, own in pairs]
-        return least_squares_of_each(left, supports.ravel(), 0).reshape(fixed.shape) + fixed
+        reduced = [
+            problem.subtract(offset.reshape(1, -1)) if offset.any() else problem
+            for problem, offset in zip(self.problems, fixed, strict=True)
+        ]
+        return least_squares_of_each(reduced, supports.ravel(), 0).reshape(fixed.shape) + fixed
 
     def _choose_equation(self, supports: Bools, equation: int, solver: AbstractSolver) -> Bools:
-        """Return the support of one equation, the others' being given."""
+        """Return the support of one equation given the others: the best of a path and of its neighbours in turn."""
         allowed, alone = self.allowed[equation], self._alone(supports, equation)
         evidence, listed = self._equation(supports, equation, alone), _path(alone, allowed, solver)
         if not np.array_equal(supports[equation], allowed):
             listed.append(supports[equation])
         none = np.zeros_like(allowed)
-        floors = [(evidence.value(each, -np.inf), each) for each in listed if each.sum() <= self.most]
+        floors = [(evidence.value(support, -np.inf), support) for support in listed if support.sum() <= self.most]
         best, value = evidence.best(floors, none, evidence.value(none))
         while True:
             better, value = evidence.best(evidence.neighbours(best, allowed, self.most), best, value)
@@ -148,13 +167,13 @@ class SupportEvidence:
             best = better
 
     def _equation(self, supports: Bools, equation: int, alone: Sequence[LeastSquaresProblem]) -> "_EquationEvidence":
-        """Return the evidence for one equation, by its problems, the others' terms being given."""
+        """Return the evidence for one equation by its problems, given the terms of the others."""
         others = int(np.delete(supports, equation, axis=0).sum())
-        measured = self.measured.without(others * len(self.problems))
-        return _EquationEvidence(np.array([problem.factor for problem in alone]), measured, self.prices)
+        noise_scale = self.noise_scale.without(others * len(self.problems))
+        return _EquationEvidence(np.array([problem.factor for problem in alone]), noise_scale, self.structure_prior)
 
     def _alone(self, supports: Bools, equation: int) -> list[LeastSquaresProblem]:
-        """Return the problems of one equation, with what the terms of the others explain taken out."""
+        """Return the problems of one equation, projected orthogonally to the terms of the others."""
         terms = supports.shape[1]
         mine = np.arange(equation * terms, (equation + 1) * terms)
         others = np.setdiff1d(np.flatnonzero(supports), mine)
@@ -167,7 +186,7 @@ class SupportEvidence:
 
     @property
     def _chosen(self) -> list[int]:
-        """The equations whose terms are chosen."""
+        """The equations whose terms are selected."""
         return [j for j in range(len(self.allowed)) if self.stated is None or not self.stated[j]]
 
     @cached_property
@@ -175,24 +194,25 @@ class SupportEvidence:
         return np.array([problem.factor for problem in self.problems])
 
     @cached_property
-    def _scattering(self) -> Floats:
-        return scattering(self._factors, self.log_parametrized)
+    def _random_effects(self) -> Floats:
+        return random_effect_factors(self._factors, self.log_parametrized)
 
 
-def scattering(factors: Floats, log_parametrized: Floats | None) -> Floats:
-    """Return the factors of what scatters over objects: coefficients, or logarithms of their sizes.
+def random_effect_factors(factors: Floats, log_parametrized: Floats | None) -> Floats:
+    """Return the factors in the coordinates of the random effects: coefficients, or logarithms of their sizes.
 
-    A law of s/(K + s) that is next to linear tells the ratio of its coefficient to K alone. Such lines all meet at
-    zero, where neither would scatter at all; lines of logarithms are parallel. See `SupportEvidence.log_parametrized`.
+    To first order about values b, ``X beta = X (b log|beta|)`` plus a constant. In V s/(K + s) with K much larger than
+    s, only V/K is identifiable: lines of constant V/K all meet at the origin of (V, K), where the between-object
+    variance would vanish, and are parallel in logarithms.
     """
     if log_parametrized is None:
         return factors
-    found, values = factors.copy(), log_parametrized[:, np.newaxis, :]
+    scaled, values = factors.copy(), log_parametrized[:, np.newaxis, :]
     logarithms = np.log(np.abs(values), out=np.zeros_like(values), where=values != 0)
-    found[:, :, :-1] *= np.where(values != 0, values, 1.0)
-    # Counted from one where objects are alike, whatever the units
-    found[:, :, -1] += np.sum(found[:, :, :-1] * (logarithms - logarithms.mean(axis=0)), axis=2)
-    return found
+    scaled[:, :, :-1] *= np.where(values != 0, values, 1.0)
+    # Relative to the mean logarithm, whatever the units
+    scaled[:, :, -1] += np.sum(scaled[:, :, :-1] * (logarithms - logarithms.mean(axis=0)), axis=2)
+    return scaled
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,39 +220,39 @@ class _EquationEvidence:
     """The evidence for supports of one equation; `factors` of shape (objects, terms + 1, terms + 1)."""
 
     factors: Floats
-    measured: Measured
-    prices: StructurePrior
+    noise_scale: NoiseScale
+    structure_prior: StructurePrior
 
     def value(self, support: Bools, needed: float = np.inf) -> float:
-        """Return minus twice the log-evidence and prior of a support, or a lower bound that is not below `needed`."""
-        price, indices = self.prices.of(support), np.flatnonzero(support)
-        return price + minus_twice_log_evidence(self.factors, indices, self.measured, needed - price)
+        """Return minus twice the log-evidence and log prior of a support, or a lower bound not below `needed`."""
+        prior, indices = self.structure_prior.of(support), np.flatnonzero(support)
+        return prior + minus_twice_log_evidence(self.factors, indices, self.noise_scale, needed - prior)
 
     def best(self, listed: Iterable[tuple[float, Bools]], best: Bools, value: float) -> tuple[Bools, float]:
-        """Return the best of a support of given value and of others, listed with lower bounds; and its value."""
+        """Return the best support and its value among one of known value and listed ones with lower bounds."""
         for floor, support in sorted(listed, key=lambda pair: pair[0]):
             if floor >= value:
                 break
-            other = self.value(support, value)
-            best, value = (support, other) if other < value else (best, value)
+            candidate = self.value(support, value)
+            best, value = (support, candidate) if candidate < value else (best, value)
         return best, value
 
     def neighbours(self, support: Bools, allowed: Bools, most: int) -> Iterator[tuple[float, Bools]]:
-        """Yield supports that differ by a term or an exchange of two, of so many terms, with lower bounds of values."""
+        """Yield supports that differ by one term or a swap of two, with lower bounds of their values."""
         objects, outside = len(self.factors), np.flatnonzero(allowed & ~support).tolist()
         for leaving in (-1, *np.flatnonzero(support).tolist()):
             staying = support.copy()
             staying[leaving] &= leaving < 0
-            rests = rss_with_each(self.factors, np.flatnonzero(staying))
+            rests = rss_with_added_term(self.factors, np.flatnonzero(staying))
             for entering in outside if leaving < 0 else (-1, *outside):
                 changed = staying.copy()
                 changed[entering] |= entering >= 0
                 size = int(changed.sum())
                 if size <= most:
-                    least = float(self.measured.deviance(float(rests[entering]), size * objects))
-                    cost = cost_of_coefficients(size, objects, self.measured)
-                    yield least + cost + self.prices.of(changed), changed
+                    least = float(self.noise_scale.deviance(float(rests[entering]), size * objects))
+                    cost = coefficient_penalty(size, objects, self.noise_scale)
+                    yield least + cost + self.structure_prior.of(changed), changed
 
 
 def _path(problems: Sequence[LeastSquaresProblem], allowed: Bools, solver: AbstractSolver) -> list[Bools]:
-    return [np.asarray(each.support.any(axis=0)) for each in solver.path(problems, 0, allowed)]
+    return [np.asarray(model.support.any(axis=0)) for model in solver.path(problems, 0, allowed)]

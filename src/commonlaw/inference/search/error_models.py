@@ -9,22 +9,22 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices, evenly_spaced
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import noise_floor, spread_within
+from commonlaw.inference.data.noise import noise_floor, within_trial_std
 from commonlaw.inference.fit.annealing import (
-    annealed,
+    anneal,
     fit_solutions,
     fit_supports,
     fit_with,
     refine_support,
     rescale_noise,
 )
-from commonlaw.inference.fit.fit import NO_ERROR, Fit, errors_to_fit, fitted, price_of_model_error
+from commonlaw.inference.fit.fit import NO_ERROR, Fit, errors_to_fit, fitted, model_error_penalty
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.score.evidence import Measured, minus_twice_log_evidence
+from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.settings import DIFFERENCE_SPACING, MAX_ITERATIONS, ROUNDING
-from commonlaw.likelihood import ERRORS, AboutEstimates, ErrorModel, Heteroscedastic, NotPositiveError, Scales
+from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError, Scales
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 
@@ -135,7 +135,7 @@ def _alternate(fit: Fit, progress: ProgressCallback) -> Pool:
         if fit.has_model_error:
             explored = [refine_support(fit.problem, fit.supports, fit.estimates, fit.model_error)]
         else:
-            fits = sorted(annealed(fit.problem, progress, settings.SCHEDULES[:1]))
+            fits = sorted(anneal(fit.problem, progress, settings.SCHEDULES[:1]))
             explored = [each for each in fits if not each.has_model_error]
         others = [each for each in explored if not np.array_equal(each.supports, fit.supports)]
         changed = estimate_error_model(others[0], kind) if others else fit
@@ -201,7 +201,7 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
         levels.problem(levels.starts[0], problem.of_objects(indices)),
         [fit.estimates[i] for i in indices],
     )
-    about = AboutEstimates(subset.models, subset.padded(estimates), fit.supports & subset.allowed)
+    about = LinearizedObjects(subset.models, subset.padded(estimates), fit.supports & subset.allowed)
     value = partial(_value, levels, subset, about)
     starts = [(value(each), i) for i, each in enumerate(levels.starts)]
     index = min(starts)[1]
@@ -253,7 +253,9 @@ class _Levels:
         groups = [problem.trials.of_object(name) for name in problem.trials.objects]
         trials = [trial for group in groups for trial in group]
         curves = [curve[:, -d:] for group in problem.smoothed for curve in group]
-        states = np.where(problem.trials.schema.unmeasured, noise_floor(problem.trials), spread_within(problem.trials))
+        states = np.where(
+            problem.trials.schema.unmeasured, noise_floor(problem.trials), within_trial_std(problem.trials)
+        )
         rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, trials, strict=True)]
         steps = np.concatenate([np.diff(trial.times) for trial in trials])
         longest = max(float(trial.times[-1] - trial.times[0]) for trial in trials)
@@ -262,7 +264,7 @@ class _Levels:
         return Scales(states, deviations, float(np.median(steps)), longest, *least)
 
 
-def _value(levels: _Levels, problem: SearchProblem, about: AboutEstimates, logs: Floats) -> float:
+def _value(levels: _Levels, problem: SearchProblem, about: LinearizedObjects, logs: Floats) -> float:
     """Return minus twice the log-evidence at given levels, with the likelihood linearised about the estimates."""
     measurements, (noise, errors), model_error = problem.measurements, levels.errors(logs), levels.model_error(logs)
     std = measurements.white_std(noise, errors)
@@ -270,9 +272,9 @@ def _value(levels: _Levels, problem: SearchProblem, about: AboutEstimates, logs:
         factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
     except NotPositiveError:
         return 1e12
-    prior = measurements.counted(noise, errors, std).prior
-    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), Measured(measurements.count))
-    price = measurements.price(noise, errors, std) + price_of_model_error(model_error, measurements.count)
+    prior = measurements.noise_scale(noise, errors, std).prior
+    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), NoiseScale(measurements.count))
+    price = measurements.level_penalty(noise, errors, std) + model_error_penalty(model_error, measurements.count)
     optimum = evidence + prior + log_determinant + price
     return optimum if np.isfinite(optimum) else 1e12
 

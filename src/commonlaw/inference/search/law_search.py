@@ -14,24 +14,24 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import (
+    compare_alternatives,
     fit_supports,
     fit_with,
-    recompared,
     refine_support,
     rescale_noise,
     search,
-    with_close_neighbours,
+    with_neighbours,
 )
 from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
 from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, best_of
-from commonlaw.inference.fit.lack_of_fit import with_growing_noise
+from commonlaw.inference.fit.lack_of_fit import with_proportional_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, error_kinds, with_interpolation
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
 from commonlaw.library import Terms
-from commonlaw.likelihood import meshes, threads_pay
+from commonlaw.likelihood import meshes, threads_are_worthwhile
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.parallel import in_parallel
 from commonlaw.runtime.progress import ProgressCallback, Stage, part
@@ -76,7 +76,7 @@ def search_supports(
             guess=np.nan_to_num(known),
         )
         problem = replace(problem, solver=solver, differentiation=differentiation)
-        return with_growing_noise(problem) if "proportional" in kinds else problem
+        return with_proportional_noise(problem) if "proportional" in kinds else problem
 
     problem, rest = prepare_problem(most_samples=most_samples), part(progress, 0.05, 1.0)
     _ = problem.law  # Refused if there is none, such as of second order on a logarithmic scale
@@ -188,7 +188,7 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
         if fit.problem.solver is None:
             return pool.with_best(fit)
         done.add(fit.supports.tobytes())
-        best = recompared(fit)
+        best = compare_alternatives(fit)
         if best.supports.tobytes() in done:  # Two supports may each win under the residual variance of the other
             return pool.with_best(best)
         progress("fitting more plausible candidates")
@@ -218,7 +218,7 @@ def search_subproblems(
     other: then the search runs on all samples.
     """
     show = part(progress, 0.0, 0.7) if len(smaller) == 1 else lambda _: None
-    pays = threads_pay(problem.models)
+    pays = threads_are_worthwhile(problem.models)
     best = [fits[0] for fits in in_parallel(lambda each: search(each, show), smaller, pays=pays)]
     if not any(fit.has_model_error for fit in best):
         progress(Stage("re-evaluating candidates on all samples", 0.7))
@@ -226,7 +226,7 @@ def search_subproblems(
         candidates = in_parallel(lambda each: _reselected(problem, each), distinct, pays=pays)
         compared = [fit for group in candidates for fit in group]
         if all(fit.is_usable for fit in compared):
-            compared = with_close_neighbours(compared)
+            compared = with_neighbours(compared)
             if not compared[0].has_model_error:
                 return compared
     return search(problem, progress, proposals=[fit.supports for fit in best] if len(smaller) > 1 else [])

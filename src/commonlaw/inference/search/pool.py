@@ -54,7 +54,7 @@ class Pool:
         first, last = list[Fit](), list[Fit]()
         for fit in sorted(fits):
             near = len(fits) > 1 and (not first or fit.score - first[0].score < PLAUSIBLE)
-            (last if near and not fit.follows_solutions else first).append(fit)
+            (last if near and not fit.is_resolved else first).append(fit)
         return cls((*first, *last), explored, tuple(approximations))
 
     def joined(self, others: Sequence[Fit] = (), approximations: Sequence[Fit] = ()) -> "Pool":

@@ -133,7 +133,7 @@ class FitSetup:
         noise, huber, law = self.noise, self.huber_threshold, self.law
         begin = law.coefficients
         problem = prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, guess=begin)
-        problem = replace(problem, residuals_tell_noise=problem.is_determined(int(np.isnan(self.known).sum())))
+        problem = replace(problem, residuals_estimate_noise=problem.is_determined(int(np.isnan(self.known).sum())))
         return problem.with_priors(self.priors) if self.priors else problem
 
 

@@ -12,11 +12,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import check_white, refit
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.inference import settings
-from commonlaw.inference.diagnose.scale_origin import with_outcomes_of_zero
+from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.fit.convergence import converged
-from commonlaw.inference.fit.covariance import fitted_law, residual_freedom, total_freedom
-from commonlaw.inference.fit.latent_initialization import visited_besides
-from commonlaw.inference.fit.multistart import priors_from
+from commonlaw.inference.fit.covariance import fitted_law, residual_degrees_of_freedom, total_degrees_of_freedom
+from commonlaw.inference.fit.latent_initialization import latent_state_ranges
+from commonlaw.inference.fit.multistart import empirical_priors
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.result.approximation import choose_deterministic, with_approximation
 from commonlaw.inference.result.history import (
@@ -178,7 +178,7 @@ class _Fit:
         setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_between, self.positive)
         progress("estimating noise, smoothing, fitting coefficients")
         if alike and setup.law.terms.parameters and not trials.schema.starts:  # There `known_starts` does so
-            setup = replace(setup, priors=priors_from(setup.problem(), setup.law.coefficients))
+            setup = replace(setup, priors=empirical_priors(setup.problem(), setup.law.coefficients))
         pool, steps = choose_interpolation(
             lambda own, _: fit_terms(replace(setup, trials=own)),
             setup.trials,
@@ -192,7 +192,10 @@ class _Fit:
         pool = choose_deterministic(pool, progress)
         fit, is_converged = converged(pool.best, self.least_squares)
         problem = fit.problem
-        if not (problem.noise_given or problem.tells_noise) and total_freedom(residual_freedom(fit)) < 1:
+        if (
+            not (problem.noise_given or problem.noise_is_identifiable)
+            and total_degrees_of_freedom(residual_degrees_of_freedom(fit)) < 1
+        ):
             count, name = sum(problem.measured), trials.schema.states[0]
             raise CommonlawError("no-degrees-of-freedom", measurements=count, name=name)
         schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
@@ -203,12 +206,12 @@ class _Fit:
         provenance = replace(
             law.provenance,
             outcomes=(
-                *with_outcomes_of_zero(without_outcomes_of_fit(law.diagnostics), refined, trials),
+                *with_origin_outcomes(without_outcomes_of_fit(law.diagnostics), refined, trials),
                 *with_approximation(pool, outcomes_of_fit(fit, is_converged, tried_errors=self.errors == "auto")),
                 *outcomes_of_unmeasured(refined, problem),
             ),
             history=(*law.history, *chosen),
-            domain=replace(domain, visited={**domain.visited, **visited_besides(problem.trials, fit.estimates)}),
+            domain=replace(domain, visited={**domain.visited, **latent_state_ranges(problem.trials, fit.estimates)}),
         )
         return replace(refined, provenance=provenance)
 
