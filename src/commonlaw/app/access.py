@@ -212,7 +212,20 @@ class Guard:
         else:
             self.lobby.accept(scope.get("client"))
             inner = {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode(), "root_path": ""}
-            await self.application(inner, _limited(receive), _with_headers(send))
+            taken = 0
+
+            async def limited() -> Message:
+                nonlocal taken
+                try:
+                    message = await asyncio.wait_for(receive(), PATIENCE)
+                except TimeoutError:
+                    raise TooSlowError from None
+                taken += len(message.get("body", b""))
+                if taken > LARGEST:
+                    raise TooLargeError
+                return message
+
+            await self.application(inner, limited, _with_headers(send))
 
     def _refusal(self, scope: Scope, headers: MutableMapping[str, str], room: str) -> int:
         """Return the status that a request is refused with; 0 if it is not."""
@@ -226,23 +239,6 @@ class Guard:
             return 403
         length = headers.get("content-length", "0")
         return 413 if not (length.isdecimal() and len(length) < 20 and int(length) <= LARGEST) else 0
-
-
-def _limited(receive: Receive) -> Receive:
-    taken = 0
-
-    async def limited() -> Message:
-        nonlocal taken
-        try:
-            message = await asyncio.wait_for(receive(), PATIENCE)
-        except TimeoutError:
-            raise TooSlowError from None
-        taken += len(message.get("body", b""))
-        if taken > LARGEST:
-            raise TooLargeError
-        return message
-
-    return limited
 
 
 def _with_headers(send: Send) -> Send:

@@ -13,7 +13,6 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import forecast_from
 from commonlaw.forecast.population import with_objects_of
-from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.check import Finding, Report
@@ -174,22 +173,17 @@ def _every(samples: int) -> int:
     return -(-samples // _SAMPLES)
 
 
-def _of_own_object(law: Law, asked: Sample) -> Law:
-    """Return the law of an object that has these properties."""
-    if law.uncertainty.explanation is None:
-        raise CommonlawError("candidate-without-relations")
-    trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.schema.states))))
-    trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})
-    return with_objects_of(law, trials)[0]
-
-
 def simulated(found: Found, asked: Sample) -> dict[str, Any]:
     """Return the trajectory from a start, by a candidate of the law."""
     law = found.candidate(asked.candidate)
     if not (np.isfinite(asked.duration) and asked.duration > 0 and np.isfinite(asked.start).all()):
         raise CommonlawError("forecast-settings")
     if asked.properties:
-        law = _of_own_object(law, asked)
+        if law.uncertainty.explanation is None:
+            raise CommonlawError("candidate-without-relations")
+        trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.schema.states))))
+        trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})
+        law = with_objects_of(law, trials)[0]
     object_index(law, asked.object)
     times = np.linspace(0.0, asked.duration, _POINTS)
     forecast = forecast_from(law, asked.object, times, np.array(asked.start))

@@ -2,14 +2,14 @@
 
 import asyncio
 import re
-from collections.abc import Awaitable, Callable
-from contextlib import AbstractAsyncContextManager, nullcontext
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from datetime import datetime
-from functools import partial, wraps
 from hashlib import sha256
+from importlib.resources import files
 from io import BytesIO
-from pkgutil import get_data
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import msgspec
 import pandas as pd
@@ -38,40 +38,15 @@ from commonlaw.report import law_report, to_page
 from commonlaw.runtime.packages import optional_import
 from commonlaw.runtime.reading import read_json
 
-_SCRIPTS = (
-    "app",
-    "basics",
-    "compare",
-    "curves",
-    "edits",
-    "equations",
-    "figures",
-    "law",
-    "measurements",
-    "next",
-    "own",
-    "panels",
-    "plots",
-    "question",
-    "sessions",
-    "take",
-    "uplot",
-)
-
-ASSETS = {
-    "": ("index.html", "text/html"),
-    **{f"{name}.js": (f"{name}.js", "text/javascript") for name in _SCRIPTS},
-    "app.css": ("app.css", "text/css"),
-    "uplot.css": ("uplot.css", "text/css"),
-}
-"""All files that are served, by their address: no other can be named."""
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+_PAGE = files("commonlaw.app").joinpath("page")
+ASSETS = {each.name: each.read_bytes() for each in _PAGE.iterdir() if Path(each.name).suffix in _TYPES}
+"""All files that are served, by their name: no other can be named."""
 
 _AT_ONCE = 4
 """Requests that take time and memory, tables that are sent among them; others wait for their turn."""
 
 _NUMBER = re.compile("[0-9]{1,6}")
-
-Endpoint = Callable[[Request], Awaitable[Response]]
 
 
 class _Recognised(msgspec.Struct, forbid_unknown_fields=True):
@@ -95,257 +70,123 @@ class _Rival(msgspec.Struct, forbid_unknown_fields=True):
     candidate: int = 0
 
 
+class _Call(NamedTuple):
+    """A request: what the server keeps, what stands in the address, and its body as a value of its type."""
+
+    sessions: Sessions
+    saved: SavedSessions
+    path: Mapping[str, Any]
+    query: Mapping[str, str]
+    body: Any
+
+    @property
+    def search(self) -> Search:
+        """The search that the address names."""
+        return self.sessions.searches.get(self.path["name"])
+
+
 def application(sessions: Sessions) -> Starlette:
-    """Return what answers."""
-    routes = [Route(f"/{name}", _asset(*each)) for name, each in ASSETS.items()]
-    few = asyncio.Semaphore(_AT_ONCE)
-    for path, method, answer in (
-        ("/first", "GET", _first),
-        ("/messages/{code}", "GET", _message),
-        ("/tables", "POST", _add_table),
-        ("/datasets", "POST", _add_data_set),
-        ("/sessions", "GET", _saved),
-        ("/sessions", "POST", _save),
-        ("/sessions/{key}", "POST", _open),
-        ("/sessions/{key}", "DELETE", _delete),
-        ("/sessions/{key}/undo", "POST", _undo),
-        ("/sessions/{key}/restored", "POST", _restore),
-        ("/previews", "POST", _preview),
-        ("/equations", "POST", _equations),
-        ("/settings", "GET", _settings),
-        ("/searches", "GET", _laws),
-        ("/searches", "POST", _search),
-        ("/searches/{name}", "GET", _state),
-        ("/searches/{name}", "DELETE", _cancel),
-        ("/searches/{name}/question", "GET", _question),
-        ("/searches/{name}/found", "GET", _found),
-        ("/searches/{name}/terms", "POST", _fit_terms),
-        ("/searches/{name}/terms", "GET", _fit_state),
-        ("/searches/{name}/terms", "DELETE", _cancel_fit),
-        ("/searches/{name}/forecasts", "POST", _forecast),
-        ("/searches/{name}/experiments", "POST", _experiments),
-        ("/searches/{name}/comparison", "POST", _comparison),
-        ("/searches/{name}/groups", "POST", _groups),
-        ("/searches/{name}/figures/{file}", "GET", _figure_file),
-        ("/searches/{name}/{file}", "GET", _file),
-    ):
-        routes.append(Route(path, _mended(answer, nullcontext() if answer in _LIGHT else few), methods=[method]))
-    made = Starlette(routes=routes)
-    made.state.sessions, made.state.saved = sessions, SavedSessions()
-    return made
+    """Return what answers; each call in a thread, and all but light ones when it is their turn."""
+    saved, few = SavedSessions(), asyncio.Semaphore(_AT_ONCE)
+
+    def endpoint(kind: type | None, is_light: bool, answer: Callable[[_Call], Any]) -> Callable[[Request], Any]:
+        async def answering(request: Request) -> Response:
+            try:
+                async with nullcontext() if is_light else few:
+                    content = b"" if kind is None else await request.body()
+                    body = content if kind in (None, bytes) else read_json(content, kind)
+                    call = _Call(sessions, saved, request.path_params, request.query_params, body)
+                    found = await run_in_threadpool(answer, call)
+                    return found if isinstance(found, Response) else _json({} if found is None else found)
+            except CommonlawError as error:
+                return _json({"error": message(error)}, 422)
+            except TooLargeError:
+                return _json({"error": "the file is too large for the app: use the command commonlaw discover"}, 413)
+            except TooSlowError:
+                return _json({"error": "the file came to a stop on its way: open it again"}, 408)
+            except ClientDisconnect:  # nobody hears this
+                return Response(status_code=408)
+
+        return answering
+
+    routes = [Route(f"/{'' if name == 'index.html' else name}", _asset(name)) for name in ASSETS]
+    for path, method, kind, is_light, answer in _ROUTES:
+        routes.append(Route(path, endpoint(kind, is_light, answer), methods=[method]))
+    return Starlette(routes=routes)
 
 
-def _asset(name: str, kind: str) -> Endpoint:
-    content = get_data("commonlaw.app", f"page/{name}")
-
-    async def answer(_: Request) -> Response:
-        return Response(content, media_type=kind)
-
-    return answer
+def _asset(name: str) -> Callable[[Request], Response]:
+    return lambda _: Response(ASSETS[name], media_type=_TYPES[Path(name).suffix])
 
 
-def _mended(
-    answer: Callable[[Sessions, Request], Awaitable[Response]], turn: AbstractAsyncContextManager[None]
-) -> Endpoint:
-    """Return an endpoint that says what a user can mend, and answers when it is its turn."""
-
-    @wraps(answer)
-    async def answering(request: Request) -> Response:
-        try:
-            async with turn:
-                return await answer(request.app.state.sessions, request)
-        except CommonlawError as error:
-            return _json({"error": message(error)}, 422)
-        except TooLargeError:
-            return _json({"error": "the file is too large for the app: use the command commonlaw discover"}, 413)
-        except TooSlowError:
-            return _json({"error": "the file came to a stop on its way: open it again"}, 408)
-        except ClientDisconnect:  # nobody hears this
-            return Response(status_code=408)
-
-    return answering
-
-
-async def _first(sessions: Sessions, _: Request) -> Response:
-    """Tell where a new page goes on: with the table and the search of the last one."""
-    return _json({"table": None, "search": None} | sessions.latest)
-
-
-async def _message(_: Sessions, request: Request) -> Response:
+def _message(call: _Call) -> Response:
     """Explain a message by its code."""
-    code = request.path_params["code"]
+    code = call.path["code"]
     if code not in {*sentences(), *notes()}:
         raise CommonlawError("message-unknown", name=code[:80], hint="")
     return Response(meaning(code), media_type="text/plain")
 
 
-async def _add_table(sessions: Sessions, request: Request) -> Response:
-    table = named(request.query_params.get("name", "table"), await request.body())
-    await run_in_threadpool(table.cells)
-    return _json({"table": sessions.open_table(table)})
+def _add_table(call: _Call) -> dict[str, str]:
+    table = named(call.query.get("name", "table"), call.body)
+    table.cells()
+    return {"table": call.sessions.open_table(table)}
 
 
-async def _add_data_set(sessions: Sessions, request: Request) -> Response:
-    asked = read_json(await request.body(), _DataSet)
-    return _json({"table": sessions.open_table(await run_in_threadpool(sample_table, asked.name))})
+def _preview(call: _Call) -> dict[str, Any]:
+    prepare()  # A search will be next
+    return preview(call.sessions.tables.get(call.body.table), call.body.columns)
 
 
-async def _preview(sessions: Sessions, request: Request) -> Response:
-    asked = read_json(await request.body(), _Recognised)
-    await run_in_threadpool(prepare)  # A search will be next
-    return _json(await run_in_threadpool(preview, sessions.tables.get(asked.table), asked.columns))
+def _found(call: _Call) -> dict[str, Any]:
+    question = call.search.question
+    written = question.equations.written if question.equations else ""
+    return {"found": call.search.found.shown, "asked": question, "written": written}
 
 
-async def _equations(sessions: Sessions, request: Request) -> Response:
-    asked = read_json(await request.body(), Asked)
-    table = sessions.tables.get(asked.table)
-    return _json(await run_in_threadpool(solved, table, asked.columns, asked.equations, asked.moved))
+def _equations(call: _Call) -> dict[str, Any]:
+    asked, table = call.body, call.sessions.tables.get(call.body.table)
+    return solved(table, asked.columns, asked.equations, asked.moved)
 
 
-async def _settings(_: Sessions, __: Request) -> Response:
-    return _json(settings_form())
+def _comparison(call: _Call) -> dict[str, Any]:
+    other = call.sessions.searches.get(call.body.search).found
+    return compared(call.search.found.of_candidate(call.body.candidate), other)
 
 
-async def _search(sessions: Sessions, request: Request) -> Response:
-    question = read_json(await request.body(), Question)
-    return _json({"search": await run_in_threadpool(sessions.search, question)})
-
-
-async def _state(sessions: Sessions, request: Request) -> Response:
-    search = sessions.searches.get(request.path_params["name"])
-    return _json(await run_in_threadpool(search.state))
-
-
-async def _question(sessions: Sessions, request: Request) -> Response:
-    return _json(sessions.searches.get(request.path_params["name"]).question)
-
-
-async def _found(sessions: Sessions, request: Request) -> Response:
-    search = sessions.searches.get(request.path_params["name"])
-    found = await run_in_threadpool(lambda: search.found.shown)
-    given = search.question.equations
-    return _json({"found": found, "asked": search.question, "written": given.written if given else ""})
-
-
-async def _cancel(sessions: Sessions, request: Request) -> Response:
-    search = sessions.searches.get(request.path_params["name"])
-    await run_in_threadpool(search.cancel)
-    return _json({})
-
-
-async def _fit_terms(sessions: Sessions, request: Request) -> Response:
-    asked = read_json(await request.body(), _OtherTerms)
-    await run_in_threadpool(sessions.fit_terms, request.path_params["name"], asked.terms)
-    return _json({})
-
-
-async def _fit_state(sessions: Sessions, request: Request) -> Response:
-    search = sessions.searches.get(request.path_params["name"])
-    return _json(await run_in_threadpool(search.fit_state))
-
-
-async def _cancel_fit(sessions: Sessions, request: Request) -> Response:
-    search = sessions.searches.get(request.path_params["name"])
-    await run_in_threadpool(search.cancel_fit)
-    return _json({})
-
-
-async def _forecast(sessions: Sessions, request: Request) -> Response:
-    found = sessions.searches.get(request.path_params["name"]).found
-    asked = read_json(await request.body(), Sample)
-    return _json(await run_in_threadpool(simulated, found, asked))
-
-
-async def _experiments(sessions: Sessions, request: Request) -> Response:
-    found = sessions.searches.get(request.path_params["name"]).found
-    asked = read_json(await request.body(), Budget)
-    return _json(await run_in_threadpool(suggested, found, asked))
-
-
-async def _saved(_: Sessions, request: Request) -> Response:
-    """List the sessions on disk."""
-    return _json(await run_in_threadpool(request.app.state.saved.listed))
-
-
-async def _save(sessions: Sessions, request: Request) -> Response:
-    asked = read_json(await request.body(), Named)
-    return _json(await run_in_threadpool(request.app.state.saved.save, asked, sessions))
-
-
-async def _open(sessions: Sessions, request: Request) -> Response:
-    return _json(await run_in_threadpool(request.app.state.saved.resume, request.path_params["key"], sessions))
-
-
-async def _undo(sessions: Sessions, request: Request) -> Response:
-    return _json(await run_in_threadpool(request.app.state.saved.undo, request.path_params["key"], sessions))
-
-
-async def _delete(_: Sessions, request: Request) -> Response:
-    await run_in_threadpool(request.app.state.saved.delete, request.path_params["key"])
-    return _json({})
-
-
-async def _restore(_: Sessions, request: Request) -> Response:
-    await run_in_threadpool(request.app.state.saved.restore, request.path_params["key"])
-    return _json({})
-
-
-async def _laws(sessions: Sessions, _: Request) -> Response:
-    """List the laws that were found."""
-    return _json(sessions.laws())
-
-
-async def _comparison(sessions: Sessions, request: Request) -> Response:
-    asked = read_json(await request.body(), _Rival)
-    one, other = (sessions.searches.get(name).found for name in (request.path_params["name"], asked.search))
-    return _json(await run_in_threadpool(lambda: compared(one.of_candidate(asked.candidate), other)))
-
-
-async def _groups(sessions: Sessions, request: Request) -> Response:
-    found = sessions.searches.get(request.path_params["name"]).found
-    asked = read_json(await request.body(), Groups)
-    return _json(await run_in_threadpool(compared_groups, found, asked))
-
-
-async def _file(sessions: Sessions, request: Request) -> Response:
-    search = sessions.searches.get(request.path_params["name"])
-    name, candidate = request.path_params["file"], request.query_params.get("candidate", "")
-    if name not in _MAKERS:
-        raise CommonlawError("download-name", name=name, files=_MAKERS)
-    content = await run_in_threadpool(_made, search, name, candidate, request.query_params.get("title", "")[:120])
+def _file(call: _Call) -> Response:
+    """Return a file of a candidate; if none is named, of the law."""
+    name, search, index = call.path["file"], call.search, _number_in(call.query.get("candidate") or "0")
+    if name not in _MAKERS and name != "report.html":
+        raise CommonlawError("download-name", name=name, files=[*_MAKERS, "report.html"])
+    # Only for the law, the first candidate, there is a program that finds it in the table
+    found, source = search.found.of_candidate(index), None if index else search.question.source(search.table)
+    content: str | bytes
+    if name == "report.html":
+        table, title = search.table, call.query.get("title", "")[:120]
+        checksum = f"SHA-256 {sha256(table.content).hexdigest()}" if table.content else ""
+        about = ", ".join(filter(None, (table.name, datetime.now().astimezone().strftime("%Y-%m-%d"), checksum)))
+        fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
+        rivals = sorted(fitted, key=lambda each: each.size)
+        with one_draws:
+            made = law_report(
+                found.findings, table=source or "", words=text_in_page, rivals=rivals, title=title, about=about
+            )
+            content = to_page(made)
+    else:
+        content = _MAKERS[name](found, source)
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type="application/octet-stream", headers=headers)
 
 
-async def _figure_file(sessions: Sessions, request: Request) -> Response:
+def _figure_file(call: _Call) -> Response:
     """Return a picture of a candidate, which the page shows, too; or its program."""
-    search, asked, name = (
-        sessions.searches.get(request.path_params["name"]),
-        request.query_params,
-        request.path_params["file"],
-    )
+    search, asked, name = call.search, call.query, call.path["file"]
     index = _number_in(asked.get("candidate", "0"))
-    found, source = search.found, search.question.source(search.table)
-    content = await run_in_threadpool(
-        lambda: figure_file(
-            name, found.of_candidate(index), source, index > 0, asked.get("object", ""), asked.get("parameter", "")
-        )
-    )
+    found, source = search.found.of_candidate(index), search.question.source(search.table)
+    content = figure_file(name, found, source, index > 0, asked.get("object", ""), asked.get("parameter", ""))
     kind = {"svg": "image/svg+xml", "png": "image/png"}.get(name.rpartition(".")[2], "text/x-python")
     return Response(content, media_type=kind, headers={"content-disposition": f'attachment; filename="{name}"'})
-
-
-def _made(search: Search, name: str, candidate: str, title: str) -> str | bytes:
-    """Return a file of a candidate; if none is named, of the law."""
-    index = 0 if not candidate else _number_in(candidate)
-    # Only for the law, the first candidate, there is a program that finds it in the table
-    found, source = search.found.of_candidate(index), None if index else search.question.source(search.table)
-    if name == "report.html":
-        table = search.table
-        checksum = sha256(table.content).hexdigest() if table.content else ""
-        parts = (table.name, datetime.now().astimezone().strftime("%Y-%m-%d"), checksum and f"SHA-256 {checksum}")
-        return _report(found, source, title, ", ".join(filter(None, parts)))
-    return _MAKERS[name](found, source)
 
 
 def _number_in(text: str) -> int:
@@ -359,20 +200,6 @@ def _script(found: Found, source: Source | None) -> str:
     if source is None:
         raise CommonlawError("candidate-program")
     return to_script(found.law, source)
-
-
-def _report(found: Found, source: Source | None, title: str = "", about: str = "") -> str:
-    fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
-    rivals = sorted(fitted, key=lambda each: each.size)
-    with one_draws:
-        made = law_report(
-            found.findings, table=source or "", words=text_in_page, rivals=rivals, title=title, about=about
-        )
-        return to_page(made).decode()
-
-
-def _figure(name: str, found: Found, source: Source | None) -> bytes:
-    return figure_file(name, found, source or Source())
 
 
 def _wide(law: Law) -> pd.DataFrame:
@@ -390,13 +217,6 @@ def _workbook(found: Found, _: Source | None) -> bytes:
     return content.getvalue()
 
 
-def _curves(kind: str, found: Found, _: Source | None) -> str:
-    return str(curves(found, getattr(found.findings, kind)).to_frame().to_csv(index=False))
-
-
-_LIGHT = (_first, _message, _laws, _equations, _settings, _question, _state, _found, _cancel, _fit_state, _cancel_fit)
-"""What is answered at once, whatever else goes on."""
-
 _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {
     "law.json": lambda found, _: to_json(found.law),
     "law.py": _script,
@@ -404,12 +224,53 @@ _MAKERS: dict[str, Callable[[Found, Source | None], str | bytes]] = {
     "coefficients.tsv": lambda found, _: _wide(found.law).to_csv(sep="\t", lineterminator="\n"),
     "coefficients.xlsx": _workbook,
     "coefficients.csv": lambda found, _: coefficient_rows(found.law).to_csv(index=False, lineterminator="\n"),
-    "report.html": _report,
-    "law.svg": partial(_figure, "law.svg"),
-    "law.png": partial(_figure, "law.png"),
-    "fit.csv": partial(_curves, "fit"),
-    "forecasts.csv": partial(_curves, "forecast"),
+    "law.svg": lambda found, source: figure_file("law.svg", found, source or Source()),
+    "law.png": lambda found, source: figure_file("law.png", found, source or Source()),
+    "fit.csv": lambda found, _: curves(found, found.findings.fit).to_frame().to_csv(index=False),
+    "forecasts.csv": lambda found, _: curves(found, found.findings.forecast).to_frame().to_csv(index=False),
 }
+
+
+_ROUTES: tuple[tuple[str, str, type | None, bool, Callable[[_Call], Any]], ...] = (
+    ("/first", "GET", None, True, lambda call: {"table": None, "search": None} | call.sessions.latest),
+    ("/messages/{code}", "GET", None, True, _message),
+    ("/tables", "POST", bytes, False, _add_table),
+    (
+        "/datasets", "POST", _DataSet, False,
+        lambda call: {"table": call.sessions.open_table(sample_table(call.body.name))},
+    ),
+    ("/sessions", "GET", None, False, lambda call: call.saved.listed()),
+    ("/sessions", "POST", Named, False, lambda call: call.saved.save(call.body, call.sessions)),
+    ("/sessions/{key}", "POST", None, False, lambda call: call.saved.resume(call.path["key"], call.sessions)),
+    ("/sessions/{key}", "DELETE", None, False, lambda call: call.saved.delete(call.path["key"])),
+    ("/sessions/{key}/undo", "POST", None, False, lambda call: call.saved.undo(call.path["key"], call.sessions)),
+    ("/sessions/{key}/restored", "POST", None, False, lambda call: call.saved.restore(call.path["key"])),
+    ("/previews", "POST", _Recognised, False, _preview),
+    ("/equations", "POST", Asked, True, _equations),
+    ("/settings", "GET", None, True, lambda _: settings_form()),
+    ("/searches", "GET", None, True, lambda call: call.sessions.laws()),
+    ("/searches", "POST", Question, False, lambda call: {"search": call.sessions.search(call.body)}),
+    ("/searches/{name}", "GET", None, True, lambda call: call.search.state()),
+    ("/searches/{name}", "DELETE", None, True, lambda call: call.search.cancel()),
+    ("/searches/{name}/question", "GET", None, True, lambda call: call.search.question),
+    ("/searches/{name}/found", "GET", None, True, _found),
+    (
+        "/searches/{name}/terms", "POST", _OtherTerms, False,
+        lambda call: call.sessions.fit_terms(call.path["name"], call.body.terms),
+    ),
+    ("/searches/{name}/terms", "GET", None, True, lambda call: call.search.fit_state()),
+    ("/searches/{name}/terms", "DELETE", None, True, lambda call: call.search.cancel_fit()),
+    ("/searches/{name}/forecasts", "POST", Sample, False, lambda call: simulated(call.search.found, call.body)),
+    ("/searches/{name}/experiments", "POST", Budget, False, lambda call: suggested(call.search.found, call.body)),
+    ("/searches/{name}/comparison", "POST", _Rival, False, _comparison),
+    ("/searches/{name}/groups", "POST", Groups, False, lambda call: compared_groups(call.search.found, call.body)),
+    ("/searches/{name}/figures/{file}", "GET", None, False, _figure_file),
+    ("/searches/{name}/{file}", "GET", None, False, _file),
+)  # fmt: skip
+"""Addresses and methods, with the type of the body, whether the answer is light, and the answer: JSON, or {} for None.
+
+What is light is answered at once, whatever else goes on.
+"""
 
 
 def _json(value: Any, status: int = 200) -> Response:

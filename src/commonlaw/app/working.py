@@ -2,29 +2,25 @@
 
 import pickle
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from multiprocessing.process import BaseProcess
 from threading import Lock, Thread
 from time import time
 from typing import Any, Generic, TypeVar
 
 from commonlaw.app.question import message, text_in_page
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.shutdown import deaf_to_interrupts, end_with_parent
+from commonlaw.runtime.shutdown import begun, end_with_parent
 
 T = TypeVar("T")
 
 Task = Callable[[Callable[[str], None]], Iterator[T]]
 """Work that tells its stages and yields what it has made so far; it must be possible to pickle it."""
-
-_CONTEXT = get_context("spawn")
-"""A forked process would have the threads' locks of this one, and none of its threads."""
 
 _TO_LEAVE = 1.0
 """Seconds that a process has to end by itself once it has said its last."""
@@ -36,18 +32,8 @@ _HEAVY = (
 )  # fmt: skip
 """What takes most of the time until a law is sought."""
 
-Begun = tuple[SpawnProcess, Connection]
+Begun = tuple[BaseProcess, Connection]
 """A process that takes a task, and the connection to it."""
-
-
-def _begun(*modules: str) -> Begun:
-    """Begin a process that imports some modules, as far as they are installed, and takes a task."""
-    connection, other = _CONTEXT.Pipe()
-    process = _CONTEXT.Process(target=_work, args=(other, modules), daemon=True)
-    with deaf_to_interrupts():
-        process.start()
-    other.close()
-    return process, connection
 
 
 class _Ready:
@@ -55,19 +41,19 @@ class _Ready:
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._begun: Begun | None = None
+        self._waiting: Begun | None = None
 
     def prepare(self) -> None:
         """Begin a process, unless one waits."""
         with self._lock:
-            if self._begun is None or not self._begun[0].is_alive():
-                self._begun = _begun(*_HEAVY)
+            if self._waiting is None or not self._waiting[0].is_alive():
+                self._waiting = begun(_work, *_HEAVY)
 
-    def taken(self) -> Begun | None:
-        """Return the process that waits, and let none wait; None if there is none."""
+    def taken(self) -> Begun:
+        """Return the process that waits, and let none wait; a new one if there is none."""
         with self._lock:
-            begun, self._begun = self._begun, None
-        return begun if begun is not None and begun[0].is_alive() else None
+            ready, self._waiting = self._waiting, None
+        return ready if ready is not None and ready[0].is_alive() else begun(_work)
 
 
 _READY = _Ready()
@@ -98,7 +84,7 @@ class Work(Generic[T]):
     def __post_init__(self) -> None:
         self.stages.append(("starting", time()))
         self._lock = Lock()
-        self._process, self._connection = _READY.taken() or _begun()
+        self._process, self._connection = _READY.taken()
         self._listener = Thread(target=self._listen, daemon=True)
         self._listener.start()
 
@@ -159,7 +145,7 @@ class Work(Generic[T]):
                 self.failure, self.is_running = value, False
 
 
-def _work(connection: Connection, modules: Sequence[str]) -> None:
+def _work(connection: Connection, *modules: str) -> None:
     """Import modules, take a task, work, and say how far it has come; the main function of the process."""
 
     end_with_parent()

@@ -19,10 +19,8 @@ from commonlaw.law import to_json
 if TYPE_CHECKING:
     import pandas as pd
 
-    from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Pattern
     from commonlaw.law import Law
-    from commonlaw.stream import StreamResiduals
 
 
 _STRANGEST = 10
@@ -85,7 +83,16 @@ def _check_stream(law: "Law", source: Source, save: Sequence[str], as_json: bool
         objects = found.objects.to_dict(orient="records")
         print_json({"patterns": _patterns_document(found.patterns), "objects": objects})
     else:
-        _show_stream(found)
+        from commonlaw.law.tables import letter_values
+
+        say(f"{found}\n")
+        print_frame(_readable(found.tests()), {"adjusted": "adjusted p-value"})
+        columns = ("RMS over noise", "autocorrelation")
+        for state, own in found.objects.groupby("state", sort=False):
+            say(f"\nResiduals of {state}, by object:\n")
+            print_frame(letter_values({name: own[name].to_numpy() for name in columns}, "object"))
+        say("\nThe largest:\n")
+        print_frame(found.objects.sort_values("RMS over noise", ascending=False, kind="stable")[:_STRANGEST])
     later.end(silent=as_json)
 
 
@@ -104,20 +111,6 @@ def _readable(tests: "pd.DataFrame") -> "pd.DataFrame":
 
 def _patterns_document(patterns: "Sequence[Pattern]") -> list[dict[str, object]]:
     return [asdict(each) | {"significant": each.significant} for each in patterns]
-
-
-def _show_stream(found: "StreamResiduals") -> None:
-    """Print patterns, letter values of what residuals of objects are over noise, and the largest."""
-    from commonlaw.law.tables import letter_values
-
-    say(f"{found}\n")
-    print_frame(_readable(found.tests()), {"adjusted": "adjusted p-value"})
-    columns = ("RMS over noise", "autocorrelation")
-    for state, own in found.objects.groupby("state", sort=False):
-        say(f"\nResiduals of {state}, by object:\n")
-        print_frame(letter_values({name: own[name].to_numpy() for name in columns}, "object"))
-    say("\nThe largest:\n")
-    print_frame(found.objects.sort_values("RMS over noise", ascending=False, kind="stable")[:_STRANGEST])
 
 
 @command
@@ -177,9 +170,34 @@ def discrepancy(
         later = Artifacts()
         later.save(save, law=found.law, figure=lambda plots: plots.plot_discrepancy(found))
     if as_json:
-        print_json(_document(found))
+        frames = {"function": found.to_frame(), "terms": found.terms_frame(), "compared": found.coordinates_frame()}
+        print_json(
+            {
+                "claimed": found.claimed,
+                "equation": found.equation,
+                "coordinate": found.basis.coordinate,
+                "times": found.basis.times,
+                "evidence": found.evidence,
+                "zero at": found.zero_at,
+                "holds nothing of": list(found.holds_nothing_of),
+                "shares": found.shares,
+                **{name: frame.to_dict(orient="records") for name, frame in frames.items()},
+                "law": json.loads(to_json(found.law)),
+            }
+        )
     else:
-        _show(found)
+        say(str(found))
+        if found.claimed:
+            say("")
+            print_frame(found.to_frame(10))
+        if len(found.descriptions):
+            say("\nTerms in place of the function:\n")
+            print_frame(found.terms_frame())
+        if len(found.compared) > 1:
+            say("\nCoordinates compared:\n")
+            print_frame(found.coordinates_frame())
+        if found.claimed:
+            say(f"\nThe law, estimated jointly with it:\n\n{found.law}")
     later.end((*trials.notes, *found.law.diagnostics), silent=as_json)
 
 
@@ -192,37 +210,6 @@ def _zero(text: str) -> float | Literal["auto"] | None:
         return float(text)
     except ValueError:
         raise CommonlawError("zero-at", text=text) from None
-
-
-def _show(found: "Discrepancy[Law]") -> None:
-    say(str(found))
-    if found.claimed:
-        say("")
-        print_frame(found.to_frame(10))
-    if len(found.descriptions):
-        say("\nTerms in place of the function:\n")
-        print_frame(found.terms_frame())
-    if len(found.compared) > 1:
-        say("\nCoordinates compared:\n")
-        print_frame(found.coordinates_frame())
-    if found.claimed:
-        say(f"\nThe law, estimated jointly with it:\n\n{found.law}")
-
-
-def _document(found: "Discrepancy[Law]") -> dict[str, object]:
-    frames = {"function": found.to_frame(), "terms": found.terms_frame(), "compared": found.coordinates_frame()}
-    return {
-        "claimed": found.claimed,
-        "equation": found.equation,
-        "coordinate": found.basis.coordinate,
-        "times": found.basis.times,
-        "evidence": found.evidence,
-        "zero at": found.zero_at,
-        "holds nothing of": list(found.holds_nothing_of),
-        "shares": found.shares,
-        **{name: frame.to_dict(orient="records") for name, frame in frames.items()},
-        "law": json.loads(to_json(found.law)),
-    }
 
 
 @command

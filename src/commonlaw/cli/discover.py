@@ -2,12 +2,12 @@
 
 import warnings
 from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
@@ -23,7 +23,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import counting, current_cluster
 from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, Stage, part
-from commonlaw.runtime.shutdown import deaf_to_interrupts, end_with_parent
+from commonlaw.runtime.shutdown import begun, end_with_parent
 from commonlaw.text import as_text, counted, shown
 
 if TYPE_CHECKING:
@@ -33,83 +33,41 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 R = TypeVar("R")
 
-_CONTEXT = get_context("spawn")
-"""A forked process would have the locks of this one's threads, and none of these."""
-
-
-class _Worker:
-    """A process that does one piece of work after the other: what the first of them loads, the others have."""
-
-    def __init__(self, work: Callable[[Any], object]) -> None:
-        self.connection, other = _CONTEXT.Pipe()
-        self._process = _CONTEXT.Process(target=_serve, args=(other, work), daemon=True)
-        with deaf_to_interrupts():
-            self._process.start()
-        other.close()
-        self.number = -1
-
-    def take(self, number: int, piece: object) -> None:
-        """Begin a piece of work; it is told by `answer` if that cannot be."""
-        self.number = number
-        try:
-            self.connection.send(piece)
-        except OSError:  # Its process has ended
-            return
-
-    def answer(self) -> tuple[Any, str]:
-        """Return what the piece gave, or why there is nothing."""
-        try:
-            found: tuple[Any, str] = self.connection.recv()
-        except (EOFError, OSError):
-            self.end()
-            return None, f"its process ended by itself, with code {self._process.exitcode}: is there enough memory?"
-        return found
-
-    @property
-    def is_alive(self) -> bool:
-        """Whether it takes more work."""
-        return not self.connection.closed
-
-    def end(self) -> None:
-        """End it, whatever it does."""
-        self._process.kill()
-        self._process.join()
-        self.connection.close()
-
 
 def in_processes(
     work: Callable[[T], R], pieces: Sequence[T], at_once: int
 ) -> Generator[tuple[int, R | None, str], None, None]:
     """Yield the number of each piece of work as soon as it is done, with what it gave or why there is nothing.
 
-    All processes end with this one, and when the generator is closed.
-
-    Parameters
-    ----------
-    work
-        What is done; it and the pieces must be possible to pickle.
-    pieces
-        What it is done with.
-    at_once
-        How many of them at the same time.
+    So many processes at once do one piece after the other: what the first of them loads, the others have. Work and
+    pieces must be possible to pickle. All processes end with this one, and when the generator is closed.
     """
-    waiting = list(enumerate(pieces))[::-1]
-    idle: list[_Worker] = []
-    busy: dict[object, _Worker] = {}
+    waiting, idle = list(enumerate(pieces))[::-1], list[tuple[BaseProcess, Connection]]()
+    busy = dict[Connection, tuple[BaseProcess, int]]()
     try:
         while waiting or busy:
             while waiting and len(busy) < at_once:
-                worker = idle.pop() if idle else _Worker(work)
-                busy[worker.connection] = worker
-                worker.take(*waiting.pop())
-            for connection in wait([each.connection for each in busy.values()]):
-                worker = busy.pop(connection)
-                result, failure = worker.answer()
-                idle += [worker] if worker.is_alive else []
-                yield worker.number, result, failure
+                process, connection = idle.pop() if idle else begun(_serve, work)
+                number, piece = waiting.pop()
+                busy[connection] = process, number
+                with suppress(OSError):  # Its process has ended, which the answer tells
+                    connection.send(piece)
+            for connection in cast(list[Connection], wait([*busy])):
+                process, number = busy.pop(connection)
+                try:
+                    answer = connection.recv()
+                    idle.append((process, connection))
+                except (EOFError, OSError):
+                    process.join()
+                    connection.close()
+                    code = process.exitcode
+                    answer = None, f"its process ended by itself, with code {code}: is there enough memory?"
+                yield number, *answer
     finally:
-        for worker in (*idle, *busy.values()):
-            worker.end()
+        for process, connection in (*idle, *((process, connection) for connection, (process, _) in busy.items())):
+            process.kill()
+            process.join()
+            connection.close()
 
 
 def _serve(connection: Connection, work: Callable[[Any], object]) -> None:

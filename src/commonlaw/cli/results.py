@@ -297,7 +297,13 @@ class Learned:
             if len(law.objects) > MANY:
                 say("")
                 self._show_coefficients()
-        self._show_checks()
+        found = self.findings
+        if self.everything:
+            say("\n".join(("", *self._scores())))
+        if found.verdict:
+            say(f"\n{found.verdict}")
+        if not self.everything:
+            say("\n".join(("", *self._scores())))
         if law.provenance.alternatives:
             say("\nCandidate laws (* chosen):\n")
             candidates = readable_candidates(law.provenance.alternatives)
@@ -310,16 +316,6 @@ class Learned:
                 say(f"\n{meaning}.")
         if self.compared is not None:
             print_compared(self.compared)
-
-    def _show_checks(self) -> None:
-        """Print the verdict, then the R^2 of the fit and, apart from it, that of the forecasts."""
-        found = self.findings
-        if self.everything:
-            say("\n".join(("", *self._scores())))
-        if found.verdict:
-            say(f"\n{found.verdict}")
-        if not self.everything:
-            say("\n".join(("", *self._scores())))
 
     def _scores(self) -> Iterator[str]:
         found = self.findings

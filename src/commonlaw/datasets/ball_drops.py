@@ -75,12 +75,7 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     table = Trials.read(heights, trial="Drop #", time="Time", states="Height")
     drops = tuple(Trial(name, each.name, each.times, each.states) for name in _NAMES for each in table.of_object(name))
     units = {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
-    trials = Trials(drops, Schema(("x",), units=units), _properties(read_file(balls).decode()))
-    return trials.clip_irregular() if clip else trials
-
-
-def _properties(listed: str) -> dict[str, dict[str, float]]:
-    """Return the properties of each ball from the text that lists weights in ounces and circumferences in cm."""
+    listed = read_file(balls).decode()
     rows = {name: values for name, *values in map(str.split, listed.splitlines())}
     found = {}
     for name, short in _NAMES.items():
@@ -90,7 +85,8 @@ def _properties(listed: str) -> dict[str, dict[str, float]]:
             continue
         radius, mass = float(circumference) / 100 / (2 * np.pi), float(weight) * _OUNCE
         found[name] = {"radius": radius, "mass": mass, "density": mass / (4 / 3 * np.pi * radius**3)}
-    return found
+    trials = Trials(drops, Schema(("x",), units=units), found)
+    return trials.clip_irregular() if clip else trials
 
 
 def _file(name: str, folder: str | os.PathLike[str] | None) -> Path:

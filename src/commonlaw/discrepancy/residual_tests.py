@@ -373,21 +373,26 @@ def size_over_noise(count: int, squares: float, spent: float) -> tuple[float, fl
 
 
 def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent: float) -> Iterator[Tested]:
-    yield _level(sums, spent)
+    ratio, p_value = size_over_noise(sums.count, float(sums.powers[1]), spent)
+    larger = "lack of fit, or the noise is underestimated"
+    smaller = "the noise is overestimated"
+    yield Tested("RMS over noise", ratio, p_value, larger if ratio > 1 else smaller)
     for variable, trend in sums.trends.items():
         yield _trend(trend, sums.count, variable, time)
     for other, (count, factor) in zip(names, sums.together, strict=False):
         yield _together(count, factor, other)
-    yield _memory(sums, spent / sums.count)
+    from scipy.stats import chi2
+
+    pairs, *_, trials = sums.pairs.tolist()
+    share = min((spent / sums.count), _MAX_SPENT)
+    found = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
+    size = pairs + trials
+    total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
+    positive = "autocorrelated: an unmodelled force, or autocorrelated errors (`errors='correlated'`)"
+    negative = "negatively autocorrelated: rounded or differenced samples, or too coarse steps"
+    yield Tested("autocorrelation", float(found), float(chi2.sf(total, 1)), positive if found > 0 else negative)
     yield _growth(sums, name, spent / sums.count)
     yield _normal(sums)
-
-
-def _level(sums: StateSums, spent: float) -> Tested:
-    ratio, p_value = size_over_noise(sums.count, float(sums.powers[1]), spent)
-    larger = "lack of fit, or the noise is underestimated"
-    smaller = "the noise is overestimated"
-    return Tested("RMS over noise", ratio, p_value, larger if ratio > 1 else smaller)
 
 
 def _trend(trend: Trend, count: int, name: str, time: str) -> Tested:
@@ -417,23 +422,6 @@ def _together(count: int, factor: Floats, name: str) -> Tested:
     p_value = 2 * float(beta.sf(abs(found), count / 2 - 1, count / 2 - 1, loc=-1, scale=2))
     meaning = "a common disturbance or a common measurement error"
     return Tested(f"correlation with residuals of {name}", found, p_value, meaning)
-
-
-def _memory(sums: StateSums, spent: float) -> Tested:
-    """Test the correlation of neighbours (Ljung and Box 1978).
-
-    A fit removes the lowest frequencies, that share of all, from white noise, and so makes neighbours anticorrelated.
-    """
-    from scipy.stats import chi2
-
-    pairs, *_, trials = sums.pairs.tolist()
-    share = min(spent, _MAX_SPENT)
-    found = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
-    size = pairs + trials
-    total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
-    positive = "autocorrelated: an unmodelled force, or autocorrelated errors (`errors='correlated'`)"
-    negative = "negatively autocorrelated: rounded or differenced samples, or too coarse steps"
-    return Tested("autocorrelation", float(found), float(chi2.sf(total, 1)), positive if found > 0 else negative)
 
 
 def _growth(sums: StateSums, name: str, spent: float) -> Tested:

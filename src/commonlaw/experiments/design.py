@@ -136,7 +136,15 @@ def design(
         check_amount(f"the start of {name} is off by", value)
     limits = _limits(within or {}, first)
     if trials is not None:
-        limits = _visited(first, trials, settings) | limits
+        visited, found = (
+            first.provenance.domain.visited or Domain.of(trials, state_rates(first)).visited,
+            dict[str, Range](),
+        )
+        for name in first.schema.states:
+            values = [*visited.get(name, ()), *numbers_of(settings.options.get(name, ()))]
+            if name in visited and min(values) < max(values):
+                found[name] = Range(min(values), max(values))
+        limits = found | limits
     search = Search(first, hypotheses, aim, settings, limits, prices, known, seed, points)
     chosen = search.chosen(experiments, budget, on_terminal() if progress is None else progress)
     in_doubt = len(plausible) > 1
@@ -172,16 +180,6 @@ def _gains(law: Law, hypotheses: Sequence[Hypothesis], prior: Floats, evidence: 
         for each, unit in zip(coefficients(hypotheses), units, strict=True)
     ]
     return tuple(sorted(found, key=lambda each: each.then / each.now if each.now > 0 else 1.0))
-
-
-def _visited(law: Law, trials: Trials, settings: Settings) -> dict[str, Range]:
-    """Return the ranges of states that trials visited, and where experiments begin."""
-    visited, found = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited, dict[str, Range]()
-    for name in law.schema.states:
-        values = [*visited.get(name, ()), *numbers_of(settings.options.get(name, ()))]
-        if name in visited and min(values) < max(values):
-            found[name] = Range(min(values), max(values))
-    return found
 
 
 def _limits(within: Mapping[str, object], law: Law) -> dict[str, Range]:

@@ -86,7 +86,18 @@ class Settings:
         replaced |= {"object"} if any(name.startswith("object.") for name in given) else set()
         options = {**{name: value for name, value in usual.items() if name not in replaced}, **given}
         if any(name.startswith("object.") for name in options):
-            _check_new(options, law)
+            if "object" in options:
+                raise CommonlawError("setting-object-twice")
+            properties = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
+            for name in options:
+                head, dot, tail = name.partition(".")
+                if head == "object" and dot and tail not in properties:
+                    if not properties:
+                        raise CommonlawError("setting-without-properties", name=name)
+                    raise CommonlawError("setting-not-a-property", name=name, properties=properties)
+            lacking = [f"object.{each}" for each in properties if f"object.{each}" not in options]
+            if lacking:
+                raise CommonlawError("setting-properties-missing", properties=lacking)
             objects = _some(law.objects)
         else:
             named = tuple(dict.fromkeys(_words_of(options.get("object", law.objects))))
@@ -220,22 +231,6 @@ def _check_name(name: str, law: Law) -> None:
 def _some(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return names, of many some that are evenly spread."""
     return tuple(names[i] for i in evenly_spaced(len(names), MAX_OBJECTS))
-
-
-def _check_new(options: Mapping[str, Options], law: Law) -> None:
-    """Refuse a new object whose coefficients nothing decides."""
-    if "object" in options:
-        raise CommonlawError("setting-object-twice")
-    properties = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
-    for name in options:
-        head, dot, tail = name.partition(".")
-        if head == "object" and dot and tail not in properties:
-            if not properties:
-                raise CommonlawError("setting-without-properties", name=name)
-            raise CommonlawError("setting-not-a-property", name=name, properties=properties)
-    lacking = [f"object.{each}" for each in properties if f"object.{each}" not in options]
-    if lacking:
-        raise CommonlawError("setting-properties-missing", properties=lacking)
 
 
 def _check_complete(options: Mapping[str, Options], law: Law) -> None:

@@ -128,7 +128,20 @@ def _drawn(law: Law, name: str, trials: Trials) -> Population:
     given = {
         each: _in_unit(each, values[each], trials.schema, law.schema) for each in law.uncertainty.explanation.properties
     }
-    return _by_relations(law, name, given)
+    assert law.uncertainty.explanation is not None
+    coefficients, indices = law.coefficients[0].copy(), np.argwhere(law.support)
+    covariance = law.uncertainty.explanation.covariance
+    turn, scatter = np.zeros((len(indices), len(covariance))), np.zeros(len(indices))
+    first = 0
+    for i, relation in enumerate(law.uncertainty.explanation.relations):
+        if relation is not None:
+            part = slice(first, first + len(relation.factors))
+            columns = _columns(relation, name, given)
+            mean, share, scatter[i] = _moments(relation, float(columns @ relation.factors))
+            coefficients[tuple(indices[i])], turn[i, part], first = mean, share * columns, part.stop
+    followed = f"that follow from its {' and '.join(given)}" if given else "of the typical object"
+    total = turn @ covariance @ turn.T + np.diag(scatter)
+    return Population(coefficients, total, f"{name} is not in the law: it has the coefficients {followed}")
 
 
 def _with_properties(law: Law, name: str, trials: Trials, drawn: Population) -> Population:
@@ -152,24 +165,6 @@ def _with_properties(law: Law, name: str, trials: Trials, drawn: Population) -> 
     return Population(
         coefficients, covariances, f"{drawn.note}, and its own {' and '.join(taken)}" if taken else drawn.note
     )
-
-
-def _by_relations(law: Law, name: str, given: dict[str, float]) -> Population:
-    """Return the coefficients that follow from properties, in the units of the law."""
-    assert law.uncertainty.explanation is not None
-    coefficients, indices = law.coefficients[0].copy(), np.argwhere(law.support)
-    covariance = law.uncertainty.explanation.covariance
-    turn, scatter = np.zeros((len(indices), len(covariance))), np.zeros(len(indices))
-    first = 0
-    for i, relation in enumerate(law.uncertainty.explanation.relations):
-        if relation is not None:
-            part = slice(first, first + len(relation.factors))
-            columns = _columns(relation, name, given)
-            mean, share, scatter[i] = _moments(relation, float(columns @ relation.factors))
-            coefficients[tuple(indices[i])], turn[i, part], first = mean, share * columns, part.stop
-    followed = f"that follow from its {' and '.join(given)}" if given else "of the typical object"
-    total = turn @ covariance @ turn.T + np.diag(scatter)
-    return Population(coefficients, total, f"{name} is not in the law: it has the coefficients {followed}")
 
 
 def _moments(relation: Relation, value: float) -> tuple[float, float, float]:

@@ -265,9 +265,14 @@ class _Forecaster:
         std, noise = (self._std(found), self.law.uncertainty.noise) if self.return_std else (None, None)
         again = None if self.law.order == 0 else self.at_more_times
         known = self.law.uncertainty
+        # The derivatives have done their work, and are many times larger than the states
+        lighter = [replace(each, sensitivities=None) for each in found]
         return Forecast(
             self.trials,
-            self._whole(found),
+            tuple(
+                trajectory if own.fitted is None else own.fitted.followed_by(trajectory, own.trial.times)
+                for own, trajectory in zip(self.beginnings, lighter, strict=True)
+            ),
             std,
             noise,
             self.from_time,
@@ -286,15 +291,6 @@ class _Forecaster:
         ]
         trials = self.trials.with_trials([each.trial for each in finer])
         return replace(self, trials=trials, beginnings=tuple(finer)).forecast()
-
-    def _whole(self, found: Sequence[Trajectory]) -> tuple[Trajectory, ...]:
-        """Return trajectories with what is before their starts, at all times of the trials."""
-        # The derivatives have done their work, and are many times larger than the states
-        lighter = [replace(each, sensitivities=None) for each in found]
-        return tuple(
-            trajectory if own.fitted is None else own.fitted.followed_by(trajectory, own.trial.times)
-            for own, trajectory in zip(self.beginnings, lighter, strict=True)
-        )
 
     def _std(self, found: Sequence[Trajectory]) -> tuple[Floats, ...]:
         """Return the standard deviations of the states of each trajectory, with what is before its start."""

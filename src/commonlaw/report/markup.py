@@ -108,7 +108,7 @@ def _rows(line: str) -> list[str]:
     """Return an equation as rows, none much longer than a line of text is."""
     rows = [""]
     for part in _parts(line):
-        if rows[-1] and _width(rows[-1] + part) > _LINE:
+        if rows[-1] and len(re.sub(r"\\[a-zA-Z]+|[{}\\ ]", "", (rows[-1] + part))) > _LINE:
             rows.append("")
         rows[-1] += part
     return [rows[0], *(rf"&\quad {row.strip()}" for row in rows[1:])]
@@ -123,11 +123,6 @@ def _parts(line: str) -> list[str]:
         else:
             depth += 1 if found[0] in (r"\left(", "{") else -1
     return [line[begin:end] for begin, end in pairwise([*cuts, len(line)])]
-
-
-def _width(latex: str) -> int:
-    """Return about how many characters a formula is wide."""
-    return len(re.sub(r"\\[a-zA-Z]+|[{}\\ ]", "", latex))
 
 
 def _displayed(latex: str, text: tuple[str, ...]) -> str:

@@ -55,7 +55,17 @@ def notebook_html(
         case Design():
             return _page("Next experiment", value.sentences, "Experiments", value.to_frame())
         case Law():
-            return _law(value)
+            try:
+                shown = markdown(law_markdown(value))
+            except CommonlawError:  # Without the extra that draws formulas
+                shown = f"<pre>{escape(str(value))}</pre>"
+            notes = "".join(f"<p>Note: {escape(in_line(str(each)))}</p>" for each in value.diagnostics)
+            table = value.params.dropna(axis=1, how="all")
+            drawn = (
+                _drawn(lambda: plot_intervals(value.select(value.objects[:_OBJECTS]))) if value.support.any() else ""
+            )
+            wide = "".join(f'<div class="commonlaw-law">{each}</div>' for each in (shown, _table(table)))
+            return _joined(repr(value), _STYLE + wide + notes, drawn)
         case Trials():
             frame = value.check(order=0).to_frame().iloc[:, :5]
             few = value.select(object=list(value.objects[:_OBJECTS]))
@@ -71,18 +81,6 @@ def _page(title: str, sentences: Sequence[str], of_table: str, table: pd.DataFra
     listed = "".join(f"<li>{each}</li>" for each in others)
     below = f"<h5>{of_table}</h5>{_table(table)}" if len(table) else ""
     return visible(f"<div><h4>{title}</h4><p><strong>{first}</strong></p><ul>{listed}</ul>{below}</div>")
-
-
-def _law(law: Law) -> str:
-    try:
-        shown = markdown(law_markdown(law))
-    except CommonlawError:  # Without the extra that draws formulas
-        shown = f"<pre>{escape(str(law))}</pre>"
-    notes = "".join(f"<p>Note: {escape(in_line(str(each)))}</p>" for each in law.diagnostics)
-    table = law.params.dropna(axis=1, how="all")
-    drawn = _drawn(lambda: plot_intervals(law.select(law.objects[:_OBJECTS]))) if law.support.any() else ""
-    wide = "".join(f'<div class="commonlaw-law">{each}</div>' for each in (shown, _table(table)))
-    return _joined(repr(law), _STYLE + wide + notes, drawn)
 
 
 def _table(frame: pd.DataFrame) -> str:

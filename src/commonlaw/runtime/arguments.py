@@ -66,7 +66,11 @@ def parse_spec(kind: str, text: str, makers: Mapping[str, Callable[..., T]]) -> 
     except CommonlawError as error:
         raise error.at(f"{kind} {text!r}") from None
     except (TypeError, ValueError, OverflowError) as error:
-        raise CommonlawError("spec-syntax", kind=kind, text=text, usage=_usage(name, makers[name])) from error
+        shown = []
+        for parameter in inspect.signature(makers[name]).parameters.values():
+            required = parameter.default is parameter.empty
+            shown.append(parameter.name.upper() if required else f"[{parameter.name.upper()}={parameter.default}]")
+        raise CommonlawError("spec-syntax", kind=kind, text=text, usage=repr(":".join([name, *shown]))) from error
 
 
 def format_spec(name: str, settings: object) -> str:
@@ -83,11 +87,3 @@ def _value(text: str) -> Any:
         except ValueError:
             pass
     return text
-
-
-def _usage(name: str, maker: Callable[..., object]) -> str:
-    shown = []
-    for parameter in inspect.signature(maker).parameters.values():
-        required = parameter.default is parameter.empty
-        shown.append(parameter.name.upper() if required else f"[{parameter.name.upper()}={parameter.default}]")
-    return repr(":".join([name, *shown]))

@@ -66,7 +66,13 @@ def write_all(contents: Mapping[P, bytes]) -> None:
         for target, content in zip(targets, contents.values(), strict=True):
             if target.is_stream:
                 with _refused(target.path), ending.waiting():
-                    _pour(target.path, content)
+                    opened = os.open(
+                        target.path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+                    )
+                    with os.fdopen(opened, "wb") as stream:
+                        if hasattr(os, "O_NONBLOCK"):
+                            os.set_blocking(opened, True)
+                        stream.write(content)
         for target, part in staged:
             with _refused(target.path):
                 part.replace(target.file)
@@ -297,27 +303,13 @@ def _stage(part: Path, content: bytes, old: os.stat_result | None) -> None:
         file.flush()
         os.fsync(opened)
     if old is not None:
-        _keep_access(part, old)
-
-
-def _keep_access(part: Path, old: os.stat_result) -> None:
-    """Give a file the permissions of the `old` one, and its owner and group as far as one may."""
-    mode = stat.S_IMODE(old.st_mode) & 0o777
-    if sys.platform != "win32":
-        try:
-            os.chown(part, old.st_uid, old.st_gid)
-        except PermissionError:
+        mode = stat.S_IMODE(old.st_mode) & 0o777
+        if sys.platform != "win32":
             try:
-                os.chown(part, -1, old.st_gid)
+                os.chown(part, old.st_uid, old.st_gid)
             except PermissionError:
-                mode &= ~0o070  # what its group might do, another must not
-    part.chmod(mode)
-
-
-def _pour(path: AnyPath, content: bytes) -> None:
-    """Write to a device, or to a pipe that something reads from."""
-    opened = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
-    with os.fdopen(opened, "wb") as stream:
-        if hasattr(os, "O_NONBLOCK"):
-            os.set_blocking(opened, True)
-        stream.write(content)
+                try:
+                    os.chown(part, -1, old.st_gid)
+                except PermissionError:
+                    mode &= ~0o070  # what its group might do, another must not
+        part.chmod(mode)

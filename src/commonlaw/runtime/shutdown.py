@@ -3,12 +3,17 @@
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from threading import Thread, current_thread, main_thread
 from time import sleep
 from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """What people and systems tell processes to end by: Ctrl-C, `kill`, a terminal that is closed."""
@@ -51,7 +56,12 @@ class Ending:
         """Take a signal."""
         if not self.told_by:
             self.told_by = number
-            _kill_children()
+            if "multiprocessing" in sys.modules:
+                from multiprocessing import active_children
+
+                for pid in filter(None, [each.pid for each in active_children()]):
+                    with suppress(OSError):  # It has ended meanwhile
+                        os.kill(pid, _KILL)  # Processes of joblib have no method for it
             if self._is_waiting:
                 raise EndedError
 
@@ -106,6 +116,22 @@ def deaf_to_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def begun(work: Callable[..., None], *given: Any) -> "tuple[BaseProcess, Connection]":
+    """Begin a process that works with a connection to this one, which is returned too, and with what is given.
+
+    It is spawned: a forked one would have the locks of this one's threads, and none of these.
+    """
+    from multiprocessing import get_context
+
+    context = get_context("spawn")
+    connection, other = context.Pipe()
+    process = context.Process(target=work, args=(other, *given), daemon=True)
+    with deaf_to_interrupts():
+        process.start()
+    other.close()
+    return process, connection
+
+
 @cache
 def end_with_parent() -> None:
     """Let this process end when the one that started it has ended, however that came."""
@@ -121,13 +147,3 @@ def end_with_parent() -> None:
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
-
-
-def _kill_children() -> None:
-    """End the processes that Python's pools have started; nothing is lost in them, and waiting for them is long."""
-    if "multiprocessing" in sys.modules:
-        from multiprocessing import active_children
-
-        for pid in filter(None, [each.pid for each in active_children()]):
-            with suppress(OSError):  # It has ended meanwhile
-                os.kill(pid, _KILL)  # Processes of joblib have no method for it

@@ -205,18 +205,6 @@ def with_numbers(table: Table, notation: Notation) -> Table:
             raise CommonlawError(
                 "units-differ", where=table.source, column=name, header=table.units[name], cells=each.unit
             )
-    return replace(
-        table,
-        columns=columns,
-        units={name: each.unit for name, each in read.items() if each.unit} | dict(table.units),
-        notation=notation,
-        parsed={name: own.values if isinstance(own := found[name], Numerals) else own for name in loose},
-        facts=(*table.facts, *_facts(read)),
-    )
-
-
-def _facts(read: Mapping[str, Numerals]) -> list[str]:
-    """Return how the numbers of columns were written, where that was guessed."""
     marks = {mark: [name for name, each in read.items() if each.grouped == mark] for mark in ",. '"}
     other = [name for name, each in read.items() if each.grouped and each.grouped not in marks]
     said = {
@@ -231,7 +219,14 @@ def _facts(read: Mapping[str, Numerals]) -> list[str]:
         facts += [f"read as missing in {name}: {', '.join(counts)}"] if counts else []
         counts = [f"{mark!r} in {counted(count, 'cell')}" for mark, count in each.censored.items()]
         facts += [f"below a limit of quantification in {name}, for cl.fit alone: {', '.join(counts)}"] if counts else []
-    return facts
+    return replace(
+        table,
+        columns=columns,
+        units={name: each.unit for name, each in read.items() if each.unit} | dict(table.units),
+        notation=notation,
+        parsed={name: own.values if isinstance(own := found[name], Numerals) else own for name in loose},
+        facts=(*table.facts, *facts),
+    )
 
 
 def _shows_points(column: Column) -> bool:

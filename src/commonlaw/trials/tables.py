@@ -16,7 +16,7 @@ from commonlaw.trials.dates import Elapsed, elapsed, is_time, with_dates_as_time
 from commonlaw.trials.files import name_of_table, read_table
 from commonlaw.trials.grouping import are_used, groups_of, inputs_before, read_cells, repeats_in_words, trials_of
 from commonlaw.trials.headers import joined_units, known_unit, label
-from commonlaw.trials.properties import Properties, column_properties, given_properties, object_codes
+from commonlaw.trials.properties import column_properties, given_properties, object_codes
 from commonlaw.trials.recognition import unit_in_name
 from commonlaw.trials.roles import ColumnRoles, Reading, checked, column_roles, free_columns, notation_of, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
@@ -131,7 +131,17 @@ def _rows(table: Table, default_object: str, roles: Reading, columns: ColumnRole
         known = given_properties(roles["properties"], columns.object or "object", objects)
     else:
         known = column_properties(table, columns.properties, owners, objects)
-    schema = _schema(table, roles, columns, known)
+    names = [columns.time, *columns.states, *columns.inputs, *columns.noise_columns.values()]
+    headers = {**unit_in_name(columns.time), **table.units, **known.units}
+    units = joined_units(headers, roles.get("units"), [*table.columns, *known.names], [*names, *known.names])
+    for state, name in columns.noise_columns.items():
+        if state in units and name in units and known_unit(units[state]) != known_unit(units[name]):
+            unit, state_unit = units[name], units[state]
+            raise CommonlawError(
+                "noise-column-unit", where=table.source, column=name, unit=unit, state=state, state_unit=state_unit
+            )
+    labels_in = columns.object or "object", columns.trial or "trial"
+    schema = Schema(columns.states, columns.inputs, *labels_in, columns.time, units, columns.noise_columns)
     located = replace(
         table, locate=lambda row: f"{table.locate(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}"
     )
@@ -143,21 +153,6 @@ def _rows(table: Table, default_object: str, roles: Reading, columns: ColumnRole
     nameless = columns.object is None and "object_name" not in roles
     data = TrialData(found.trials, schema, known.values, remarks, nameless)
     return Rows(data, found.empty, found.row_indices, shown)
-
-
-def _schema(table: Table, roles: Reading, columns: ColumnRoles, known: Properties) -> Schema:
-    """Return names and units of the columns that are used."""
-    names = [columns.time, *columns.states, *columns.inputs, *columns.noise_columns.values()]
-    headers = {**unit_in_name(columns.time), **table.units, **known.units}
-    units = joined_units(headers, roles.get("units"), [*table.columns, *known.names], [*names, *known.names])
-    for state, name in columns.noise_columns.items():
-        if state in units and name in units and known_unit(units[state]) != known_unit(units[name]):
-            unit, state_unit = units[name], units[state]
-            raise CommonlawError(
-                "noise-column-unit", where=table.source, column=name, unit=unit, state=state, state_unit=state_unit
-            )
-    labels_in = columns.object or "object", columns.trial or "trial"
-    return Schema(columns.states, columns.inputs, *labels_in, columns.time, units, columns.noise_columns)
 
 
 def _labels(table: Table, column: str | None, what: str, default: str) -> tuple[Codes, list[str], tuple[str, ...]]:

@@ -121,7 +121,11 @@ def layout_of(rows: Sequence[Row], comments: Sequence[Row]) -> Layout:
     block = rows[top:bottom]
     if not block:
         return _without_header(rows, first, key, width, columns, comments)
-    chosen = _header_in(block, width)
+    filled = [sum(bool(cell.strip()) for cell in row.cells) for row in block]
+    candidates = [i for i, count in enumerate(filled) if count == max(filled)]
+    words = [i for i in candidates if not any(map(is_value, block[i].cells[1:] if width > 2 else block[i].cells))]
+    named = [i for i in words if not (i and _are_units(block[i].cells))] or candidates
+    chosen = named[-1] if width == 2 else named[0]
     header = [*block[chosen].cells, *[""] * (width - len(block[chosen].cells))]
     units = block[chosen + 1].cells if chosen + 1 < len(block) and _are_units(block[chosen + 1].cells) else ()
     facts = _above(rows[: top + chosen])
@@ -154,15 +158,6 @@ def _is_measured(rows: Sequence[Row], i: int, key: int | None, columns: Sequence
     except ValueError:
         return True
     return len(numbers) < 2 or any(there <= here for here, there in pairwise(numbers))
-
-
-def _header_in(block: Sequence[Row], width: int) -> int:
-    """Return the index of the header among the rows directly above the first row of values."""
-    filled = [sum(bool(cell.strip()) for cell in row.cells) for row in block]
-    candidates = [i for i, count in enumerate(filled) if count == max(filled)]
-    words = [i for i in candidates if not any(map(is_value, block[i].cells[1:] if width > 2 else block[i].cells))]
-    named = [i for i in words if not (i and _are_units(block[i].cells))] or candidates
-    return named[-1] if width == 2 else named[0]
 
 
 def _are_units(cells: Sequence[str]) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Floats
 from commonlaw.diagnostics import marked
 from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.errors import CommonlawError
@@ -190,12 +190,17 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     horizon = _horizon(errors.leads, errors.errors / spread)
     kinds = [each.kind for each in judged]
     known, inexact = {each.kind for each in law.diagnostics}, {OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION}
+    states = np.isfinite(spread)
+    seen = {(each.trial.object, each.trial.name): 0 for each in judged}
+    for each in judged:
+        key = each.trial.object, each.trial.name
+        seen[key] = max(seen[key], int(np.isfinite(each.trial.states[each.first :, states]).sum()))
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
         in_sample=Kind.SEEN in kinds and law.provenance.is_learned,
         segments=len(found),
         diverged=sum(each.diverged for each in found),
-        measurements=_compared(judged, np.isfinite(spread)),
+        measurements=sum(seen.values()),
         horizon=horizon,
         longest=float(np.max(errors.leads[~np.isnan(errors.errors).all(axis=1)], initial=0.0)),
         time_unit=trials.schema.units.get(trials.schema.time, f"units of {trials.schema.time}"),
@@ -213,15 +218,6 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         few_samples=OutcomeKind.FEW_SAMPLES in known,
         without_terms=tuple(each.where for each in law.diagnostics if each.kind is OutcomeKind.EMPTY_SUPPORT),
     )
-
-
-def _compared(judged: Sequence[Segment], states: Bools) -> int:
-    """Return how many measurements of these states are compared with forecasts, each of them once."""
-    seen = {(each.trial.object, each.trial.name): 0 for each in judged}
-    for each in judged:
-        key = each.trial.object, each.trial.name
-        seen[key] = max(seen[key], int(np.isfinite(each.trial.states[each.first :, states]).sum()))
-    return sum(seen.values())
 
 
 def _by_state(

@@ -153,7 +153,7 @@ class LawVerdict(ShownInNotebooks):
             )
         if self._is_no_better and not self.diverged:
             found.append("the error is not below that of a constant forecast")
-        if self.horizon and not self.diverged and self._is_no_better_than_mean:
+        if self.horizon and not self.diverged and (self.r_squared < 0 or self.r_squared < self.r_squared_error):
             error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
             whole = f"R^2 over all tested forecasts is {self.r_squared:.3g}{error}"
             found.append(
@@ -174,11 +174,6 @@ class LawVerdict(ShownInNotebooks):
     @property
     def _is_no_better(self) -> bool:
         return self.error > NO_BETTER * self.persistence
-
-    @property
-    def _is_no_better_than_mean(self) -> bool:
-        """Whether R^2 is below zero, or above it by no more than the differences of trials would make it."""
-        return self.r_squared < 0 or self.r_squared < self.r_squared_error
 
     def _sentences(self) -> Iterator[str]:
         if self.usable is None:
