@@ -235,64 +235,32 @@ def _reason(error: OSError | ValueError) -> str:
 
 @contextmanager
 def _anchor(folder: Path) -> Iterator[Path]:
-    """Keep a locked file in a folder: as long as it is locked, no other process removes files that begin like it."""
-    _clear(folder)
-    opened, anchor = _new_anchor(folder)
-    try:
-        yield anchor
-    finally:
-        _end(anchor, opened)
+    """Keep a locked file in a folder: as long as it is locked, no other process removes files that begin like it.
 
+    What processes that were killed have left there is removed first.
+    """
+    from filelock import FileLock
 
-def _new_anchor(folder: Path) -> tuple[int, Path]:
-    while True:
-        anchor = folder / f".commonlaw-{uuid4().hex}"
-        opened = os.open(anchor, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-        with suppress(OSError):  # not every file system has locks; nothing is cleared away there
-            _lock(opened, wait=True)
-        if anchor.exists():
-            return opened, anchor
-        os.close(opened)  # cleared away before it was locked
-
-
-def _clear(folder: Path) -> None:
-    """Remove what processes that were killed have left in a folder."""
     with suppress(OSError):
         names = [each.name for each in folder.iterdir()]
-        for anchor in filter(_ANCHOR.fullmatch, names):
-            with suppress(OSError):
-                opened = os.open(folder / anchor, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
-                try:
-                    _lock(opened, wait=False)
-                    for part in (name for name in names if name.startswith(f"{anchor}-")):
-                        (folder / part).unlink(missing_ok=True)
-                except OSError:  # its process lives, or there are no locks
-                    os.close(opened)
-                else:
-                    _end(folder / anchor, opened)
+        for left in filter(_ANCHOR.fullmatch, names):
+            with suppress(OSError), FileLock(folder / left, blocking=False):  # Its process lives, or it has ended
+                for name in names:
+                    if name.startswith(f"{left}-"):
+                        (folder / name).unlink(missing_ok=True)
+                _remove(folder / left)
+    anchor = folder / f".commonlaw-{uuid4().hex}"
+    with ExitStack() as stack:
+        stack.callback(_remove, anchor)  # Where the system removes no locked file
+        with suppress(OSError):  # Not every file system has locks; nothing is cleared away there
+            stack.enter_context(FileLock(anchor, mode=0o600))
+        stack.callback(_remove, anchor)
+        yield anchor
 
 
-def _end(anchor: Path, opened: int) -> None:
-    """Remove a locked file and close it, in this order where the system lets it be: so nobody else locks it between."""
+def _remove(file: Path) -> None:
     with suppress(PermissionError):
-        anchor.unlink(missing_ok=True)
-    os.close(opened)
-    with suppress(PermissionError):
-        anchor.unlink(missing_ok=True)
-
-
-def _lock(opened: int, wait: bool) -> None:
-    """Lock an open file for this process; raise an OSError if another has it and one does not `wait`."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        msvcrt.locking(opened, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
-    else:
-        try:
-            import fcntl
-        except ImportError:
-            raise OSError(errno.ENOLCK, "this Python knows no locks") from None
-        fcntl.flock(opened, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        file.unlink(missing_ok=True)
 
 
 def _stage(part: Path, content: bytes, old: os.stat_result | None) -> None:
