@@ -9,6 +9,7 @@ from hashlib import sha256
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
+from pkgutil import get_data
 from typing import Any, NamedTuple
 
 import msgspec
@@ -39,8 +40,8 @@ from commonlaw.runtime.packages import optional_import
 from commonlaw.runtime.reading import read_json
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
-_PAGE = files("commonlaw.app").joinpath("page")
-ASSETS = {each.name: each.read_bytes() for each in _PAGE.iterdir() if Path(each.name).suffix in _TYPES}
+_NAMES = [each.name for each in files("commonlaw.app").joinpath("page").iterdir()]
+ASSETS = {each: get_data("commonlaw.app", f"page/{each}") or b"" for each in _NAMES if Path(each).suffix in _TYPES}
 """All files that are served, by their name: no other can be named."""
 
 _AT_ONCE = 4

@@ -3,8 +3,9 @@
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +40,12 @@ _GROUPS: dict[DecimalMark, str] = {".": ",", ",": "."}
 """What may stand between groups of three digits, by the decimal mark."""
 
 
-def _pattern(decimal: DecimalMark) -> re.Pattern[str]:
-    point, group = re.escape(decimal), re.escape(_GROUPS[decimal])
-    whole = rf"(?:\d+|[1-9]\d{{0,2}}(?:{group}\d{{3}})+)"
-    return re.compile(rf"[+-]?(?:{whole}(?:{point}\d*)?|{point}\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-
-
-_NUMBERS: dict[DecimalMark, re.Pattern[str]] = {mark: _pattern(mark) for mark in get_args(DecimalMark)}
+_NUMBERS: dict[DecimalMark, re.Pattern[str]] = {
+    mark: re.compile(
+        rf"[+-]?(?:(?:\d+|[1-9]\d{{0,2}}(?:[{group}]\d{{3}})+)(?:[{mark}]\d*)?|[{mark}]\d+)(?:[eE][+-]?\d+)?", re.ASCII
+    )
+    for mark, group in _GROUPS.items()
+}
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def is_missing(cell: str) -> bool:
 def is_meant_as_number(cell: str) -> bool:
     """Say whether a cell is a number in any way of writing, with a unit or without, or is beyond a limit."""
     text = _bare(cell)
-    number = found[1] if (found := _WITH_UNIT.fullmatch(text)) and _is_unit(*found.group(2, 3)) else text
+    number, _ = _number_and_unit(text)
     return any(each.fullmatch(number) for each in _NUMBERS.values()) or _CENSORED.fullmatch(text) is not None
 
 
@@ -118,8 +118,12 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
     import pandas as pd
 
     # Points are decimal where no other column says that commas are
-    if notation.decimal != "," and "," not in notation.usual and (values := _plain_numbers(column)) is not None:
-        return _without_sentinels(Numerals(values), notation)
+    if notation.decimal != "," and "," not in notation.usual:
+        with suppress(TypeError, ValueError):
+            numbers = column.astype(np.float64)
+            texts = list(map(str, column.tolist()))
+            if all(map(str.isascii, texts)) and not any("_" in text for text in texts):  # Which Python reads, too
+                return _without_sentinels(Numerals(numbers), notation)
     codes, unique = pd.factorize(column)
     cells = [str(cell).strip() for cell in unique]
     counts = np.bincount(codes[codes >= 0], minlength=len(cells))
@@ -149,7 +153,7 @@ def _limit(cell: str, notation: Notation) -> float | None:
         return notation.below[cell]
     if cell in notation.missing or (found := _BELOW.fullmatch(_bare(cell))) is None:
         return None
-    number = parts[1] if (parts := _WITH_UNIT.fullmatch(found[1])) and _is_unit(*parts.group(2, 3)) else found[1]
+    number, _ = _number_and_unit(found[1])
     marks = [mark for mark in _NUMBERS if notation.decimal in (None, mark) and _NUMBERS[mark].fullmatch(number)]
     return _value(number, marks[0]) if marks else None
 
@@ -164,21 +168,12 @@ def _without_sentinels(found: Numerals, notation: Notation) -> Numerals:
     return replace(found, values=np.where(is_sentinel, np.nan, found.values), missing=missing)
 
 
-def _plain_numbers(column: NDArray[Any]) -> Floats | None:
-    """Return text as numbers, NaN where it is missing; or None if a cell is not one as Python writes it."""
-    try:
-        values: Floats = column.astype(np.float64)
-    except (TypeError, ValueError):
-        return None
-    # Python reads 1_000 and digits of every script
-    texts = list(map(str, column.tolist()))
-    return values if all(map(str.isascii, texts)) and not any("_" in text for text in texts) else None
-
-
 def _read(cells: Sequence[str], notation: Notation) -> Numerals | Unreadable:
     """Return different cells, none of them missing, as numbers."""
     texts = [_bare(cell) for cell in cells]
-    unit, numbers = _without_unit(texts)
+    parts = [_number_and_unit(text) for text in texts]
+    units = {unit for _, unit in parts}
+    unit, numbers = (units.pop(), [number for number, _ in parts]) if len(units) == 1 else ("", texts)
     marks = [
         mark
         for mark, pattern in _NUMBERS.items()
@@ -218,19 +213,11 @@ def _is_twofold(number: str) -> bool:
     return all(each.fullmatch(number) for each in _NUMBERS.values()) and _value(number, ".") != _value(number, ",")
 
 
-def _without_unit(texts: Sequence[str]) -> tuple[str, list[str]]:
-    """Return the unit that stands in every cell, and the cells without it; else none, and the cells as they are."""
-    found = [_WITH_UNIT.fullmatch(text) for text in texts]
-    parts = [each.group(1, 2, 3) for each in found if each is not None]
-    units = {unit for *_, unit in parts}
-    if len(parts) < len(texts) or len(units) != 1 or not all(_is_unit(*part[1:]) for part in parts):
-        return "", list(texts)
-    return units.pop(), [number for number, *_ in parts]
-
-
-def _is_unit(blank: str, text: str) -> bool:
-    """Say whether what follows a number is its unit; 12A without a blank is a name, as of a well, rather."""
-    return known_unit(text) is not None and bool(blank or not (len(text) == 1 and text.isupper()))
+def _number_and_unit(text: str) -> tuple[str, str]:
+    """Return a number and the unit behind it, else the text and none; 12A without a blank is a name, as of a well."""
+    if (found := _WITH_UNIT.fullmatch(text)) is None or known_unit(found[3]) is None:
+        return text, ""
+    return (found[1], found[3]) if found[2] or not (len(found[3]) == 1 and found[3].isupper()) else (text, "")
 
 
 def _settled(numbers: Sequence[str], usual: frozenset[DecimalMark]) -> DecimalMark | None:
@@ -252,9 +239,8 @@ def _unreadable(cells: Sequence[str], texts: Sequence[str], numbers: Sequence[st
     wrong = [i for i, number in enumerate(numbers) if not any(each.fullmatch(number) for each in patterns)]
     words = [i for i in wrong if i not in set(limits)]
     if words:
-        found = [_WITH_UNIT.fullmatch(text) for text in texts]
-        units = sorted({each[3] for each in found if each and _is_unit(*each.group(2, 3))})
-        cell, has_unit = cells[words[0]], (part := found[words[0]]) is not None and part[3] in units
+        units = sorted({unit for text in texts if (unit := _number_and_unit(text)[1])})
+        cell, has_unit = cells[words[0]], bool(_number_and_unit(texts[words[0]])[1])
         if has_unit and len(units) > 1:
             return Unreadable(cell, Diagnostic("cell-in-other-unit", {"units": units}))
         if has_unit:

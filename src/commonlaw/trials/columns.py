@@ -21,7 +21,6 @@ from commonlaw.trials.trial import nearest
 
 if TYPE_CHECKING:
     import narwhals as nw
-    import pandas as pd
 
 Codes = NDArray[np.int64]
 Column = NDArray[Any]
@@ -92,7 +91,17 @@ class Table:
 
     def numbers(self, name: str, *, missing: bool = False) -> Floats:
         """Return a column as numbers, shape (n,), NaN where a cell is empty if it may be `missing`."""
-        values = self._values(name)
+        column = self.columns[name]
+        if column.dtype.kind != "O":
+            with np.errstate(over="ignore"):
+                values = column.astype(np.float64)
+        elif _kind(column) != "str":
+            raise CommonlawError("column-not-numbers", where=self.source, column=name, kind=_kind(column))
+        elif isinstance(parsed := self._parsed(name), Unreadable):
+            where = self._where(name, self._cells(name).index(parsed.cell))
+            raise CommonlawError("cell-unreadable", where=where, cell=parsed.cell, reason=parsed.reason)
+        else:
+            values = parsed
         bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
         if len(bad):
             row = int(bad[0])
@@ -132,22 +141,6 @@ class Table:
         # The last one is for the code -1 of empty cells
         renumbered = np.array([numbered.get(value, -1) for value in read_values] + [-1])
         return renumbered[codes], values
-
-    def _values(self, name: str) -> Floats:
-        """Return a column as numbers, NaN where it is empty."""
-        column = self.columns[name]
-        if column.dtype.kind != "O":
-            with np.errstate(over="ignore"):
-                return column.astype(np.float64)
-        if _kind(column) != "str":
-            raise CommonlawError("column-not-numbers", where=self.source, column=name, kind=_kind(column))
-        parsed = self._parsed(name)
-        if isinstance(parsed, Unreadable):
-            row = self._cells(name).index(parsed.cell)
-            raise CommonlawError(
-                "cell-unreadable", where=self._where(name, row), cell=parsed.cell, reason=parsed.reason
-            )
-        return parsed
 
     def taken(self, rows: Codes) -> "Table":
         """Return the table of some of the rows, by their indices."""
@@ -295,6 +288,7 @@ def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
 def frame_table(frame: Any, source: str = "the frame") -> Table:
     """Return the table in a frame, as narwhals reads it, a mapping, a structured array or an xarray Dataset."""
     import narwhals as nw
+    import pandas as pd
 
     units = dict[str, str]()
     if hasattr(frame, "data_vars"):  # An xarray Dataset
@@ -302,21 +296,44 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
         units = {name: unit for name, unit in attributes.items() if isinstance(unit, str) and known_unit(unit)}
         frame = frame.to_dataframe().reset_index()
     elif isinstance(frame, Mapping) or (isinstance(frame, np.ndarray) and frame.dtype.names):
-        frame, units = _frame_of_columns(frame if isinstance(frame, Mapping) else _fields(frame), source)
+        fields = frame if isinstance(frame, Mapping) else {name: frame[name] for name in frame.dtype.names or ()}
+        quantities = {str(name): with_unit(values) for name, values in fields.items()}
+        units = {name: unit for name, (_, unit) in quantities.items() if unit}
+        # In order whatever their indices are, and the bytes of a structured array as text
+        arrays = {name: own.to_numpy() if hasattr(own, "to_numpy") else own for name, (own, _) in quantities.items()}
+        for name in frame.dtype.names or () if isinstance(frame, np.ndarray) else ():
+            arrays[name] = np.char.decode(frame[name], "utf-8") if frame[name].dtype.kind == "S" else frame[name]
+        try:
+            frame = pd.DataFrame(arrays)
+        except (TypeError, ValueError) as error:
+            raise CommonlawError("columns-unequal", where=source, problem=error) from None
+    elif nw.dependencies.is_pandas_dataframe(frame):
+        # Levels of the index that have a name are columns; only pandas has such a thing
+        named = [name for name in frame.index.names if name is not None]
+        twice = next((name for name in named if named.count(name) > 1 or name in frame.columns), None)
+        if twice is not None:
+            raise CommonlawError("index-twice", where=source, name=str(twice))
+        frame = frame.reset_index(level=named) if named else frame
     try:
-        data = nw.from_native(_with_named_indices(frame, source))
-        eager = _collected(data, source) if isinstance(data, nw.LazyFrame) else data
-        headers = [str(name) for name in eager.columns]
+        data = nw.from_native(frame)
     except nw.exceptions.DuplicateError as error:
         text = " ".join(str(error).split())
         raise CommonlawError("column-twice", where=source, problem=text) from None
     except TypeError:
         raise CommonlawError("frame-unknown", type=type(frame).__name__) from None
-    columns = [_series_column(each) for each in eager.iter_columns()]
+    if isinstance(data, nw.LazyFrame):
+        try:
+            data = data.collect()
+        except Exception as error:  # Whatever the engine of the frame raises, in computing what the user asked of it
+            kind, text = type(error).__name__, " ".join(str(error).split())
+            raise CommonlawError("frame-not-computed", source=source, problem=kind, text=text) from error
+    headers = [str(name) for name in data.columns]
+    columns = [_series_column(each) for each in data.iter_columns()]
     loose = [i for i, (_, is_mixed) in enumerate(columns) if is_mixed]
     table = filled_table(source, headers, [column for column, _ in columns], loose=loose)
-    named = dict(zip(split_headers(source, headers)[0], headers, strict=True)) if units else {}
-    return replace(table, units={**table.units, **{name: units[own] for name, own in named.items() if own in units}})
+    named_units = dict(zip(split_headers(source, headers)[0], headers, strict=True)) if units else {}
+    more = {name: units[own] for name, own in named_units.items() if own in units}
+    return replace(table, units={**table.units, **more})
 
 
 def with_unit(values: Any) -> tuple[Any, str]:
@@ -324,37 +341,6 @@ def with_unit(values: Any) -> tuple[Any, str]:
     if isinstance(values, list | tuple) and values and all(hasattr(each, "magnitude") for each in values):
         return [each.m_as(values[0].units) for each in values], f"{values[0].units:~C}"
     return (values.magnitude, f"{values.units:~C}") if hasattr(values, "magnitude") else (values, "")
-
-
-def _fields(records: NDArray[Any]) -> dict[str, Column]:
-    """Return the fields of a structured array, bytes as text."""
-    fields = {name: records[name] for name in records.dtype.names or ()}
-    return {name: np.char.decode(own, "utf-8") if own.dtype.kind == "S" else own for name, own in fields.items()}
-
-
-def _frame_of_columns(columns: Mapping[Any, Any], source: str) -> tuple["pd.DataFrame", dict[str, str]]:
-    """Return columns by name as a frame, in order whatever their indices are, and the units of quantities."""
-    import pandas as pd
-
-    read = {str(name): with_unit(values) for name, values in columns.items()}
-    arrays = {name: own.to_numpy() if hasattr(own, "to_numpy") else own for name, (own, _) in read.items()}
-    try:
-        return pd.DataFrame(arrays), {name: unit for name, (_, unit) in read.items() if unit}
-    except (TypeError, ValueError) as error:
-        raise CommonlawError("columns-unequal", where=source, problem=error) from None
-
-
-def _with_named_indices(frame: Any, source: str) -> Any:
-    """Return a frame with those levels of its index as columns that have a name; only pandas has such a thing."""
-    import narwhals as nw
-
-    if not nw.dependencies.is_pandas_dataframe(frame):
-        return frame
-    named = [name for name in frame.index.names if name is not None]
-    twice = next((name for name in named if named.count(name) > 1 or name in frame.columns), None)
-    if twice is not None:
-        raise CommonlawError("index-twice", where=source, name=str(twice))
-    return frame.reset_index(level=named) if named else frame
 
 
 def _series_column(series: "nw.Series[Any]") -> tuple[Column, bool]:
@@ -373,14 +359,6 @@ def _series_column(series: "nw.Series[Any]") -> tuple[Column, bool]:
             cells += map(words.__getitem__, chunk.indices.fill_null(len(words) - 1).to_pylist())
         return column_of(cells)
     return column_of(series.to_list())
-
-
-def _collected(frame: "nw.LazyFrame[Any]", source: str) -> "nw.DataFrame[Any]":
-    try:
-        return frame.collect()
-    except Exception as error:  # Whatever the engine of the frame raises, in computing what the user asked of it
-        text = " ".join(str(error).split())
-        raise CommonlawError("frame-not-computed", source=source, problem=type(error).__name__, text=text) from error
 
 
 def _missing(column: Column) -> Bools:

@@ -36,7 +36,7 @@ from commonlaw.trials import workbook_process
 from commonlaw.trials.columns import Column, Table, column_of, filled_table, frame_table
 from commonlaw.trials.headers import check_unit, join_header
 from commonlaw.trials.text import text_table
-from commonlaw.trials.trial import Property, Trial, TrialData, property_names
+from commonlaw.trials.trial import Property, TrialData, property_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,22 +52,10 @@ Rows = list[tuple[int, list[Any]]]
 
 
 def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
-    """Return the table in one sheet of a workbook, or in all of them if they have the same header."""
-    sheets = _sheets(source, content)
-    if wanted is not None and wanted not in sheets:
-        raise unknown("sheet", wanted, sheets).at(source)
-    chosen = {name: rows for name, rows in sheets.items() if rows and wanted in (None, name)}
-    if not chosen:
-        raise CommonlawError("workbook-empty", where=source, part="sheet" if wanted else "workbook")
-    headers = {name: " | ".join(str(cell).strip() for cell in rows[0][1]).rstrip(" |") for name, rows in chosen.items()}
-    if len(set(headers.values())) > 1:
-        shown = "; ".join(f"{name!r} ({header})" for name, header in headers.items())
-        raise CommonlawError("workbook-sheets", where=source, sheets=shown)
-    return _sheets_table(source, chosen)
+    """Return the table in one sheet of a workbook, or in all of them if they have the same header.
 
-
-def _sheets(source: str, content: bytes) -> dict[str, Rows]:
-    """Return the rows of all sheets by name."""
+    The rows of sheets stand below each other; several sheets without a column ``object`` are an object each.
+    """
     optional_import("python_calamine", "reading workbooks", "excel")
     # With -P Python does not import what lies in the working folder
     command = [sys.executable, "-P", str(Path(workbook_process.__file__))]
@@ -84,26 +72,29 @@ def _sheets(source: str, content: bytes) -> dict[str, Rows]:
     sheets: dict[str, Rows] = pickle.loads(done.stdout)
     for name, rows in sheets.items():
         check_size(f"{source}, sheet {name!r}", len(rows), len(rows[0][1]) if rows else 0)
-    return sheets
-
-
-def _sheets_table(source: str, sheets: dict[str, Rows]) -> Table:
-    """Return the table of sheets below each other; several sheets without a column ``object`` are an object each."""
-    many = len(sheets) > 1
-    header = max((rows[0][1] for rows in sheets.values()), key=len)
-    locations, numbers, cells, names = [], [], [], []
-    for name, rows in sheets.items():
-        for number, row in rows[1:]:
-            cells.append([None if cell == "" else cell for cell in row] + [None] * (len(header) - len(row)))
-            names.append(name)
-            locations.append(f"row {number}" + f" of sheet {name!r}" * many)
-            numbers.append(number)
+    if wanted is not None and wanted not in sheets:
+        raise unknown("sheet", wanted, sheets).at(source)
+    chosen = {name: rows for name, rows in sheets.items() if rows and wanted in (None, name)}
+    if not chosen:
+        raise CommonlawError("workbook-empty", where=source, part="sheet" if wanted else "workbook")
+    headers = {name: " | ".join(str(cell).strip() for cell in rows[0][1]).rstrip(" |") for name, rows in chosen.items()}
+    if len(set(headers.values())) > 1:
+        shown = "; ".join(f"{name!r} ({header})" for name, header in headers.items())
+        raise CommonlawError("workbook-sheets", where=source, sheets=shown)
+    many, header = len(chosen) > 1, max((rows[0][1] for rows in chosen.values()), key=len)
+    listed = [(name, *row) for name, (_, *below) in chosen.items() for row in below]
+    cells = [[None if cell == "" else cell for cell in row] + [None] * (len(header) - len(row)) for *_, row in listed]
     made = [column_of([row[i] for row in cells]) for i in range(len(header))]
     columns, loose = [column for column, _ in made], [i for i, (_, is_mixed) in enumerate(made) if is_mixed]
     titles = [str(cell) for cell in header]
     if many and "object" not in {title.strip().casefold() for title in titles}:
-        titles, columns = [*titles, "object"], [*columns, column_of(names)[0]]
-    return filled_table(source, titles, columns, loose=loose, locate=locations.__getitem__, number=numbers.__getitem__)
+        titles, columns = [*titles, "object"], [*columns, column_of([name for name, *_ in listed])[0]]
+
+    def locate(row: int) -> str:
+        name, number, _ = listed[row]
+        return f"row {number}" + f" of sheet {name!r}" * many
+
+    return filled_table(source, titles, columns, loose=loose, locate=locate, number=lambda row: listed[row][1])
 
 
 def read_table(path: str | os.PathLike[str], sheet: str | None = None) -> Table:
@@ -189,16 +180,8 @@ def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
             yield frame_table(arrow.Table.from_batches([batch]))
 
 
-def write_parquet(
-    path: str | os.PathLike[str], columns: Mapping[str, Column], roles: Mapping[str, object], notes: Sequence[str]
-) -> None:
-    """Write columns, empty where they are NaN or None, with their roles and notes."""
-    kept = json.dumps({"roles": roles, "notes": notes}).encode()
-    write_whole(path, parquet_bytes(columns, {_METADATA: kept}))
-
-
 def parquet_bytes(columns: Mapping[str, Column | Sequence[object]], metadata: Mapping[bytes, bytes]) -> bytes:
-    """Return a Parquet file of columns, empty where they are NaN or None."""
+    """Return a Parquet file of columns, empty where they are NaN or None, with metadata such as roles and notes."""
     arrow, parquet = _arrow("writing Parquet files")
     table = arrow.table({name: arrow.array(column, from_pandas=True) for name, column in columns.items()})
     content = io.BytesIO()
@@ -308,14 +291,21 @@ def to_parquet(data: TrialData, path: str | os.PathLike[str]) -> None:
         "noise_columns": schema.noise_columns,
         "properties": property_names(data.properties),
     }
-    write_parquet(path, _with_units(data), roles, data.notes)
+    kept = json.dumps({"roles": roles, "notes": data.notes}).encode()
+    write_whole(path, parquet_bytes(_with_units(data), {_METADATA: kept}))
 
 
 def _columns(data: TrialData) -> dict[str, Column]:
     """Return the columns of all samples; a missing state or property is NaN among numbers and None among texts."""
     trials, schema, properties = data.trials, data.schema, data.properties
-    rows = [_rows(trial) for trial in trials]
-    row_trials = np.repeat(np.arange(len(trials)), [len(times) for times, *_ in rows])
+    rows = list[tuple[Floats, ...]]()
+    for trial in trials:  # From its first input before its first sample on
+        unknown = np.full((len(trial.earlier), trial.states.shape[1]), np.nan)
+        before = (trial.earlier[:, 0], unknown, trial.earlier[:, 1:], unknown) if len(trial.earlier) else ()
+        own = trial.times, trial.states, trial.inputs, trial.noise
+        rows += [before] * bool(before) + [own]
+    of_trial = [len(trial.earlier) + len(trial) for trial in trials]
+    row_trials = np.repeat(np.arange(len(trials)), of_trial)
     times, states, inputs, noise = (np.concatenate(each) for each in zip(*rows, strict=True))
 
     def per_trial(values: Sequence[Property | None]) -> Column:
@@ -333,17 +323,6 @@ def _columns(data: TrialData) -> dict[str, Column]:
     for name in property_names(data.properties):
         columns[name] = per_trial([properties.get(trial.object, {}).get(name) for trial in trials])
     return columns
-
-
-def _rows(trial: Trial) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return times, states, inputs and noise of a trial, from its first input before its first sample on."""
-    own = trial.times, trial.states, trial.inputs, trial.noise
-    if not len(trial.earlier):
-        return own
-    unknown = np.full((len(trial.earlier), trial.states.shape[1]), np.nan)
-    before = trial.earlier[:, 0], unknown, trial.earlier[:, 1:], unknown
-    times, states, inputs, noise = (np.concatenate(pair) for pair in zip(before, own, strict=True))
-    return times, states, inputs, noise
 
 
 def _with_units(data: TrialData) -> dict[str, Column]:

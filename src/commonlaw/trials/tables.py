@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.errors import CommonlawError
-from commonlaw.text import as_text, shown
-from commonlaw.trials.columns import Codes, Table, frame_table, with_numbers, with_unit
+from commonlaw.text import shown
+from commonlaw.trials.columns import Codes, Table, with_numbers, with_unit
 from commonlaw.trials.dates import Elapsed, elapsed, is_time, with_dates_as_times
-from commonlaw.trials.files import name_of_table, read_table
 from commonlaw.trials.grouping import are_used, groups_of, inputs_before, read_cells, repeats_in_words, trials_of
 from commonlaw.trials.headers import joined_units, known_unit, label
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
@@ -21,16 +20,6 @@ from commonlaw.trials.recognition import unit_in_name
 from commonlaw.trials.roles import ColumnRoles, Reading, checked, column_roles, free_columns, notation_of, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 from commonlaw.trials.wide import deviations_of, long_table, times_across
-
-
-def read_trials(path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> TrialData:
-    """Return the trials in a file, see `Trials.read`."""
-    return rows_of(read_table(path, sheet), as_text(name_of_table(path)), **roles).data
-
-
-def trials_from_frame(frame: Any, **roles: Unpack[Reading]) -> TrialData:
-    """Return the trials in a frame, see `Trials.from_frame`."""
-    return rows_of(frame_table(frame), "object", **roles).data
 
 
 @dataclass(frozen=True)

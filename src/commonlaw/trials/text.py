@@ -219,7 +219,12 @@ def text_table(source: str, content: bytes) -> Table:
 
     text, encoding = decoded(source, content)
     facts = [f"text in {encoding}"] if encoding else []
-    text, comments = _without_comments(text)
+    # Comment lines become empty ones, and are kept by the numbers of the lines
+    comments = dict[int, str]()
+    marked = [found for found in _COMMENT.finditer(text) if not found[0].startswith('"')]
+    if 2 * len(marked) <= sum(1 for line in text.split("\n") if line.strip()):
+        comments = {text.count("\n", 0, found.start()) + 1: found[0].strip() for found in marked}
+        text = _COMMENT.sub(lambda found: found[0] if found[0].startswith('"') else "", text)
     separators = _separators(text)
     text, delimiter = separators.applied(text), separators.mark
     sample = _sample(text)
@@ -284,15 +289,6 @@ def text_table(source: str, content: bytes) -> Table:
     return replace(table, facts=tuple(facts))
 
 
-def _without_comments(text: str) -> tuple[str, dict[int, str]]:
-    """Return the text with comment lines empty, and these by the numbers of the lines."""
-    comments = [found for found in _COMMENT.finditer(text) if not found[0].startswith('"')]
-    if not comments or 2 * len(comments) > sum(1 for line in text.split("\n") if line.strip()):
-        return text, {}
-    numbers = {text.count("\n", 0, found.start()) + 1: found[0].strip() for found in comments}
-    return _COMMENT.sub(lambda found: found[0] if found[0].startswith('"') else "", text), numbers
-
-
 @dataclass(frozen=True)
 class _Separators:
     """What separates the cells of a row: a mark; or, as they are written, blanks."""
@@ -343,27 +339,27 @@ def _read(source: str, text: str, delimiter: str, before: int = 0) -> Iterator[R
 
 def _without_footer(body: str, delimiter: str, layout: Layout) -> tuple[str, list[str]]:
     """Return the rows of the table without those at their end that are no measurements, and what these were."""
-    lines = body.rstrip("\n").rsplit("\n", _FOOTER)
-    footer: list[str] = []
-    while len(lines) > 1 and not lines[-1].count('"') % 2 and layout.is_below(_cells(lines[-1], delimiter)):
-        footer.insert(0, lines.pop())
-    texts = [text for line in footer if (text := " ".join(_cells(line, delimiter)).strip())]
-    return (
-        ("\n".join(lines), [f"left out below the table: {shown([repr(text[:80]) for text in texts])}"])
-        if texts
-        else (body, [])
-    )
-
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    return next(csv.reader([line], delimiter=delimiter), [])
+    lines, texts = body.rstrip("\n").rsplit("\n", _FOOTER), list[str]()
+    while len(lines) > 1 and not lines[-1].count('"') % 2:
+        cells = next(csv.reader([lines[-1]], delimiter=delimiter), [])
+        if not layout.is_below(cells):
+            break
+        texts.insert(0, " ".join(cells).strip()[:80])
+        lines.pop()
+    if not any(texts):
+        return body, []
+    return "\n".join(lines), [f"left out below the table: {shown([repr(text) for text in texts if text])}"]
 
 
 def _line_numbers(source: str, body: str, delimiter: str, width: int, before: int) -> Indices:
     """Return the number of the last line of each row, `before` lines into the file, and 0 for an empty row."""
     # Counting separators is much faster than reading rows, and says enough where all is in order
-    if '"' not in body and (count := _full_rows(body.encode(), delimiter, width)):
-        return before + 1 + np.arange(count)
+    if '"' not in body:
+        text = np.frombuffer(body.encode(), dtype=np.uint8)
+        ends = np.append(np.flatnonzero(text == ord("\n")), [len(text)] * (not body.endswith("\n")))
+        separators = np.searchsorted(np.flatnonzero(text == ord(delimiter)), ends)
+        if len(ends) and np.all(np.diff(separators, prepend=0) == width - 1):
+            return before + 1 + np.arange(len(ends))
     lines, count = [], 0
     for row in _read(source, body, delimiter, before):
         count += bool(row.cells)
@@ -373,11 +369,3 @@ def _line_numbers(source: str, body: str, delimiter: str, width: int, before: in
                 "row-length", where=source, row=count, line=row.line, cells=len(row.cells), width=width
             )
     return np.array(lines)
-
-
-def _full_rows(body: bytes, delimiter: str, width: int) -> int:
-    """Return the number of rows if each has a cell for each column, else zero."""
-    text = np.frombuffer(body, dtype=np.uint8)
-    ends = np.append(np.flatnonzero(text == ord("\n")), [len(text)] * (not body.endswith(b"\n")))
-    separators = np.searchsorted(np.flatnonzero(text == ord(delimiter)), ends)
-    return len(ends) if np.all(np.diff(separators, prepend=0) == width - 1) else 0

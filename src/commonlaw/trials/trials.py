@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from commonlaw.array_types import Floats, same_content
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.runtime.notebooks import ShownInNotebooks
-from commonlaw.text import counted
+from commonlaw.text import as_text, counted
 from commonlaw.trials.check import Report, check, clipped
-from commonlaw.trials.files import to_csv, to_frame, to_parquet
+from commonlaw.trials.columns import frame_table
+from commonlaw.trials.files import name_of_table, read_table, to_csv, to_frame, to_parquet
 from commonlaw.trials.headers import label
 from commonlaw.trials.roles import Reading
-from commonlaw.trials.tables import read_trials, trials_from_arrays, trials_from_frame
+from commonlaw.trials.tables import rows_of, trials_from_arrays
 from commonlaw.trials.trial import (
     ObjectProperties,
     PropertyTable,
@@ -149,7 +150,7 @@ class Trials(ShownInNotebooks):
         **roles
             See `Roles` and `Reading`. Without a column of objects there is one object, named after the file.
         """
-        return cls(*read_trials(path, sheet=sheet, **roles))
+        return cls(*rows_of(read_table(path, sheet), as_text(name_of_table(path)), **roles).data)
 
     @classmethod
     def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
@@ -162,7 +163,7 @@ class Trials(ShownInNotebooks):
         Without a column of objects there is one object, named ``object``. Raises `CommonlawError` if a column is not
         there, or a value cannot be used; the message names the column and the row, counted from 1.
         """
-        return cls(*trials_from_frame(frame, **roles))
+        return cls(*rows_of(frame_table(frame), "object", **roles).data)
 
     @classmethod
     def from_arrays(
