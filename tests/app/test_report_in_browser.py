@@ -3,19 +3,22 @@
 import base64
 import re
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from axe_core_python.selenium import Axe
+from matplotlib.image import imread
 from selenium.webdriver import Chrome
 
 import commonlaw as cl
 from commonlaw import datasets
-from commonlaw.plots import plot_trials
+from commonlaw.plots import Figure, plot_trials, render
 from commonlaw.report import Picture, Report, Section, Table, Text, Verdict, law_report, to_page, write_report
 from commonlaw.report.document import KINDS
+from commonlaw.report.write import within
 from commonlaw.verdict import find
 
 CheckPage = Callable[[Path], None]
@@ -44,6 +47,45 @@ def test_a_report_with_every_kind_of_block_is_whole_by_itself(check_page: CheckP
     )
     page, *_ = write_report(report, tmp_path)
     check_page(page)
+
+
+def test_drawings_in_a_page_look_the_same_and_have_no_element_for_each_point(browser: Chrome, tmp_path: Path) -> None:
+    def drawn(points: int) -> Figure:
+        figure = Figure(figsize=(4, 3))
+        one, other = figure.subplots(1, 2)
+        x, y = np.random.default_rng(0).random((2, points))
+        one.plot(x, y, ".", alpha=0.4)
+        one.scatter(x[:3], y[:3], c=x[:3], s=[10, 50, 90])
+        one.errorbar(x[:4], y[:4], 0.1, fmt="o", capsize=3, label='<a id="b"> url(#c)')
+        one.legend()
+        one.set(xlim=(0, 1), ylim=(0, 1))
+        other.loglog(x, y, "s-", color="C1", markerfacecolor="white")
+        other.set(xlim=(0.01, 1), ylim=(0.01, 1))
+        return figure
+
+    made = [within(render(drawn(points), ".svg", text=True), "drawing") for points in (40, 400)]
+    assert made[0].count("<") == made[1].count("<")
+    looks = list[bytes]()
+    whole = render(drawn(40), ".svg", text=True).decode().partition("<svg")
+    for text in (f"<svg{whole[2]}", made[0]):
+        page = tmp_path / "page.html"
+        page.write_text(f"<!DOCTYPE html><meta charset='utf-8'><link rel='icon' href='data:,'>{text}")
+        browser.get(page.as_uri())
+        looks.append(browser.get_screenshot_as_png())
+    one, other = (np.asarray(imread(BytesIO(each))) for each in looks)
+    assert np.mean(np.abs(one - other) > 0.5) < 1e-5
+    assert np.mean(one < 0.8) > 0.01
+
+
+@pytest.mark.slow
+def test_a_report_of_forty_objects_is_accessible(browser: Chrome, tmp_path: Path) -> None:
+    drops = cl.datasets.linear_drag(drag=tuple(np.linspace(-0.1, -0.5, 40)), noise=0.05)
+    page = tmp_path / "report.html"
+    page.write_bytes(to_page(law_report(find(cl.fit("x'' = -g - c v", drops, errors="white"), drops, drops))))
+    browser.get(page.as_uri())
+    assert browser.execute_script("return document.querySelectorAll('*').length") < 12_000
+    browser.set_script_timeout(100)
+    assert Axe().run(browser)["violations"] == []
 
 
 @pytest.mark.parametrize(

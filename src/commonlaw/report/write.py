@@ -4,9 +4,11 @@ import os
 import re
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law.tables import readable
@@ -97,19 +99,59 @@ def _data(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{b64encode(content).decode()}"
 
 
+_SVG, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
+
+
 def within(svg: bytes, name: str) -> str:
-    """Return a drawing as a part of a page: without what only files have, its anchors its own."""
-    text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg.decode(), flags=re.DOTALL)
-    text = re.sub(r" font-family: [^;\"]*sans-serif;?", "", text)  # That of the page
-    text = re.sub(r'(?<=[ (])(id="|xlink:href="#|clip-path="url\(#|url\(#)', rf"\1{name}-", text)
-    # A hundredth of a point is finer than a pixel
-    text = re.sub(r'(?<= )(?:d|x|y)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
-    text = text[text.index("<svg") :]
+    """Return a drawing as a part of a page: without what only files have, its anchors its own, of few elements."""
+    root = ElementTree.fromstring(svg)
+    anchors = {key: each for each in root.iter() if (key := each.get("id")) is not None}
+    root[:] = [each for child in root for each in _light(child, anchors)]
+    for each in root.iter():
+        each.tag = each.tag.removeprefix(_SVG)
+        each.attrib = {key: _own(key, value, name) for key, value in each.attrib.items() if key != _LINK} | (
+            {"href": f"#{name}-{each.attrib[_LINK].removeprefix('#')}"} if _LINK in each.attrib else {}
+        )
+    width = float(root.attrib["width"].removesuffix("pt"))
+    root.attrib = {"style": f"min-width: {_MIN_WIDTH * width:.0f}pt"} | root.attrib  # Narrower, its text cannot be read
+    return ElementTree.tostring(root, encoding="unicode")
 
-    def limited(found: re.Match[str]) -> str:
-        return f'style="min-width: {_MIN_WIDTH * float(found[1]):.0f}pt" {found[0]}'
 
-    return re.sub(r'width="([\d.]+)pt"', limited, text, count=1)  # Narrower, its text cannot be read
+def _own(attribute: str, value: str, name: str) -> str:
+    """Return an attribute of a drawing as it is in a page."""
+    if attribute == "id":
+        return f"{name}-{value}"
+    if attribute in ("d", "x", "y", "points"):  # A hundredth of a point is finer than a pixel
+        return re.sub(r"(\.\d\d)\d+", r"\1", value.replace("\n", ""))
+    value = re.sub(r" font-family: [^;\"]*sans-serif;?", "", value)  # That of the page
+    return value.replace("url(#", f"url(#{name}-")
+
+
+def _light(element: Element, anchors: dict[str, Element]) -> list[Element]:
+    """Return what is drawn of an element, markers of one kind as one line and groups without attributes taken apart."""
+    parts = [each for child in element for each in _light(child, anchors)]
+    if element.tag in (f"{_SVG}metadata", f"{_SVG}style") or (element.tag == f"{_SVG}defs" and not parts):
+        return []
+    element.tail = None
+    if element.tag == f"{_SVG}g":
+        element.text = None
+        element.attrib.pop("id", None)
+        used = [each for each in parts if each.tag == f"{_SVG}use"]
+        if len(used) > 1 and len({(each.attrib[_LINK], each.get("style")) for each in used}) == 1:
+            parts = [*(each for each in parts if each not in used), *_markers(used, anchors)]
+    element[:] = parts
+    return parts if element.tag == f"{_SVG}g" and not element.attrib else [element]
+
+
+def _markers(used: Sequence[Element], anchors: dict[str, Element]) -> Iterator[Element]:
+    """Yield a marker, and a line that has it at all places where it is used."""
+    shape, key = anchors[used[0].attrib[_LINK].removeprefix("#")], f"marker-{len(anchors)}"
+    looks = {"d": shape.attrib["d"], "style": f"{used[0].get('style', '')}; {shape.get('style', '')}"}
+    anchors[key] = Element(f"{_SVG}marker", {"id": key, "overflow": "visible", "markerUnits": "userSpaceOnUse"})
+    anchors[key].append(Element(f"{_SVG}path", looks))
+    yield anchors[key]
+    points = " ".join(f"{each.attrib['x']},{each.attrib['y']}" for each in used)
+    yield Element(f"{_SVG}polyline", {"points": points, "style": f"fill: none; marker: url(#{key})"})
 
 
 def _look(column: Sequence[str]) -> str:
