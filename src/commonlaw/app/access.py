@@ -4,14 +4,13 @@ import asyncio
 import json
 from collections.abc import Awaitable, Callable, MutableMapping
 from dataclasses import dataclass, field
+from functools import partial
 from secrets import compare_digest, token_hex
-from typing import Any
+from typing import Any, cast
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-
-def _secret() -> str:
-    return token_hex(16)
+_secret = partial(token_hex, 16)
 
 
 @dataclass
@@ -118,15 +117,11 @@ def protocol(lobby: Lobby) -> type[asyncio.Protocol]:
     class Waiting(H11Protocol):
         def connection_made(self, transport: Any) -> None:  # A server gives transports of its own
             super().connection_made(transport)
-            lobby.enter(self._peer, transport)
+            lobby.enter(cast(Peer, self.client), transport)
 
         def connection_lost(self, exc: Exception | None) -> None:
-            lobby.leave(self._peer)
+            lobby.leave(cast(Peer, self.client))
             super().connection_lost(exc)
-
-        @property
-        def _peer(self) -> Any:
-            return self.client
 
     return Waiting
 
@@ -225,7 +220,12 @@ class Guard:
                     raise TooLargeError
                 return message
 
-            await self.application(inner, limited, _with_headers(send))
+            async def sending(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    message = {**message, "headers": [*message.get("headers", ()), *HEADERS]}
+                await send(message)
+
+            await self.application(inner, limited, sending)
 
     def _refusal(self, scope: Scope, headers: MutableMapping[str, str], room: str) -> int:
         """Return the status that a request is refused with; 0 if it is not."""
@@ -239,15 +239,6 @@ class Guard:
             return 403
         length = headers.get("content-length", "0")
         return 413 if not (length.isdecimal() and len(length) < 20 and int(length) <= LARGEST) else 0
-
-
-def _with_headers(send: Send) -> Send:
-    async def sending(message: Message) -> None:
-        if message["type"] == "http.response.start":
-            message = {**message, "headers": [*message.get("headers", ()), *HEADERS]}
-        await send(message)
-
-    return sending
 
 
 async def _answer(status: int, send: Send, text: str = "", keys: Keys | None = None, to: str = "") -> None:

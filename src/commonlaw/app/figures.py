@@ -58,7 +58,19 @@ def figure_file(
     check_choice("figure", kind, _OF_CURVES)
     check_choice("ending of a figure", ending, ("svg", "png", "py"))
     if ending == "py":
-        return _program(kind, found, source, is_candidate, owner, parameter).encode()
+        findings, lines = found.findings, to_script(found.law, source).splitlines()
+        # Of another candidate there is no program that finds it: its law is loaded
+        left_out = ("print(", "law = ") if is_candidate else ("print(",)
+        lines = [line for line in lines if not line.startswith(left_out)]
+        lines += ["law = cl.Law.load('law.json')"] * is_candidate
+        measured = "measured" if findings.has_later_samples else "trials"
+        if findings.is_held_out and source.training.endswith("[1]"):
+            measured = source.training.removesuffix("[1]") + "[0]"
+        bands = findings.fit is not None and findings.fit.std is not None
+        named = {"object": owner, "parameter": parameter, "start": findings.start}
+        call = _WRITTEN[kind].format(bands=bands, measured=measured, **named)
+        lines += [f"figure = {call}", f"cl.plots.save_figure(figure, '{kind}.svg')", ""]
+        return "\n".join(lines).encode()
     with one_draws:
         try:
             return render(_OF_CURVES[kind](found, owner, parameter), f".{ending}")
@@ -71,27 +83,3 @@ def curves(found: Found, wanted: Forecast | None) -> Forecast:
     if wanted is None:
         raise CommonlawError("curves-missing", reasons=found.findings.lacking or ["a law in discrete time has none"])
     return wanted
-
-
-def _program(kind: str, found: Found, source: Source, is_candidate: bool, owner: str, parameter: str) -> str:
-    """Return the program that reads the trials, finds or loads the law, and draws."""
-    findings = found.findings
-    lines = to_script(found.law, source).splitlines()
-    if is_candidate:
-        # Of another candidate there is no program that finds it: its law is loaded
-        lines = [line for line in lines if not line.startswith("law = ")]
-        lines.append("law = cl.Law.load('law.json')")
-    lines = [line for line in lines if not line.startswith("print(")]
-    forecast = "trials"
-    if findings.is_held_out and source.training.endswith("[1]"):
-        forecast = source.training.removesuffix("[1]") + "[0]"
-    elif findings.has_later_samples:
-        forecast = "measured"
-    call = _WRITTEN[kind].format(
-        bands=findings.fit is not None and findings.fit.std is not None,
-        measured=forecast,
-        start=findings.start,
-        object=owner,
-        parameter=parameter,
-    )
-    return "\n".join([*lines, f"figure = {call}", f"cl.plots.save_figure(figure, '{kind}.svg')", ""])

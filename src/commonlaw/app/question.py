@@ -277,14 +277,12 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             value = float(np.mean(self.values[name]))
             number = f"({value!r})" if value < 0 else repr(value)
             text = re.sub(rf"(?<![\w`]){re.escape(name)}(?![\w`])", number, text)
-        limits = [self._limits(name, *ends) for name, ends in self.bounds.items() if name not in self.fixed]
-        return "; ".join([*parts_of(text), *filter(None, limits)])
-
-    @staticmethod
-    def _limits(name: str, low: float | None, high: float | None) -> str:
-        if low is None and high is None:
-            return ""
-        return f"{'' if low is None else f'{low!r} < '}{name}{'' if high is None else f' < {high!r}'}"
+        limits = [
+            f"{'' if low is None else f'{low!r} < '}{name}{'' if high is None else f' < {high!r}'}"
+            for name, (low, high) in self.bounds.items()
+            if name not in self.fixed and not (low is None and high is None)
+        ]
+        return "; ".join([*parts_of(text), *limits])
 
     def fit(self, trials: Trials, settings: Mapping[str, Any]) -> Law:
         """Return the law of these equations, fitted from the values."""

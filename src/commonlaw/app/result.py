@@ -70,10 +70,6 @@ class Found:
         """All that the page is sent."""
         return self.about | {"candidates": [each.shown for each in self.candidates]}
 
-    def without_page(self) -> "Found":
-        """Return this without what the page is sent, for it is large."""
-        return replace(self, about={}, candidates=())
-
     def candidate(self, index: int) -> Law:
         """Return the law of a candidate.
 

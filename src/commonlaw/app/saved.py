@@ -96,7 +96,8 @@ class SavedSessions:
         states = () if asked.key is None else self._read(key).states
         is_same = bool(states) and (states[-1].columns, states[-1].question) == (state.columns, question)
         states = (*states[:-1], state) if is_same else (*states, state)[-_STATES:]
-        return self._write(key, Session(name, _now(), sessions.tables.get(asked.table), states))
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        return self._write(key, Session(name, now, sessions.tables.get(asked.table), states))
 
     def resume(self, key: str, sessions: Sessions) -> dict[str, Any]:
         """Open the present state of a session, and return where the page goes on."""
@@ -163,7 +164,3 @@ def _summary(key: str, session: Session) -> dict[str, Any]:
         "law": law is not None,
         "states": len(session.states),
     }
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -55,7 +55,15 @@ def serve(
     sessions, lobby = Sessions(), Lobby()
     if path is not None:
         sessions.open_table(named(Path(path).name, read_file(path)))
-    with _listening(port) as listening:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listening:
+        # What was served at this port before may still be on its way; on Windows this would share the port
+        if sys.platform != "win32":
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((_HERE, port))
+            listening.listen()
+        except (OSError, OverflowError) as error:
+            raise CommonlawError("port-taken", port=port, error=error) from None
         port = listening.getsockname()[1]
         keys = Keys(f"commonlaw-{port}")
         guard = Guard(application(sessions), keys, hosts_at(port), lobby)
@@ -67,7 +75,9 @@ def serve(
         # In a thread it leaves signals alone, by which it would wait for all that goes on
         serving = Thread(target=server.run, args=([listening],), daemon=True)
         address = f"http://{_HERE}:{port}"
-        with put_away_first() as ending, private_file("open.html", _page(f"{address}/{keys.once}")) as page:
+        opens = f'<meta http-equiv="refresh" content="0; url={address}/{keys.once}">'
+        link = f'<!DOCTYPE html><title>commonlaw</title>{opens}<a href="{address}/{keys.once}">Open commonlaw</a>'
+        with put_away_first() as ending, private_file("open.html", link.encode()) as page:
             try:
                 serving.start()
                 tell(f"{address}/{keys.printed}")
@@ -87,25 +97,3 @@ def hosts_at(port: int) -> frozenset[str]:
     """Return the names by which browsers call a server of this machine; the port of HTTP they leave out."""
     names = (_HERE, "localhost")
     return frozenset([*(f"{each}:{port}" for each in names), *(names if port == 80 else ())])
-
-
-def _page(address: str) -> bytes:
-    """Return a page that goes on to an address."""
-    link = f'<a href="{address}">Open commonlaw</a>'
-    return (
-        f'<!DOCTYPE html><title>commonlaw</title><meta http-equiv="refresh" content="0; url={address}">{link}'.encode()
-    )
-
-
-def _listening(port: int) -> socket.socket:
-    opened = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    # What was served at this port before may still be on its way; on Windows this would share the port
-    if sys.platform != "win32":
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        opened.bind((_HERE, port))
-        opened.listen()
-    except (OSError, OverflowError) as error:
-        opened.close()
-        raise CommonlawError("port-taken", port=port, error=error) from None
-    return opened

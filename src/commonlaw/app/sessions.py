@@ -1,7 +1,7 @@
 """Tables and searches that the server keeps for its pages, the latest of each."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from secrets import token_hex
 from threading import Lock
@@ -75,7 +75,8 @@ class Search:
         found = self.found
         support = support_of(found.law, terms)
         self.cancel_fit()
-        self.fits.append(Work(partial(of_terms, found.without_page(), support)))
+        # What the page is sent is large
+        self.fits.append(Work(partial(of_terms, replace(found, about={}, candidates=()), support)))
 
     def cancel(self) -> None:
         """End all that goes on."""

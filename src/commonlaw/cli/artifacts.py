@@ -92,7 +92,12 @@ class Artifacts:
             return exported(law, path)
 
         def tabled(path: str, table: "Callable[[], pd.DataFrame]") -> bytes:
-            return table_bytes(table(), path)
+            content = BytesIO()
+            if path.lower().endswith(".csv"):
+                table().to_csv(content, index=False)
+            else:
+                table().to_parquet(content, index=False)
+            return content.getvalue()
 
         for path in paths:
             if law is not None and is_of_kind(path, "law"):
@@ -116,12 +121,3 @@ class Artifacts:
         print_notes([*notes, *(each for each in self.failures if each not in reasons)])
         if refused := [*self._unwritten, *reasons]:
             raise CommonlawError("several", messages=refused)
-
-
-def table_bytes(frame: "pd.DataFrame", path: str) -> bytes:
-    """Return a table in the format that the name of its file says."""
-    if path.lower().endswith(".csv"):
-        return frame.to_csv(index=False).encode()
-    content = BytesIO()
-    frame.to_parquet(content, index=False)
-    return content.getvalue()

@@ -16,13 +16,13 @@ from commonlaw.cli.command import command, working
 from commonlaw.cli.method_options import Question, with_question
 from commonlaw.cli.options import ReadFile, as_one, in_options, is_of_kind, option
 from commonlaw.cli.output import print_table, say
-from commonlaw.cli.results import Learned, Outputs, learned_by_stream, with_outputs
+from commonlaw.cli.results import Outputs, find_law, with_outputs
 from commonlaw.cli.source import WITHOUT_LAW, Source, guesses, on_cluster_at, with_cluster, with_table
 from commonlaw.diagnostics import marked
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import counting, current_cluster
 from commonlaw.runtime.parallel import threads
-from commonlaw.runtime.progress import ProgressCallback, Stage, part
+from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.runtime.shutdown import begun, end_with_parent
 from commonlaw.text import as_text, counted, shown
 
@@ -77,16 +77,14 @@ def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
     with threads(1):  # The other processes have the other cores
         while True:
             try:
-                connection.send(_done(work, connection.recv()))
+                piece = connection.recv()
+                try:
+                    answer: tuple[object, str] = work(piece), ""
+                except Exception as error:  # A fault of ours or of others is no reason to lose what the others find
+                    answer = None, in_words(error)
+                connection.send(answer)
             except (EOFError, OSError):
                 return
-
-
-def _done(work: Callable[[Any], object], piece: object) -> tuple[object, str]:
-    try:
-        return work(piece), ""
-    except Exception as error:  # A fault of ours or of others is no reason to lose what the others find
-        return None, in_words(error)
 
 
 def in_words(error: Exception) -> str:
@@ -280,29 +278,8 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
         if batch.each:
             results = batch.run(source, question, show)
         else:
-            learned, later = (_by_stream if streams else _here)(source, question, outputs, show)
+            learned, later = find_law(source, outputs, show, streams, question.answer, question.explained)
     if batch.each:
         results.give(outputs.save, Artifacts())
     else:
         outputs.give(learned, later)
-
-
-def _here(source: Source, question: Question, outputs: Outputs, show: ProgressCallback) -> tuple[Learned, Artifacts]:
-    """Find a law in a table."""
-    show("reading the table")
-    trials, later = source.load(), Artifacts()
-    training = source.select(trials)
-    law = question.answer(training, part(show, 0.05, 0.9))
-    later.save(outputs.save, law=law)
-    law = question.explained(law, show, later)
-    show("checking the law by forecasts")
-    return Learned.check(law, source, trials, training, outputs.draws, later), later
-
-
-def _by_stream(
-    source: Source, question: Question, outputs: Outputs, show: ProgressCallback
-) -> tuple[Learned, Artifacts]:
-    """Find a law in files that are gone through one by one."""
-    return learned_by_stream(
-        source, outputs, show, question.answer, lambda law, later: question.explained(law, show, later)
-    )

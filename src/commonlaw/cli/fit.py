@@ -27,7 +27,7 @@ from commonlaw.cli.results import (
     Learned,
     Outputs,
     compared,
-    learned_by_stream,
+    find_law,
     load,
     over_table,
     print_compared,
@@ -48,10 +48,7 @@ from commonlaw.runtime.progress import Stage, part
 from commonlaw.trials.transformations import without_notes_on
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from commonlaw.law import Law
-    from commonlaw.trials import Trials
+    pass
 
 
 @command
@@ -152,8 +149,8 @@ def fit(
         if given := [name for name, value in alone.items() if value]:
             raise click.UsageError(f"{', '.join(given)} with --cluster: leave it out, or fit single files")
         with working("Fitting ...") as show, on_cluster_at(cluster, show):
-            found = learned_by_stream(
-                source, outputs, show, lambda trials, tell: cl.fit(equations, trials, **settings, progress=tell)
+            found = find_law(
+                source, outputs, show, True, lambda trials, tell: cl.fit(equations, trials, **settings, progress=tell)
             )
         outputs.give(*found)
         return
@@ -184,6 +181,14 @@ def fit(
 
 T = TypeVar("T")
 
+_GRADES = (
+    (2.0, "Not distinguishable from it with these data"),
+    (6.0, "Positive evidence against"),
+    (10.0, "Strong evidence against"),
+    (float("inf"), "Very strong evidence against"),
+)
+"""Of 2 log B, up to which (Kass and Raftery 1995)."""
+
 
 @command
 @with_table(*WITHOUT_LAW)
@@ -205,40 +210,38 @@ def compare(
       commonlaw compare drops.csv discovered.json "x'' = -9.81 - c v"
       commonlaw compare dataset:linear-drag:noise=0.05 "x'' = -g" "x'' = -g - c v"
     """
+    import commonlaw as cl
+    from commonlaw.law.parse import read_equations
+
     if len({*laws}) < max(2, len(laws)):
         raise click.UsageError("give TABLE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
     later = Artifacts()
     with working("Comparing ...") as show:
-        training, found = _fitted(source, laws, settings, show)
+        saved = {each: cl.Law.load(each) for each in laws if is_law_file(each)}
+        texts = {each: over_table(source, each)[0] for each in laws if each not in saved}
+        training = source.select(load(source, [*texts.values()], saved.values()))
+        for each in texts.values():  # What cannot be read is refused before the others are fitted
+            _naming(each, read_equations, training.schema)
+        found = {}
+        for number, each in enumerate(laws):
+            share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))
+            share(f"fitting {each}")
+            found[each] = saved.get(each) or _naming(texts[each], cl.fit, training, **settings, progress=share)
         show(Stage("comparing evidence", len(laws) / (len(laws) + 1)))
         frame = compared(found, training, settings)
         later.save(save, table=lambda: frame)
     if as_json:
         print_json({"laws": frame.to_dict(orient="records")})
     else:
-        say("\n".join(_sentences(frame)))
+        first, *others = zip(frame["law"], frame["2 log B"], strict=True)
+        against = dict[str, list[str]]()
+        for name, below in others:
+            against.setdefault(next(grade for most, grade in _GRADES if below <= most), []).append(name)
+        say(f"{first[0]} is the most probable of these laws.")
+        for grade, names in against.items():
+            say(f"{grade}: {', '.join(names)}.")
         print_compared(frame if any(map(is_law_file, laws)) else frame.drop(columns="equations"))
     later.end(training.notes, silent=as_json)
-
-
-def _fitted(
-    source: Source, laws: tuple[str, ...], settings: dict[str, Any], show: Callable[[str], None]
-) -> "tuple[Trials, dict[str, Law]]":
-    """Return the trials, and all laws, those in words fitted to these."""
-    import commonlaw as cl
-    from commonlaw.law.parse import read_equations
-
-    saved = {each: cl.Law.load(each) for each in laws if is_law_file(each)}
-    texts = {each: over_table(source, each)[0] for each in laws if each not in saved}
-    training = source.select(load(source, [*texts.values()], saved.values()))
-    for each in texts.values():  # What cannot be read is refused before the others are fitted
-        _naming(each, read_equations, training.schema)
-    found = {}
-    for number, each in enumerate(laws):
-        share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))
-        share(f"fitting {each}")
-        found[each] = saved.get(each) or _naming(texts[each], cl.fit, training, **settings, progress=share)
-    return training, found
 
 
 def _naming(law: str, work: Callable[..., T], *given: Any, **settings: Any) -> T:
@@ -247,22 +250,6 @@ def _naming(law: str, work: Callable[..., T], *given: Any, **settings: Any) -> T
         return work(law, *given, **settings)
     except CommonlawError as error:
         raise error.at(law) from error
-
-
-def _sentences(frame: "pd.DataFrame") -> list[str]:
-    """Return in words which law is the most probable, and how strong the evidence against the others is."""
-    first, *others = zip(frame["law"], frame["2 log B"], strict=True)
-    grades = (
-        (2.0, "Not distinguishable from it with these data"),
-        (6.0, "Positive evidence against"),
-        (10.0, "Strong evidence against"),
-        (float("inf"), "Very strong evidence against"),
-    )
-    found = dict[str, list[str]]()
-    for name, below in others:
-        found.setdefault(next(grade for most, grade in grades if below <= most), []).append(name)
-    said = [f"{first[0]} is the most probable of these laws."]
-    return said + [f"{grade}: {', '.join(names)}." for grade, names in found.items()]
 
 
 @command

@@ -1,6 +1,6 @@
 """Options of a law and of the method that finds it, in the words of the library."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
@@ -153,35 +153,23 @@ def with_method(command: Callable[..., None]) -> Callable[..., None]:
         texts = given_settings(values, "discover")
         jobs = _read(FitOptions, {"n_jobs": texts.pop("n_jobs")} if values["each"] and "n_jobs" in texts else {})
         values["processes"] = FitOptions(**jobs).n_jobs if jobs.get("n_jobs", -1) != -1 else None
-        if method is None and texts:
-            method = _method_of(texts, order)
-        command(method=None if method is None else _method(method, texts, order), order=order, **values)
+        methods = _methods()
+        takes = {name: settings_of(options) for name, options in methods.items()}
+        if method is None and texts:  # That whose settings are given
+            own = any(name == "solver" or name not in takes["trajectory-likelihood"] for name in texts)
+            method = "derivative-regression" if own else "trajectory-likelihood"
+            method = "weak-regression" if "radii" in texts else method
+            method = "discrete-time-regression" if order == 0 else method
+        for name in texts:
+            others = [other for other in methods if name in takes[other]]
+            if others and method not in others:
+                able = " or ".join(other for other in others if (order == 0) == (0 in methods[other].orders))
+                instead = f", or use --method {able}" if able else ""
+                raise click.UsageError(f"the setting {name} does not go with --method {method}: leave it out{instead}")
+        found = None if method is None else methods[method](**_read(methods[method], texts))
+        command(method=found, order=order, **values)
 
     return with_options(wrapped, (_METHOD, *setting_options("discover")))
-
-
-def _method(name: str, texts: dict[str, list[str]], order: "AskedOrder") -> "AbstractMethod":
-    """Return the method of this name; settings that it does not have are wrong usage."""
-    methods = _methods()
-    takes = {each: settings_of(options) for each, options in methods.items()}
-    for each in texts:
-        others = [other for other in methods if each in takes[other]]
-        if others and name not in others:
-            able = " or ".join(other for other in others if (order == 0) == (0 in methods[other].orders))
-            instead = f", or use --method {able}" if able else ""
-            raise click.UsageError(f"the setting {each} does not go with --method {name}: leave it out{instead}")
-    made: AbstractMethod = methods[name](**_read(methods[name], texts))
-    return made
-
-
-def _method_of(texts: Collection[str], order: "AskedOrder") -> str:
-    """Return the name of the method whose settings are given."""
-    if order == 0:
-        return "discrete-time-regression"
-    if "radii" in texts:
-        return "weak-regression"
-    own = [name for name in texts if name == "solver" or name not in settings_of(FitOptions)]
-    return "derivative-regression" if own else "trajectory-likelihood"
 
 
 _law = partial(option, "Law")

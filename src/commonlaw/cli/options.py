@@ -208,7 +208,8 @@ class ReadTable(ReadFile):
         if not value.startswith(DATASET):
             return [value]
         named = [Path(option) for option in re.findall(r"=([^:]+)", value)]
-        return [str(file) for each in named for file in ([each] if each.is_file() else _joined(each))]
+        inside = (each.iterdir() if each.is_dir() else [each] for each in named)
+        return [str(file) for listed in inside for file in listed if file.is_file()]
 
 
 ENDINGS = {
@@ -299,14 +300,11 @@ def in_order(values: dict[str, Any]) -> bool:
     if path and not law and first_is_law:
         values["path"], values[second] = None, path
         return False
-    is_swapped = first_is_law and bool(law) and (second == "equations" or not is_law_file(law) or _is_many(law))
+    is_many = any(each in law for each in "*?[") or Path(law).is_dir()
+    is_swapped = first_is_law and bool(law) and (second == "equations" or not is_law_file(law) or is_many)
     if is_swapped:
         values["path"], values[second] = law, path
     return is_swapped
-
-
-def _is_many(name: str) -> bool:
-    return any(each in name for each in "*?[") or Path(name).is_dir()
 
 
 def check_order(values: Mapping[str, Any]) -> None:
@@ -369,7 +367,3 @@ def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> No
 
 def _values(given: Any) -> list[Any]:
     return [] if given is None else list(given) if isinstance(given, tuple) else [given]
-
-
-def _joined(folder: Path) -> list[Path]:
-    return [each for each in folder.iterdir() if each.is_file()] if folder.is_dir() else []

@@ -27,7 +27,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
 from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import as_text, counted, in_line, r_squared
-from commonlaw.trials import TrialStream
+from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from commonlaw.law.script import Source as Program
     from commonlaw.plots import Figure
     from commonlaw.stream import ManyFindings
-    from commonlaw.trials import Trials, TrialStream
     from commonlaw.verdict import Findings
 
 
@@ -128,7 +127,8 @@ def load(
         return source.reading(wide=source.roles.get("wide") or states[0]).load()
     taken = {*groups, *(name for schema in schemas for name in schema.inputs)}
     others = [name for name in (*trials.schema.states, *trials.schema.inputs) if name not in states]
-    inputs = tuple(name for name in others if name in taken or any(_occurs(name, each) for each in equations))
+    occurring = {name for name in others if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", ";".join(equations))}
+    inputs = tuple(name for name in others if name in taken | occurring)
     if {*states} == {*trials.schema.states} and {*inputs} == {*trials.schema.inputs}:
         return trials
     try:
@@ -138,10 +138,6 @@ def load(
         if name not in states or error.parameters.get("kind") != "column":
             raise
         raise CommonlawError("column-of-latent-state", error=error, name=name) from None
-
-
-def _occurs(name: str, equations: str) -> bool:
-    return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", equations) is not None
 
 
 _OPTIONS = (
@@ -424,11 +420,15 @@ class Learned:
 
     def _true_values(self, coefficient: "Coefficient") -> Floats:
         """Return what a letter stands for in the true law, shape (objects,)."""
-        law, truth = self.law, cast("Law", self.truth)
-        parts = [(part.equation, law.terms.names[part.term]) for part in coefficient.parts]
-        return coefficient.value(
-            [np.array([_true_value(truth, name, *part) for name in law.objects]) for part in parts]
-        )
+        from commonlaw.law.law import object_index
+
+        truth, columns = cast("Law", self.truth), list[Floats]()
+        rows = [object_index(truth, name) for name in self.law.objects]
+        for each in coefficient.parts:  # Zero where the true law has no such term
+            name = self.law.terms.names[each.term]
+            known = [truth.terms.index(name)] if name in truth.terms.names else []
+            columns.append(truth.coefficients[rows][:, each.equation, known].sum(axis=1))
+        return coefficient.value(columns)
 
     def _error_columns(self) -> dict[str, list[object]]:
         """Return the RMS residuals of each object, or RMS errors of its forecasts where there is no fit."""
@@ -452,15 +452,6 @@ def _with_unit(name: str, unit: str | None) -> str:
     return f"{name} ({unit})" if unit else name
 
 
-def _true_value(truth: "Law", name: str, equation: int, term: str) -> float:
-    """Return a true coefficient; zero where the true law has no such term."""
-    from commonlaw.law.law import object_index
-
-    if term not in truth.terms.names:
-        return 0.0
-    return float(truth.coefficients[object_index(truth, name)][equation, truth.terms.index(term)])
-
-
 def page(
     findings: "Findings", program: "Program | str", show: ProgressCallback, everything: "ManyFindings | None" = None
 ) -> bytes:
@@ -472,22 +463,29 @@ def page(
     return to_page(made, lambda name: show(f"drawing {name}"))
 
 
-def learned_by_stream(
+def find_law(
     source: Source,
     outputs: Outputs,
     show: ProgressCallback,
-    find: "Callable[[TrialStream, ProgressCallback], Law]",
-    explain: "Callable[[Law, Artifacts], Law]" = lambda law, _: law,
+    streams: bool,
+    find: "Callable[[Any, ProgressCallback], Law]",
+    explain: "Callable[[Law, ProgressCallback, Artifacts], Law]" = lambda law, *_: law,
 ) -> tuple[Learned, Artifacts]:
-    """Find a law in files; it is checked by forecasts of all that is held out, or else of a few trials."""
-    show("listing the files")
-    stream, later = stream_of(source), Artifacts()
-    training = source.select(stream)
+    """Find a law in a table, or in files that are gone through one by one, and check it by forecasts.
+
+    These are of all that is held out; of files without any of a few trials.
+    """
+    show("listing the files" if streams else "reading the table")
+    trials: Any = stream_of(source) if streams else source.load()
+    training, later = source.select(trials), Artifacts()
     law = find(training, part(show, 0.05, 0.9))
     later.save(outputs.save, law=law)
-    law = explain(law, later)
+    law = explain(law, show, later)
+    if not streams:
+        show("checking the law by forecasts")
+        return Learned.check(law, source, trials, training, outputs.draws, later), later
     few = few_trials(training)
     if source.holds_out:
-        return Learned.check_by_stream(law, source, source.held_out(stream), training, few, show, later), later
+        return Learned.check_by_stream(law, source, source.held_out(trials), training, few, show, later), later
     show("checking the law by forecasts of a few trials")
-    return Learned.check(law, source, few, few, outputs.draws, later, stream), later
+    return Learned.check(law, source, few, few, outputs.draws, later, trials), later

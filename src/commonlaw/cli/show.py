@@ -1,7 +1,6 @@
 """`commonlaw show`, `explain` and `report`: a saved law, what decides its coefficients, and a page on it."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -134,7 +133,8 @@ def explain(
             schema = replace(law.schema, units={**law.schema.units, **found.units})
             law = replace(law, properties=found.values, schema=schema)
         has_properties = any(law.properties.values())
-        law = law.explain(_listed(names) if names or has_properties else [])
+        named = [name for text in names for part in text.split(",") if (name := part.strip())]
+        law = law.explain(named if names or not has_properties else None)
         later = Artifacts()
         later.save(save, law=law, figure=lambda plots: plots.plot_relations(law))
     if as_json:
@@ -155,11 +155,6 @@ def explain(
             print_history(law)
     notes = () if has_properties else ("no property of the objects is known: give a table of them, --properties FILE",)
     later.end((*notes, *law.diagnostics), silent=as_json or latex)
-
-
-def _listed(texts: Sequence[str]) -> list[str] | None:
-    """Return the names in texts with commas between them; None if there is no text."""
-    return [name for text in texts for part in text.split(",") if (name := part.strip())] if texts else None
 
 
 @command

@@ -152,6 +152,9 @@ _HELD_OUT = {
     ),
 }
 
+_READING = ("object_name", "wide", "restarts", "missing", "below", "decimal", "dates")
+"""Arguments of `Trials.read` that tables of text take alone."""
+
 _EVERYDAY = ("schema", "object", "trial", "time", "states", "where")
 
 _INSTEAD = (
@@ -241,7 +244,14 @@ class Source:
         """Return all trials but those excluded; names that no option gives are taken from `schema`."""
         if self.is_stream:
             return self.named_like(schema).stream().read()
-        trials = self._without_excluded(self._from_dataset() if self.dataset else self._from_file(schema))
+        if self.dataset:
+            from commonlaw.datasets import DATASETS
+            from commonlaw.runtime.arguments import parse_spec
+
+            whole = parse_spec("data set", self.dataset, DATASETS)
+        else:
+            whole = self._from_file(schema)
+        trials = self._without_excluded(whole)
         if schema is not None:  # The law names the columns
             trials = replace(trials, notes=tuple(note for note in trials.notes if not note.startswith(GUESSED)))
         return trials.clip_irregular() if self.clip else trials
@@ -263,8 +273,7 @@ class Source:
 
     def check_streams(self) -> None:
         """Refuse what does not go with files that are streamed."""
-        of_tables = ("object_name", "wide", "restarts", "missing", "below", "decimal", "dates")
-        refused = [name for name in of_tables if name in self.roles]
+        refused = [name for name in _READING if name in self.roles]
         refused += [name for name in ("sheet", "clip") if getattr(self, name)]
         if refused:
             raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out")
@@ -316,8 +325,7 @@ class Source:
         kept = (f".split({excluded})[1]" if excluded else "") + ".clip_irregular()" * self.clip
         learned = (f".select({where})" if where else "") + (f".split({held_out})[1]" if held_out else "")
         learned += "" if self.learn_until is None else f".until({self.learn_until!r})"
-        named = ("object_name", "wide", "restarts", "missing", "below", "decimal", "dates")
-        reading = {name: self.roles[name] for name in named if name in self.roles}
+        reading = {name: self.roles[name] for name in _READING if name in self.roles}
         reading |= {"sheet": self.sheet} if self.sheet else {}
         reading |= {"noise_columns": {}} if self.roles.get("noise_columns") == {} else {}
         training, properties = f"measured{learned}" if learned else "", tuple(self.roles.get("properties", ()))
@@ -331,12 +339,6 @@ class Source:
 
     def _without_excluded(self, trials: S) -> S:
         return trials.split(**_conditions("--exclude", self.exclude, trials))[1] if self.exclude else trials
-
-    def _from_dataset(self) -> Trials:
-        from commonlaw.datasets import DATASETS
-        from commonlaw.runtime.arguments import parse_spec
-
-        return parse_spec("data set", self.dataset, DATASETS)
 
     def _from_file(self, schema: Schema | None) -> Trials:
         if not self.path:
@@ -412,8 +414,7 @@ def written_schema(source: Source, trials: Trials) -> bytes:
     else:
         found |= {"object": schema.object, "trial": schema.trial, "states": schema.measured, "inputs": schema.inputs}
         found |= {"properties": property_names(trials.properties), "noise_columns": schema.noise_columns}
-    named = ("object_name", "restarts", "missing", "below", "decimal", "dates", "units")
-    found |= {name: roles[name] for name in named if name in roles}
+    found |= {name: roles[name] for name in (*_READING, "units") if name in roles and name != "wide"}
     found |= {"sheet": source.sheet, "exclude": source.exclude, "clip": source.clip}
     found |= {name: "" for name in ("object", "trial") if roles.get(name) == ""}
     kept = {name: value for name, value in found.items() if value or value == ""}
@@ -445,7 +446,12 @@ def _conditions(name: str, texts: Sequence[str], trials: Trials | TrialStream) -
     """
     schema, names, conditions = trials.schema, ("object", "trial"), dict[str, list[float | str]]()
     roles = {schema.object: "object", schema.trial: "trial"}
-    known = _known(trials) if isinstance(trials, Trials) else {}
+    known = dict[str, set[object]]()
+    if isinstance(trials, Trials):
+        for owned in trials.properties.values():
+            for name_, value in owned.items():
+                known.setdefault(name_, set()).add(value)
+        known |= {"object": {each.object for each in trials}, "trial": {each.name for each in trials}}
     for key, text in pairs(name, texts):
         role = roles.get(key, key)
         if isinstance(trials, TrialStream) and role not in names:
@@ -455,15 +461,6 @@ def _conditions(name: str, texts: Sequence[str], trials: Trials | TrialStream) -
         parts = _parts(text, known.get(role, ()))
         conditions.setdefault(role, []).extend(parts if role in names else map(number_or_text, parts))
     return conditions
-
-
-def _known(trials: Trials) -> dict[str, set[object]]:
-    """Return the names of objects and trials, and the values of properties, by role and property."""
-    found: dict[str, set[object]] = {
-        name: {own[name] for own in trials.properties.values() if name in own}
-        for name in property_names(trials.properties)
-    }
-    return found | {"object": {each.object for each in trials}, "trial": {each.name for each in trials}}
 
 
 def _parts(text: str, present: Collection[object]) -> list[str]:

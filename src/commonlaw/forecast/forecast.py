@@ -203,7 +203,9 @@ class Forecast(ShownInNotebooks):
         parts = self.parts or (Part(1.0, self, (1.0,) * len(self.trials)),)
         scales = [each.forecast._scales(measured) for each in parts]
         centers = [each.forecast._states() for each in parts]
-        degrees = np.array([each.forecast._degrees() for each in parts])[:, np.newaxis, :]
+        known = [each.forecast.degrees_of_freedom for each in parts]
+        states = len(self.trials.schema.states)
+        degrees = np.array([np.full(states, np.inf) if own is None else own for own in known])[:, np.newaxis, :]
         return tuple(
             mixture_interval(
                 np.array([each.weights[i] for each in parts]).reshape(-1, 1, 1),
@@ -231,10 +233,6 @@ class Forecast(ShownInNotebooks):
             return [wider * each[:, :width] for wider, each in zip(factors, self.std, strict=True)]
         triples = zip(factors, self.std, self.measurement_std(), strict=True)
         return [wider * np.hypot(std[:, :width], noise) for wider, std, noise in triples]
-
-    def _degrees(self) -> Floats:
-        states = len(self.trials.schema.states)
-        return np.full(states, np.inf) if self.degrees_of_freedom is None else self.degrees_of_freedom
 
     def measurement_std(self, white: bool = False) -> tuple[Floats, ...]:
         """Return standard deviations of measurements, shape (n, states), or of their `white` noise alone.
@@ -332,7 +330,12 @@ class Forecast(ShownInNotebooks):
         One forecast that fails does not outweigh many good ones. Missing measurements and states that did not vary do
         not count; NaN if none did.
         """
-        scores = [_bounded(forecast - states, states - _means(states)) for states, forecast in self._compared()]
+        scores = list[Floats]()
+        for states, forecast in self._compared():
+            variation = states - _means(states)
+            errors = np.where(np.isnan(variation), 0.0, np.nan_to_num(forecast - states, nan=np.inf))
+            missed, varied = np.sum(errors**2, axis=0), np.nansum(variation**2, axis=0)
+            scores.append(np.maximum(1 - missed[varied > 0] / varied[varied > 0], -1.0))
         known = np.concatenate(scores)
         return float(np.mean(known)) if len(known) else np.nan
 
@@ -370,13 +373,6 @@ def _measured(trial: Trial) -> Bools:
 
 def _sum_of_squares(parts: Sequence[Floats]) -> Floats:
     return np.asarray(sum(np.nansum(part**2, axis=0) for part in parts))
-
-
-def _bounded(errors: Floats, variation: Floats) -> Floats:
-    """Return R^2 of the states that vary in a trial, each at least -1, from errors that are NaN where it diverged."""
-    errors = np.where(np.isnan(variation), 0.0, np.nan_to_num(errors, nan=np.inf))
-    missed, varied = np.sum(errors**2, axis=0), np.nansum(variation**2, axis=0)
-    return np.asarray(np.maximum(1 - missed[varied > 0] / varied[varied > 0], -1.0))
 
 
 def _means(states: Floats) -> Floats:

@@ -270,8 +270,15 @@ def plot_intervals(law: Law) -> Figure:
     Objects have a line each; more than fifty are sorted by each coefficient, without names.
     """
     dots = DotPlot(law)
-    if len(law.objects) > _NAMED:
-        return _in_order(dots)
+    if len(law.objects) > _NAMED:  # Each coefficient in the order of its size
+        figure = Figure(figsize=(dots.width, 0.6 + 2.6 * dots.lines), layout="constrained")
+        panels = figure.subplots(dots.lines, dots.columns, squeeze=False)
+        for panel in panels.flat[len(dots.coefficients) :]:
+            panel.set_visible(False)
+        for panel, each in zip(panels.flat, dots.coefficients, strict=False):
+            _draw_in_order(panel, each)
+            panel.set_title(dots.title(each))
+        return frozen_layout(figure)
     figure = Figure(figsize=(dots.width, 0.8 + dots.height), layout="constrained")
     dots.draw(figure, figure.add_gridspec(1, 1)[0])
     add_legend(figure, dots.keys(), "above")
@@ -305,18 +312,6 @@ class IntervalPanels:
     @cached_property
     def _dots(self) -> DotPlot:
         return DotPlot(self.law)
-
-
-def _in_order(dots: DotPlot) -> Figure:
-    """Return the figure of many objects: each coefficient in the order of its size."""
-    figure = Figure(figsize=(dots.width, 0.6 + 2.6 * dots.lines), layout="constrained")
-    panels = figure.subplots(dots.lines, dots.columns, squeeze=False)
-    for panel in panels.flat[len(dots.coefficients) :]:
-        panel.set_visible(False)
-    for panel, each in zip(panels.flat, dots.coefficients, strict=False):
-        _draw_in_order(panel, each)
-        panel.set_title(dots.title(each))
-    return frozen_layout(figure)
 
 
 def _draw_in_order(panel: Axes, each: Coefficient) -> None:

@@ -132,7 +132,9 @@ def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, column
             if column < states:
                 panel.set_ylabel(axis_label(what, schema.units.get(schema.states[j], "")))
     for alike in pairs.values():
-        set_limits(alike[0], [curve for pair in alike for curve in pair.curves])
+        limits = limits_of([curve for pair in alike for curve in pair.curves])
+        for panel, own in zip((alike[0].above, alike[0].below), limits, strict=True):
+            panel.set_ylim(*own)
         for pair in alike:
             draw_bands(pair)
     show_lowest_ticks(lower, columns, axis_label(schema.time, schema.units.get(schema.time, "")))
@@ -226,15 +228,11 @@ def draw_bands(pair: Pair) -> None:
                 panel.fill_between(curve.at, *ends, color=curve.color, alpha=_LIGHT, linewidth=0, zorder=1)
 
 
-def set_limits(pair: Pair, curves: Sequence[Curve]) -> None:
-    """Show all that was measured, and of forecasts and bands what lies within half of its span from it."""
-    state, error = limits_of(curves)
-    pair.above.set_ylim(*state)
-    pair.below.set_ylim(*error)
-
-
 def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the limits of the panels of a state and of its errors, see `set_limits`."""
+    """Return the limits of the panels of a state and of its errors.
+
+    They show all that was measured, and of forecasts and bands what lies within half of its span from it.
+    """
     measured = np.concatenate([curve.measured for curve in curves])
     forecasts = np.concatenate([each for curve in curves for each in (curve.low, curve.high)])
     low, high = np.nanmin(measured), np.nanmax(measured)
@@ -325,7 +323,9 @@ def plot_design(design: Design) -> Figure:
     for i, each in enumerate(drawn):
         for j, name in enumerate(states):
             _draw(panels[i, j], each.forecasts, j)
-            panels[i, j].set_ylabel(_label(each.forecasts, name, schema.units.get(name, "")))
+            is_ratio = name in each.forecasts.logarithmic
+            label = f"{name} / first law" if is_ratio else f"{name} − first law"
+            panels[i, j].set_ylabel(axis_label(label, "" if is_ratio else schema.units.get(name, "")))
         panels[i, 0].set_title(plain(f"{i + 1}. {each.text}", 60 * len(states)), loc="left", fontsize=9)
     for panel in panels[-1]:
         panel.set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
@@ -337,12 +337,6 @@ def plot_design(design: Design) -> Figure:
 
 def _look(index: int) -> dict[str, Any]:
     return {"color": COLORS[index % len(COLORS)], "linestyle": DASHES[index % len(DASHES)]}
-
-
-def _label(forecasts: Forecasts, name: str, unit: str) -> str:
-    if name in forecasts.logarithmic:
-        return axis_label(f"{name} / first law")
-    return axis_label(f"{name} − first law", unit)
 
 
 def _draw(panel: Axes, forecasts: Forecasts, state: int) -> None:

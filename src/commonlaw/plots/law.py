@@ -21,7 +21,7 @@ from commonlaw.plots.style import add_legend, fitting, frozen_layout, styled
 from commonlaw.trials import Trials
 
 _MAX_DOTS = 12
-"""More coefficients than these are drawn as heat maps."""
+"""More coefficients than these, or none, are drawn as heat maps."""
 
 
 @styled()
@@ -51,7 +51,10 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     shown, left_out = of_objects(forecast, names), omission(forecast, names)
     if left_out and (known := [name for name in law.objects if name in names]):
         law = law.select(known)
-    coefficients = _coefficients(law, truth)
+    true = () if truth is None else [truth.terms.names[k] for k in np.flatnonzero(truth.support.any(axis=0))]
+    dots = DotPlot(law, truth)
+    maps = HeatMaps(law, law.support.any(axis=0) | np.isin(law.terms.names, true), truth)
+    coefficients = dots if 0 < len(dots.coefficients) <= _MAX_DOTS else maps
     columns, lines = forecast_grid(shown)
     equations = equation_lines(law)
     heights = (ROW_HEIGHT * lines, 0.4 + coefficients.height)
@@ -64,12 +67,3 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     draw_forecast(figure, indices[0], shown, columns)
     add_legend(figure, [*coefficients.keys(), *forecast_keys(shown)], "below", left_out)
     return frozen_layout(figure)
-
-
-def _coefficients(law: Law, truth: Law | None) -> DotPlot | HeatMaps:
-    """Return the plot of the law's coefficients: dots, or heat maps when there are none or many."""
-    dots = DotPlot(law, truth)
-    if 0 < len(dots.coefficients) <= _MAX_DOTS:
-        return dots
-    true = () if truth is None else [truth.terms.names[k] for k in np.flatnonzero(truth.support.any(axis=0))]
-    return HeatMaps(law, law.support.any(axis=0) | np.isin(law.terms.names, true), truth)

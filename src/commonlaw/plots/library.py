@@ -12,7 +12,7 @@ from commonlaw.array_types import Floats
 from commonlaw.formulation import StrongForm
 from commonlaw.law import Law
 from commonlaw.law.parameters import left_hand_sides
-from commonlaw.library import Order, Terms, Variables, term_unit, with_rates
+from commonlaw.library import Terms, term_unit, with_rates
 from commonlaw.plots.equations import equation_labels
 from commonlaw.plots.style import (
     COLORS,
@@ -52,7 +52,11 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
     values, _ = form.samples(trial)
     rows, _ = form.rows(trial, terms)
     names, columns = terms.variables.names, columns_for(len(terms))
-    known = _with_rates(units or {}, terms.variables, form.order, trial.states.shape[1])
+    variables, known = terms.variables, dict[str, "str | pint.Unit"](units or {})
+    count = trial.states.shape[1]
+    for j, rate in zip(with_rates(form.order, count), variables.states[count:], strict=True):
+        if {state := variables.states[j], variables.time} <= known.keys():  # Both have a unit, and so the rate has
+            known[rate] = parse_unit(str(known[state])) / parse_unit(str(known[variables.time]))
     lines = -(-len(terms) // columns)
     figure = Figure(figsize=fitting(1 + 2.3 * columns, 0.9 + 1.6 * lines), layout="constrained")
     figure.suptitle(plain(trial.label, 60))
@@ -67,18 +71,6 @@ def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[st
     time = terms.variables.time
     show_lowest_ticks(panels, columns, axis_label(time, (units or {}).get(time, "")))
     return frozen_layout(figure)
-
-
-def _with_rates(
-    units: Mapping[str, str], variables: Variables, order: Order, count: int
-) -> "dict[str, str | pint.Unit]":
-    """Return the units with those of the states' rates, where both the state and time have one."""
-    states, time, known = variables.states, variables.time, dict[str, "str | pint.Unit"](units)
-    for j, rate in zip(with_rates(order, count), states[count:], strict=True):
-        state = states[j]
-        if {state, time} <= units.keys():
-            known[rate] = parse_unit(units[state]) / parse_unit(units[time])
-    return known
 
 
 _ERROR, _DEVIATION = "held-out error", "standard error"

@@ -133,7 +133,8 @@ def plot_trials(
     chosen = trials if objects is None else trials.select(object=objects if isinstance(objects, str) else list(objects))
     figure = Figure(figsize=(9, 2 + 3 * len(states)), layout="constrained")
     panels = figure.subplots(len(states), 1, sharex=True, squeeze=False)[:, 0]
-    look, dashes, references = looks(trials.objects), _dashes(chosen), references or {}
+    look, labels, references = looks(trials.objects), dict.fromkeys(each.name for each in chosen), references or {}
+    dashes = dict(zip(labels, DASHES, strict=False)) if 1 < len(labels) <= len(DASHES) else {}
     for panel, name in zip(panels, states, strict=True):
         column, unit = schema.states.index(name), schema.units.get(name, "")
         for trial in chosen:
@@ -158,9 +159,3 @@ def plot_trials(
 def _reference(index: int) -> dict[str, Any]:
     """Return how a curve to compare with looks: wider than those of the trials, and above them."""
     return {"color": "black", "linestyle": DASHES[index % len(DASHES)], "linewidth": 2.4, "zorder": 3}
-
-
-def _dashes(trials: Trials) -> dict[str, str]:
-    """Return the line style of each trial label; none if there is one label, or more labels than line styles."""
-    names = list(dict.fromkeys(trial.name for trial in trials))
-    return dict(zip(names, DASHES, strict=False)) if 1 < len(names) <= len(DASHES) else {}

@@ -112,25 +112,19 @@ _STRANGEST = 10
 
 def all_objects(found: ManyFindings) -> Section:
     """Return the part on all objects."""
-    law, blocks = found.law, [Text(_intro(found))]
-    several = len(law.objects) > MANY and law.support.any()
-    return Section(
-        "all-objects", "All objects", (*blocks, *_forecasts(found), *(_coefficients(law) if several else ()))
-    )
-
-
-def _intro(found: ManyFindings) -> str:
-    shown = counted(len(found.few.trials.objects), "object")
+    law, shown = found.law, counted(len(found.few.trials.objects), "object")
     bands = (
         "" if np.isnan(found.coverage) else f" The 95 % bands hold {100 * found.coverage:.3g} % of the measurements."
     )
     diverged = f" {found.diverged} of the forecasts diverge." if found.diverged else ""
-    return (
+    intro = (
         f"{found.forecast_of} were forecast, each from initial conditions fitted to its first samples: "
         f"${r_squared(found.score)}$.{bands}{diverged} "
         f"The verdict and the other parts of this page are about {shown} that represent all, evenly "
         "spaced by the rank of their forecast error."
     )
+    more = _coefficients(law) if len(law.objects) > MANY and law.support.any() else ()
+    return Section("all-objects", "All objects", (Text(intro), *_forecasts(found), *more))
 
 
 def _forecasts(found: ManyFindings) -> Iterator[Block]:

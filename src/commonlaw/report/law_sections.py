@@ -231,22 +231,15 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
 
 def _errors(case: LawCase) -> Iterator[Block]:
     """Yield the errors of measurement, and whether the law itself errs."""
-    if case.law.uncertainty.noise is not None:
-        yield Text(f"Measurement errors: {literal('; '.join(_of_measurement(case)))}.")
-    if case.law.uncertainty.error_model.of_law:
-        yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
-
-
-def _of_measurement(case: LawCase) -> Iterator[str]:
-    """Yield the levels of the errors of measurement of each kind."""
     law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.schema
-    time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
-    kinds = (("noise", law.uncertainty.noise), (f"autocorrelated errors ({time})", errors.correlated))
-    for kind, levels in kinds:
-        if levels is not None:
-            yield f"{kind} of {levels_in_words(levels, schema)}"
-    for grown in errors.heteroscedastic_in_words(law.schema.states).values():
-        yield f"noise of {grown}"
+    if law.uncertainty.noise is not None:
+        time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
+        kinds = (("noise", law.uncertainty.noise), (f"autocorrelated errors ({time})", errors.correlated))
+        levels = [f"{kind} of {levels_in_words(own, schema)}" for kind, own in kinds if own is not None]
+        levels += [f"noise of {grown}" for grown in errors.heteroscedastic_in_words(schema.states).values()]
+        yield Text(f"Measurement errors: {literal('; '.join(levels))}.")
+    if errors.of_law:
+        yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
 
 
 _MIN_OBJECTS = 2
@@ -268,11 +261,27 @@ def coefficients(case: LawCase) -> Section:
     """Return the part on coefficients, and on what decides them."""
     law, blocks = case.law, list[Block]()
     if law.uncertainty.explanation is not None and len(law.objects) > 1:
-        blocks += _relations(law)
+        caption = (
+            "Coefficients explained by properties: kind, properties, factor, and standard deviation between objects. "
+            "The factor of an affine function is its constant; the formula at the top has all of them."
+        )
+        blocks.append(Table("relations", caption, relations_frame(law).dropna(axis=1, how="all")))
+        caption = "Estimates by object against properties that explain them."
+        blocks.append(Picture("relation-plots", caption, partial(plot_relations, law)))
     if law.support.any():
         known = law.uncertainty.covariance is not None
         what = "Coefficients by object with 95 % intervals." if known else "Coefficients by object."
-        blocks.append(Text(_interval(case) if known else "Their standard errors are unknown."))
+        others = len(law.uncertainty.other_laws)
+        text = "Their standard errors are unknown."
+        if known and case.findings.is_exact:
+            holds = "" if others else ", if the law holds"
+            text = f"95 % intervals contain the true coefficient with a probability of 95 %{holds}."
+        elif known:
+            text = "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals "
+            text += "reflect sampling error only."
+        if known and others:
+            text += f" They are averaged over the law and {counted(others, 'other plausible law')}."
+        blocks.append(Text(text))
         pairs = zip(coefficient_names(law), named_parameters(law).errors.T, strict=True)
         given = [name for (name, _), errors in pairs if known and not errors.any()]
         if given:
@@ -307,32 +316,6 @@ def _intervals(law: Law, caption: str) -> Block:
         for i, what in enumerate(panels.captions)
     ]
     return Gallery(tuple(pictures))
-
-
-def _interval(case: LawCase) -> str:
-    others = len(case.law.uncertainty.other_laws)
-    averaged = f" They are averaged over the law and {counted(others, 'other plausible law')}." if others else ""
-    if case.findings.is_exact:
-        holds = "" if others else ", if the law holds"
-        return f"95 % intervals contain the true coefficient with a probability of 95 %{holds}.{averaged}"
-    return (
-        "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals reflect sampling "
-        f"error only.{averaged}"
-    )
-
-
-def _relations(law: Law) -> list[Block]:
-    caption = (
-        "Coefficients explained by properties: kind, properties, factor, and standard deviation between objects. The "
-        "factor of an affine function is its constant; the formula at the top has all of them."
-    )
-    relations = relations_frame(law).dropna(axis=1, how="all")
-    return [
-        Table("relations", caption, relations),
-        Picture(
-            "relation-plots", "Estimates by object against properties that explain them.", partial(plot_relations, law)
-        ),
-    ]
 
 
 def _contrasts(case: LawCase) -> Iterator[Block]:

@@ -243,7 +243,10 @@ def connected(address: str) -> Iterator["Client"]:
     or dask is not installed.
     """
     distributed, own = optional_import("distributed", "work on a cluster", "cluster"), None
-    with _silent():
+    logger = logging.getLogger("distributed")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)  # What dask says of connections that break is said in one line
+    try:
         try:
             if address.startswith("local:"):
                 own = _started(distributed, address.removeprefix("local:"))
@@ -264,16 +267,6 @@ def connected(address: str) -> Iterator["Client"]:
                 with suppress(TimeoutError):  # Of a scheduler that is not there any more
                     if each is not None:
                         each.close(timeout=patience)
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Leave out what dask says of connections that break: that is said in one line."""
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        yield
     finally:
         logger.setLevel(before)
 
