@@ -285,3 +285,15 @@ def test_inputs_keep_their_last_value_beyond_the_samples():
     law = Law(terms, Schema(("x",), ("u",)), 1, ("tank",), np.array([[[1.0]]]), uncertainty=Uncertainty(noise=[0.1]))
     trials = Trials((Trial("tank", "1", times, 2 * times, 2 + 0 * times),), law.schema)
     assert law.predict(trials, times=[3.0]).trajectories[0].states[-1, 0] == pytest.approx(6)
+
+
+@pytest.mark.parametrize("start", [None, 3, "all"])
+def test_a_forecast_begins_with_the_first_row_even_if_that_is_below_a_limit(start):
+    law = law_of("poly:1", ("x",), [[0.0, -0.5]], noise=[1e-3])
+    times = np.linspace(0.0, 4.0, 9)
+    states = np.exp(-0.5 * times)[:, None]
+    states[0], limits = np.nan, np.full((9, 1), np.nan)
+    limits[0] = 2.0
+    trials = Trials((Trial("tank", "1", times, states, below=limits),), law.schema)
+    (curve,) = law.predict(trials, start=start).trajectories
+    np.testing.assert_allclose(curve.states[:, 0], np.exp(-0.5 * times), rtol=1e-6)

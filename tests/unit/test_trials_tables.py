@@ -430,3 +430,19 @@ def test_text_is_no_number(method, name):
         method(**{name: "2"})
     assert "'2'" in str(raised.value)
     assert name in str(raised.value).replace(" ", "_") or raised.value.code == name.replace("_", "-")
+
+
+@pytest.mark.parametrize(
+    ("cells", "values", "limits"),
+    [
+        (["1.5", "<1.2", "0.9"], [1.5, np.nan, 0.9], [np.nan, 1.2, np.nan]),
+        (["1,5", "1,25", "0,9"], [1.5, 1.25, 0.9], [np.nan] * 3),
+        (["1.5", "n.d.", "0.9"], [1.5, 0.9], [np.nan] * 2),
+    ],
+    ids=["below a limit", "decimal commas", "missing"],
+)
+def test_numbers_that_one_cell_made_text_are_read_from_a_frame(cells, values, limits):
+    trials = Trials.from_frame(pd.DataFrame({"t": [0.0, 1.0, 2.0], "conc": cells, "lot": ["7", "7", "8"]}))
+    assert trials.schema.states == ("conc",)
+    np.testing.assert_array_equal(trials.trials[0].states[:, 0], values)
+    np.testing.assert_array_equal(trials.trials[0].below[:, 0], limits)

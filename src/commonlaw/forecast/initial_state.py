@@ -389,7 +389,13 @@ def begin(
         if from_time is None:
             measured = trial if law.schema.doses else trial.measured()
             count = _count(law, measured, len(measured) < len(trial)) if start is None else start
-            fitted_start = None if min(count, len(measured)) == 1 else fit_initial_state(law, measured, inputs, count)
+            fitted_start = None
+            if min(count, len(measured)) > 1:
+                if trial.times[0] < measured.times[0]:  # The solution begins with the first row, measured or not
+                    is_kept = np.isfinite(trial.states).any(axis=1)
+                    is_kept[0] = True
+                    measured, count = trial.rows(is_kept), count + 1
+                fitted_start = fit_initial_state(law, measured, inputs, count)
             found.append(Beginning(extended, inputs, trial.measured(), fitted_start))
         elif trial.times[0] < from_time <= extended.times[-1]:
             found.append(_begin_later(law, trial, extended, inputs, start, from_time))

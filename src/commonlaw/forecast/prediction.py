@@ -398,9 +398,9 @@ def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
         errors.measurement_std(
             np.nan_to_num(curve.states[:, : len(law.schema.states)]), trial.std(law.uncertainty.noise)
         )
-        for trial, curve in zip(trials, fit.trajectories, strict=True)
+        for trial, curve in zip(fit.trials, fit.trajectories, strict=True)
     ]
-    weighted = tuple(replace(trial, noise=each) for trial, each in zip(trials, deviations, strict=True))
+    weighted = tuple(replace(trial, noise=std) for trial, std in zip(fit.trials, deviations, strict=True))
     names = {name: f"standard deviation of {name}" for name in law.schema.states} | dict(trials.schema.noise_columns)
     trials = replace(trials, trials=weighted, schema=replace(trials.schema, noise_columns=names))
     return solution.predict(trials, start="all", return_std=return_std, averaged=False)

@@ -343,8 +343,15 @@ def with_unit(values: Any) -> tuple[Any, str]:
     return (values.magnitude, f"{values.units:~C}") if hasattr(values, "magnitude") else (values, "")
 
 
+_DECIMAL = re.compile(r"[<≤]?\s*[-+]?\d*[.,]\d+(?:[eE][-+]?\d+)?")
+
+
 def _series_column(series: "nw.Series[Any]") -> tuple[Column, bool]:
-    """Return a column of a frame, and whether it was of several kinds and became text."""
+    """Return a column of a frame, and whether its text may be numbers.
+
+    It may if it was mixed with other kinds, or has decimal marks, as ``<0.1``, ``1,5`` or ``n.d.`` turn a column of
+    numbers into text. Whole numbers, and numbers with a unit, are labels.
+    """
     import narwhals as nw
 
     # NumPy has no integers of 128 bits
@@ -358,7 +365,10 @@ def _series_column(series: "nw.Series[Any]") -> tuple[Column, bool]:
             words = [*chunk.dictionary.to_pylist(), None]
             cells += map(words.__getitem__, chunk.indices.fill_null(len(words) - 1).to_pylist())
         return column_of(cells)
-    return column_of(series.to_list())
+    column, is_mixed = column_of(series.to_list())
+    if is_mixed or not any(isinstance(cell, str) and _DECIMAL.fullmatch(cell.strip()) for cell in column.tolist()):
+        return column, is_mixed
+    return column, isinstance(numerals(column, Notation()), Numerals)
 
 
 def _missing(column: Column) -> Bools:
