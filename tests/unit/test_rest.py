@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.outcomes import OutcomeKind
-from commonlaw.trials.transformations import objects_at_rest
+from commonlaw.trials.transformations import objects_at_rest, states_at_rest
 
 TIMES = np.linspace(0, 12, 40)
 RATES = {"A1": 0.9, "A2": 1.1, "A3": 1.3}
@@ -59,3 +59,41 @@ def test_where_all_objects_rest_none_is_left_out():
 
 def test_exact_constants_rest():
     assert objects_at_rest(plate(BLANKS, noise=0.0)) == ("B1", "B2")
+
+
+def tracked(across, count=2):
+    """Damped oscillations x of some trials, with what was measured across."""
+    generator = np.random.default_rng(5)
+    states = [
+        np.column_stack([np.exp(-0.1 * TIMES) * np.cos(2 * TIMES + k), across(TIMES, generator)]) for k in range(count)
+    ]
+    noise = 0.002 * generator.standard_normal((count, len(TIMES), 2))
+    return cl.Trials.from_arrays([TIMES] * count, [*(states + noise)], names=["x", "y"])
+
+
+def test_a_state_that_never_changes_is_left_out_of_a_law_that_takes_tables_with_it():
+    trials = tracked(lambda t, _: np.full_like(t, 0.3))
+    law = cl.discover(trials, order=2, library="poly:1")
+    assert law.structure == ("x'' = a x + b v",)
+    assert "states-at-rest" in {each.code for each in law.diagnostics}
+    again = cl.law.from_json(cl.law.to_json(law))
+    assert again.predict(trials).score() > 0.99
+    assert cl.refine(again, trials).provenance.domain.constant == ("y",)
+
+
+@pytest.mark.parametrize(
+    "across",
+    [
+        lambda t, _: 0.3 + 0.001 * t,
+        lambda t, _: 0.3 + 0.005 * np.exp(-0.1 * t) * np.cos(2 * t),
+        lambda t, generator: np.full_like(t, generator.normal()),
+    ],
+    ids=["drift", "small oscillation", "other values in other trials"],
+)
+def test_states_that_change_are_kept(across):
+    assert states_at_rest(tracked(across, 4)) == ()
+
+
+def test_states_of_noise_alone_are_kept():
+    states = [np.random.default_rng(k).standard_normal((40, 2)) for k in range(3)]
+    assert states_at_rest(cl.Trials.from_arrays([TIMES] * 3, states, names=["x", "y"])) == ()

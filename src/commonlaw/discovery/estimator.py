@@ -34,7 +34,14 @@ from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.text import shown
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.check import exact_copies
-from commonlaw.trials.transformations import objects_at_rest, outcome_of_rest, without_objects
+from commonlaw.trials.transformations import (
+    objects_at_rest,
+    outcome_of_constants,
+    outcome_of_rest,
+    states_at_rest,
+    without_objects,
+    without_states,
+)
 from commonlaw.trials.trial import check_gaps
 
 if TYPE_CHECKING:
@@ -171,6 +178,10 @@ class LawDiscovery:
         method = with_unmeasured(method, self.unmeasured)
         by_equation = isinstance(self.library, Mapping)
         order = 1 if (derivatives or by_equation) and self.order == "auto" else self.order
+        constant = tuple[str, ...]()
+        if isinstance(trials, Trials) and not (by_equation or self.known or self.universal or derivatives):
+            constant = states_at_rest(trials) if isinstance(order, str) or order in (1, 2) else ()
+            trials = without_states(trials, constant)
         trials, possible, steps, rates = possible_orders(trials, order)
         absent: Known = {}
         if isinstance(self.library, Mapping):
@@ -218,10 +229,10 @@ class LawDiscovery:
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain, outcomes = (
             law.provenance.domain,
-            (*law.diagnostics, *rates, *copies, *outcome_of_rest(resting), *instead),
+            (*law.diagnostics, *rates, *copies, *outcome_of_constants(constant), *outcome_of_rest(resting), *instead),
         )
         if isinstance(trials, Trials):
-            domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting)
+            domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
             outcomes = with_origin_outcomes(outcomes, law, trials)
             outcomes = (*outcomes, *outcomes_of_confounding(trials, law.order, library))
             if self.order == "auto" and law.order != 0:

@@ -392,9 +392,8 @@ def begin(
             fitted_start = None
             if min(count, len(measured)) > 1:
                 if trial.times[0] < measured.times[0]:  # The solution begins with the first row, measured or not
-                    is_kept = np.isfinite(trial.states).any(axis=1)
-                    is_kept[0] = True
-                    measured, count = trial.rows(is_kept), count + 1
+                    is_kept = np.isfinite(trial.states).any(axis=1) | (np.arange(len(trial)) == 0)
+                    measured, count = trial.rows(np.asarray(is_kept)), count + 1
                 fitted_start = fit_initial_state(law, measured, inputs, count)
             found.append(Beginning(extended, inputs, trial.measured(), fitted_start))
         elif trial.times[0] < from_time <= extended.times[-1]:

@@ -23,6 +23,7 @@ from commonlaw.trials.transformations import (
     with_starts,
     without_objects,
     without_rates,
+    without_states,
 )
 from commonlaw.trials.trial import as_numbers
 
@@ -50,7 +51,7 @@ def matched(
     if not observed:
         refuse_observation(law)
     schema = measured_schema(law)
-    trials = without_rates(trials, schema.rates)
+    trials = without_states(without_rates(trials, schema.rates), law.provenance.domain.constant)
     if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
         trials = without_objects(trials, tuple(name for name in objects_at_rest(trials) if name in resting))
     starts = {name: start for name, start in schema.starts.items() if name not in trials.schema.states}

@@ -41,12 +41,15 @@ class Domain:
         far was assessed; None if it was not.
     at_rest
         Objects that were left out, as nothing changed in their trials.
+    constant
+        States that were left out, as they stay constant within their noise in all trials.
     """
 
     visited: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     horizon: float | None = None
     judged: float | None = None
     at_rest: tuple[str, ...] = ()
+    constant: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, trials: Trials, rates: Sequence[tuple[str, str]]) -> "Domain":

@@ -1,13 +1,13 @@
 """Trials in other variables: units, logarithms, rates, properties and doses as inputs, latent states, without rest."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Floats, Indices
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.outcomes import Outcome, note
 from commonlaw.text import shown
@@ -173,18 +173,27 @@ def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str])
 
 def without_rates(trials: Trials, rates: Mapping[str, str]) -> Trials:
     """Return trials without the columns that are rates of states; their schema and a note say which these are."""
-    schema, left_out = trials.schema, [*rates.values()]
-    kept = [j for j, name in enumerate(schema.states) if name not in left_out]
+    kept = without_states(trials, [*rates.values()])
+    if kept is trials:
+        return trials
+    notes = (*trials.notes, f"left out: {rates_in_words(rates)}")
+    return replace(kept, schema=replace(kept.schema, rates=rates), notes=notes)
+
+
+def without_states(trials: Trials, names: Collection[str]) -> Trials:
+    """Return trials without the columns of these states, and without samples in which only they were measured."""
+    schema = trials.schema
+    kept = [j for j, name in enumerate(schema.states) if name not in names]
     if len(kept) == len(schema.states):
         return trials
-    gone = {name for name in schema.states if name in left_out}
     states, changed = tuple(schema.states[j] for j in kept), []
+    gone = {*schema.states} - {*states}
     for trial in trials:
         known = np.isfinite(trial.states) | np.isfinite(trial.below)
         seen, measured = known[:, kept].any(axis=1), known.any(axis=1)
         if not seen.any():
             raise CommonlawError("state-not-in-trial", where=trial.label, names=states)
-        part = trial.rows(np.asarray(seen | ~measured))  # Without samples in which only rates were measured
+        part = trial.rows(np.asarray(seen | ~measured))
         repeats = part.repeats and part.repeats.taken((slice(None), kept))
         parts = {name: getattr(part, name)[:, kept] for name in ("states", "noise", "below")}
         changed.append(replace(part, **parts, repeats=repeats))
@@ -196,9 +205,7 @@ def without_rates(trials: Trials, rates: Mapping[str, str]) -> Trials:
             states=states,
             units={name: unit for name, unit in schema.units.items() if name not in gone},
             noise_columns={name: column for name, column in schema.noise_columns.items() if name not in gone},
-            rates=rates,
         ),
-        notes=(*trials.notes, f"left out: {rates_in_words(rates)}"),
     )
 
 
@@ -371,22 +378,67 @@ def objects_at_rest(trials: Trials) -> tuple[str, ...]:
     for o, name in enumerate(names):
         inputs = np.concatenate([trial.inputs for trial in trials.of_object(name)])
         driven[o] = (inputs != inputs[0]).any()
-        for trial in trials.of_object(name):
-            for j, column in enumerate(trial.states.T):
-                seen = column[np.isfinite(column)]
-                if len(seen) > 1:
-                    count[o, j] += len(seen) - 1
-                    differences[o, j] += np.sum(np.diff(seen) ** 2)
-                    deviations[o, j] += np.sum((seen - seen.mean()) ** 2)
+        sums = [_sums_of_squares(trial) for trial in trials.of_object(name)]
+        count[o], differences[o], deviations[o] = np.sum(sums, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        is_noise = differences >= (2 - 4 / np.sqrt(count)) * deviations
         variance = deviations / count
     counted = np.where(count >= _DIFFERENCES, variance, np.nan)
     if np.isnan(counted).all(axis=0).any():
         return ()
     is_small = variance < _SHARE * np.nanmean(counted, axis=0)
-    at_rest = ((count >= _DIFFERENCES) & is_noise & is_small).all(axis=1) & ~driven
+    at_rest = (_is_white(count, differences, deviations) & is_small).all(axis=1) & ~driven
     return tuple(name for name, rests in zip(names, at_rest, strict=True) if rests)
+
+
+def states_at_rest(trials: Trials) -> tuple[str, ...]:
+    """Return the states that stay constant within their noise in all trials while others change.
+
+    Differences of neighbouring samples and deviations from the mean of all trials are those of white noise alone, as in
+    `objects_at_rest`, and the linear regression on all other states and inputs is not significant (F test at 1 %).
+    """
+    from scipy.stats import f
+
+    values = np.concatenate([trial.states for trial in trials])
+    if values.shape[1] == 1 or np.isnan(values).all(axis=0).any():
+        return ()
+    sums = np.sum([_sums_of_squares(trial, np.nanmean(values, axis=0)) for trial in trials], axis=0)
+    found, inputs = list[str](), np.concatenate([trial.inputs for trial in trials])
+    for j in np.flatnonzero(_is_white(*sums)):
+        rows = np.column_stack([np.ones(len(values)), np.delete(values, j, axis=1), inputs, values[:, j]])
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        rows = rows / np.maximum(np.abs(rows).max(axis=0, initial=0.0), np.finfo(float).tiny)
+        regressors, target = rows[:, :-1], rows[:, -1] - rows[:, -1].mean()
+        coefficients, _, rank, _ = np.linalg.lstsq(regressors, target)
+        residuals = target - regressors @ coefficients
+        explained, left = float(target @ target - residuals @ residuals), float(residuals @ residuals)
+        free = len(rows) - int(rank)
+        if free > 0 and (rank < 2 or f.sf(explained / (rank - 1) * free / max(left, 1e-300), rank - 1, free) > 0.01):
+            found.append(trials.schema.states[j])
+    return tuple(found) if len(found) < values.shape[1] else ()
+
+
+def _sums_of_squares(trial: Trial, mean: Floats | None = None) -> Floats:
+    """Return counts and sums of squares of differences, and of deviations from the mean, of each state, shape (3, d).
+
+    The mean is that of the trial, unless another is given.
+    """
+    found = np.zeros((3, trial.states.shape[1]))
+    for j, column in enumerate(trial.states.T):
+        seen = column[np.isfinite(column)]
+        if len(seen) > 1:
+            found[:, j] = (
+                len(seen) - 1,
+                np.sum(np.diff(seen) ** 2),
+                np.sum((seen - (seen.mean() if mean is None else mean[j])) ** 2),
+            )
+    return found
+
+
+def _is_white(count: Floats, differences: Floats, deviations: Floats) -> Bools:
+    """Return where the ratio of von Neumann is that of white noise."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        is_noise = differences >= (2 - 4 / np.sqrt(count)) * deviations
+    return np.asarray((count >= _DIFFERENCES) & is_noise)
 
 
 def without_objects(trials: Trials, names: tuple[str, ...]) -> Trials:
@@ -399,6 +451,11 @@ def outcome_of_rest(names: tuple[str, ...]) -> tuple[Outcome, ...]:
     if not names:
         return ()
     return (note("objects-at-rest", objects=shown(names, "object")),)
+
+
+def outcome_of_constants(names: tuple[str, ...]) -> tuple[Outcome, ...]:
+    """Return that states at rest were left out, by name; nothing if there are none."""
+    return (note("states-at-rest", states=names),) if names else ()
 
 
 def with_noise(trials: Trials, noise: Mapping[str, float | Mapping[str, float]]) -> Trials:

@@ -43,7 +43,8 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
         alike = [*wells] if len(letters) > 1 or len(wells) >= _MANY or _start_alike(table, [*wells]) else []
     elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
         individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
-        repeated = len(groups) < len(names) and all(_are_repeated(table, group) for group in groups)
+        whole = float(np.nanmax(numbers) - np.nanmin(numbers)) if (numbers := _values(table, names)).size else 0.0
+        repeated = len(groups) < len(names) and all(_are_repeated(table, group, whole) for group in groups)
         alike = list(names) if individuals or repeated else []
     else:
         return []

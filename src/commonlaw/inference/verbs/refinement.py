@@ -202,7 +202,8 @@ class _Fit:
         law, trials = replace(setup.law, schema=schema), setup.trials
         refined = fitted_law(law, fit, self.covariance, self.seed)
         chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(fit)
-        domain = replace(Domain.of(trials, state_rates(law)), at_rest=law.provenance.domain.at_rest)
+        before = law.provenance.domain
+        domain = replace(Domain.of(trials, state_rates(law)), at_rest=before.at_rest, constant=before.constant)
         provenance = replace(
             law.provenance,
             outcomes=(
