@@ -78,6 +78,8 @@ def test_columns_of_a_single_word_are_replicates_where_they_nearly_agree():
     two = frame.assign(mut_1=0.5 * frame["WT_1"], mut_2=0.5 * frame["WT_2"])
     assert Trials.from_frame(two).objects == ("WT_1", "WT_2", "WT_3", "mut_1", "mut_2")
     assert Trials.from_frame(frame.assign(WT_3=2 * frame["WT_3"])).objects == ("object",)
+    blanks = {f"blank_{i + 1}": 0.05 + 0.1 * noise[:, i] for i in range(2)}
+    assert len(Trials.from_frame(two.assign(**blanks)).objects) == 7
 
 
 def test_columns_of_standard_deviations_go_with_those_of_the_same_number():

@@ -43,8 +43,9 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
         alike = [*wells] if len(letters) > 1 or len(wells) >= _MANY or _start_alike(table, [*wells]) else []
     elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
         individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
-        whole = float(np.nanmax(numbers) - np.nanmin(numbers)) if (numbers := _values(table, names)).size else 0.0
-        repeated = len(groups) < len(names) and all(_are_repeated(table, group, whole) for group in groups)
+        values = _complete(table, names)
+        span = float(np.ptp(values)) if values.size else 0.0
+        repeated = len(groups) < len(names) and all(_are_repeated(table, group, span) for group in groups)
         alike = list(names) if individuals or repeated else []
     else:
         return []
@@ -60,19 +61,25 @@ def _is_variable(stem: str) -> bool:
     return True
 
 
-def _start_alike(table: Table, names: Sequence[str]) -> bool:
-    """Say whether the first values of columns differ by little of the range of all."""
+def _complete(table: Table, names: Sequence[str]) -> Floats:
+    """Return the rows of columns without missing values, shape (n, columns)."""
     values = np.column_stack([readable(table, name) for name in names])
-    values = values[np.isfinite(values).all(axis=1)]
+    return np.asarray(values[np.isfinite(values).all(axis=1)])
+
+
+def _start_alike(table: Table, names: Sequence[str]) -> bool:
+    """Return whether the first values of columns differ by little of the range of all."""
+    values = _complete(table, names)
     return bool(len(values)) and bool(np.ptp(values[0]) < _ALIKE * np.ptp(values))
 
 
-def _are_repeated(table: Table, names: Sequence[str]) -> bool:
-    """Say whether columns are nearly the same, as measurements of one thing are that were repeated."""
-    values = np.column_stack([readable(table, name) for name in names])
-    values = values[np.isfinite(values).all(axis=1)]
+def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
+    """Return whether columns are replicates: nearly equal, or both constant as blanks next to the range of all."""
+    values = _complete(table, names)
     mean = values.mean(axis=1, keepdims=True)
-    return bool(len(values)) and bool(np.sqrt(np.mean((values - mean) ** 2)) < _ALIKE * np.ptp(mean))
+    if not len(values):
+        return False
+    return bool(np.sqrt(np.mean((values - mean) ** 2)) < _ALIKE * np.ptp(mean) or np.ptp(values) < _ALIKE * span)
 
 
 def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
