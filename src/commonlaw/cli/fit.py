@@ -46,9 +46,10 @@ from commonlaw.cli.source import (
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.trials.transformations import without_notes_on
+from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
-    pass
+    from commonlaw.trials import Trials
 
 
 @command
@@ -203,15 +204,16 @@ def compare(
 
     A LAW is equations as for `commonlaw fit`, or a saved law, LAW.json. The coefficients of all are fitted to the same
     trials under the same noise, so that what is compared is their form. The result has the most probable law first.
+    Saved laws keep their observation equations, shared parameters and bounds.
 
     \b
     Examples:
       commonlaw compare drops.csv "x'' = -g" "x'' = -g - c v" "x'' = -g - c v*abs(v)"
       commonlaw compare drops.csv discovered.json "x'' = -9.81 - c v"
       commonlaw compare dataset:linear-drag:noise=0.05 "x'' = -g" "x'' = -g - c v"
+      commonlaw compare cells.csv "x' = -k x; signal = c x; x(0) = 1" "x' = -k x^2; signal = c x; x(0) = 1"
     """
     import commonlaw as cl
-    from commonlaw.law.parse import read_equations
 
     if len({*laws}) < max(2, len(laws)):
         raise click.UsageError("give TABLE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
@@ -221,7 +223,7 @@ def compare(
         texts = {each: over_table(source, each)[0] for each in laws if each not in saved}
         training = source.select(load(source, [*texts.values()], saved.values()))
         for each in texts.values():  # What cannot be read is refused before the others are fitted
-            _naming(each, read_equations, training.schema)
+            _naming(each, _check_readable, training)
         found = {}
         for number, each in enumerate(laws):
             share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))
@@ -242,6 +244,17 @@ def compare(
             say(f"{grade}: {', '.join(names)}.")
         print_compared(frame if any(map(is_law_file, laws)) else frame.drop(columns="equations"))
     later.end(training.notes, silent=as_json)
+
+
+def _check_readable(equations: str, trials: "Trials") -> None:
+    """Refuse equations, with observation equations or not, that cannot be read."""
+    from commonlaw.estimation.model import ModelText, read_model
+    from commonlaw.law.parse import read_equations
+
+    if (text := ModelText.of(equations)).is_plain:
+        read_equations(equations, trials.schema)
+    else:
+        read_model(text, trials.schema, property_names(trials.properties))
 
 
 def _naming(law: str, work: Callable[..., T], *given: Any, **settings: Any) -> T:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -131,6 +131,7 @@ def refit(
     trials: Trials,
     *,
     equations: Sequence[str] | None = None,
+    inputs: Literal["same", "any"] = "same",
     noise: Mapping[str, float] | None = None,
     positive: Sequence[str] | None = None,
     input_between: str | None = None,
@@ -139,8 +140,9 @@ def refit(
 ) -> "Fitted":
     """Fit a law to trials, all parameters and initial values that it does not give anew; those it has are first values.
 
-    Its restrictions, observation equations and given initial values stay, and so do its `equations` where there are no
-    others. A law without observation equations has white noise and parameters of each object.
+    Observation equations, given initial values and restrictions stay, but for noise of known standard deviation, and so
+    do its equations where no other `equations` are given. A law without observation equations has white noise and
+    parameters of each object. Only with `inputs` "any" may the trials have other inputs than the law.
 
     Raises
     ------
@@ -153,7 +155,7 @@ def refit(
     if not shares_terms(law):
         raise CommonlawError("refine-own-terms")
     observation, levels = law.observation, matched_noise(law, trials, noise)
-    trials = matched(law, trials, observed=True, noise=False)
+    trials = matched(law, trials, inputs=inputs, observed=True, noise=False)
     between = input_between or measured_schema(law).input_between
     trials = replace(trials, schema=replace(trials.schema, input_between=between))
     written = equations or law.provenance.equations or law.structure
@@ -165,6 +167,7 @@ def refit(
         bounds = bounds_in(restrictions.bounds)
         text = replace(text, observed=observation.equations, initial=observation.initial, bounds=bounds)
         free = [name for name in law.terms.variables.states if name not in observation.initial]
+    groups = {name: by for name, by in restrictions.noise.items() if isinstance(by, str)}
     begun = begin(
         text,
         trials,
@@ -173,7 +176,7 @@ def refit(
         restrictions.universal,
         priors=restrictions.priors,
         positive=measured_schema(law).logarithmic if positive is None else positive,
-        noise={**restrictions.noise_by, **(levels or {})},
+        noise={**groups, **(levels or {})},
     )
     return replace(begun, first=_values_of(law, begun)).fitted(seed, progress)
 
@@ -258,8 +261,7 @@ def begin(
     first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
     problem = _with_groups(replace(problem, sizes=state_sizes), groups)
     written = tuple(each.text for each in text.bounds)
-    by = {name: given for name, given in (noise or {}).items() if isinstance(given, str)}
-    restrictions = Restrictions(dict(universal), dict(priors), written, by)
+    restrictions = Restrictions(dict(universal), dict(priors), written, dict(noise or {}))
     bounds = _bounds(model, trials, unknowns)
     logarithmic = shown.schema.logarithmic
     return Beginning(
@@ -507,6 +509,35 @@ class Fitted:
 
     begun: Beginning
     optimum: Optimum
+
+    @property
+    def parameters(self) -> int:
+        """How many unknown parameters an object has, initial values apart."""
+        trials = self.begun.trials
+        rows = zip(trials, self.begun.unknowns.parameters, strict=True)
+        return len({k for trial, own in rows for k in own if k >= 0 and trial.object == trials.objects[0]})
+
+    def minus_twice_log_evidence(self) -> float:
+        """Return minus twice the log-evidence: ``-2 log L + sum_j log n_j + sum_k log n_k + (priors)``.
+
+        An unknown j costs the logarithm of the number n_j of measurements in the trials that it is of, and an unknown
+        noise that of the measurements of its quantity (BIC; Schwarz 1978, Ann. Statist. 6, 461, with the n of Pauler
+        1998, Biometrika 85, 13, for what differs between groups). Unknowns with normal priors are integrated out
+        (Laplace's method): ``sum ((p - m)/s)^2 + log s^2 - log det V``, with their covariance V.
+        """
+        problem, unknowns, optimum = self.begun.problem, self.begun.unknowns, self.optimum
+        counts = np.zeros(len(unknowns.names))
+        for data, own, initial in zip(problem.trials, unknowns.parameters, unknowns.initial, strict=True):
+            used = np.unique([k for k in (*own, *initial) if k >= 0]).astype(int)
+            counts[used] += data.trial.counts.sum() + np.isfinite(data.trial.below).sum()
+        inner = [k for k in problem.priors if not optimum.at_bound[k]]
+        costs = np.log(np.maximum(np.delete(counts, inner), 1.0)).sum()
+        levels = problem.counts + sum(np.isfinite(each.trial.below).sum(axis=0) for each in problem.trials)
+        costs += np.log(levels[~problem.known_noise & (levels > 0)]).sum()
+        costs += sum(((optimum.unknowns[k] - mean) / std) ** 2 for k, (mean, std) in problem.priors.items())
+        costs += sum(2 * np.log(problem.priors[k][1]) for k in inner)
+        costs -= float(np.linalg.slogdet(optimum.covariance[np.ix_(inner, inner)])[1])
+        return float(costs) - 2 * optimum.log_likelihood
 
     def law(self, calls: tuple[str, ...]) -> Law:
         """Return the law, which records the calls."""

@@ -51,14 +51,15 @@ class Restrictions:
         Means and standard deviations by parameter.
     bounds
         As they are written, ``K > 0``.
-    noise_by
-        By measured quantity the property whose values have noise of their own.
+    noise
+        By measured quantity the standard deviation that was given, or the property whose values have noise of their
+        own.
     """
 
     universal: Mapping[str, str] = field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     bounds: tuple[str, ...] = ()
-    noise_by: Mapping[str, str] = field(default_factory=dict)
+    noise: Mapping[str, float | str] = field(default_factory=dict)
 
 
 def by_trial(by: str, schema: Schema) -> bool:

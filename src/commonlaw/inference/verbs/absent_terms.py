@@ -8,17 +8,22 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.estimation.fitting import refit
 from commonlaw.inference import settings
 from commonlaw.inference.verbs.other_terms import candidate_law
 from commonlaw.law import Law, Provenance
-from commonlaw.law.alignment import refuse_observation
+from commonlaw.law.alignment import matched
 from commonlaw.law.law import shares_terms
-from commonlaw.law.parameters import coefficient_units, left_hand_sides, standard_errors
+from commonlaw.law.observation import Restrictions
+from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, standard_errors
 from commonlaw.law.quantiles import two_sided, upper_bound
+from commonlaw.law.text import free_letters
 from commonlaw.library import Terms, parse_term, parse_terms
+from commonlaw.library.notation import quoted
 from commonlaw.runtime.notebooks import ShownInNotebooks
-from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal
+from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal, silent
 from commonlaw.trials import Trials
+from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,8 +135,8 @@ def bounds(
     """
     two_sided(level)
     progress = on_terminal() if progress is None else progress
-    refuse_observation(law)
-    if law.order == 0 or not shares_terms(law):
+    delayed = law.observation is not None and law.schema.inputs != law.observation.measured.inputs
+    if law.order == 0 or not shares_terms(law) or delayed:
         raise CommonlawError("limits-unsupported")
     pairs = _absent(law, terms)
     if terms is None and len(pairs) > settings.MAX_SCREENED_TERMS:
@@ -165,44 +170,58 @@ def _visited(law: Law, trials: Trials) -> Floats:
     """Return the variables along the law's trajectories of the trials, shape (n, variables)."""
     forecast = law.predict(trials, averaged=False)
     rows = []
-    for trial, found in zip(forecast.trials, forecast.trajectories, strict=True):
-        rows.append(law.terms.variables.natural(np.column_stack([found.states, trial.inputs, trial.times])))
+    states = forecast.latent or [each.states for each in forecast.trajectories]
+    for trial, own in zip(forecast.trials, states, strict=True):
+        rows.append(law.terms.variables.natural(np.column_stack([own, trial.inputs, trial.times])))
     whole = np.concatenate(rows)
     return np.asarray(whole[np.isfinite(whole).all(axis=1)])
 
 
 def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats, level: float) -> Iterator[Bound]:
-    wider = _with_term(law, name)
-    index = wider.terms.index(name)
-    support = wider.support.copy()
-    support[equation, index] = True
-    estimated = law.uncertainty.degrees_of_freedom is not None  # Given noise is kept
-    fitted = candidate_law(wider, trials, support, own_noise=estimated).law
-    place = fitted.terms.index(name)
-    units = coefficient_units(fitted)
+    estimate = _observed if law.observation is not None else _estimated
+    fitted, coefficients, errors, unit = estimate(law, trials, equation, name)
     reach = float(fitted.uncertainty.reach(len(law.schema.states), level)[equation])
     known = fitted.uncertainty.degrees_of_freedom
     degrees = np.inf if known is None else float(known[equation])
     plain = replace(law.terms.variables, parameters=())
-    expression = wider.terms.terms[index].expression(law.terms.variables.names)
-    sizes = np.abs(parse_terms([expression], plain).evaluate(values))
+    term = parse_term(name, law.terms.variables)
+    sizes = np.abs(parse_terms([term.expression(law.terms.variables.names)], plain).evaluate(values))
     left = left_hand_sides(law)[equation]
-    errors = standard_errors(fitted)
-    for o, owner in enumerate(fitted.objects):
-        coefficient, error = (float(fitted.coefficients[o, equation, place]), float(errors[o, equation, place]))
+    for owner, coefficient, error in zip(fitted.objects, coefficients.tolist(), errors.tolist(), strict=True):
         at_most = float(upper_bound(coefficient, error, degrees, level))
         ends = coefficient - reach * error, coefficient + reach * error
-        yield Bound(
-            left,
-            name,
-            owner,
-            coefficient,
-            error,
-            *ends,
-            at_most,
-            at_most * float(sizes.max()),
-            units.get((left, name), ""),
-        )
+        effect = at_most * float(sizes.max())
+        yield Bound(left, name, owner, coefficient, error, *ends, at_most, effect, unit)
+
+
+def _estimated(law: Law, trials: Trials, equation: int, name: str) -> tuple[Law, Floats, Floats, str]:
+    """Return a law fitted with a term, its coefficient and error of each object, shape (objects,), and their unit."""
+    wider = _with_term(law, name)
+    index = wider.terms.index(name)
+    support = wider.support.copy()
+    support[equation, index] = True
+    estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
+    fitted = candidate_law(wider, trials, support, own_noise=estimated).law
+    place = fitted.terms.index(name)
+    unit = coefficient_units(fitted).get((left_hand_sides(law)[equation], name), "")
+    return fitted, fitted.coefficients[:, equation, place], standard_errors(fitted)[:, equation, place], unit
+
+
+def _observed(law: Law, trials: Trials, equation: int, name: str) -> tuple[Law, Floats, Floats, str]:
+    """Return the same for a law with an observation; noise that was given stays."""
+    trials, observation = matched(law, trials, observed=True, noise=False), law.observation
+    assert observation is not None
+    given = (observation.restrictions or Restrictions()).noise
+    levels = {key: level for key, level in given.items() if not isinstance(level, str)}
+    names = law.terms.variables.names
+    (letter,) = free_letters(1, (*names, *observation.measured.states, *property_names(trials.properties)))
+    term = parse_term(name, law.terms.variables).text([quoted(each) for each in names])
+    written = law.provenance.equations or law.structure
+    equations = [f"{text} + {letter} {term}" if j == equation else text for j, text in enumerate(written)]
+    fitted = refit(law, trials, equations=equations, noise=levels, progress=silent).law(())
+    named = named_parameters(fitted)
+    at = named.names.index(letter)
+    return fitted, named.values[:, at], named.errors[:, at], named.units[at] or ""
 
 
 def _with_term(law: Law, name: str) -> Law:

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.estimation.fitting import Fitted, check_white, refit
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import ANY_ERROR, Fit
 from commonlaw.inference.score.score import Score
@@ -17,13 +19,13 @@ from commonlaw.inference.search.pool import Pool, score_of_order
 from commonlaw.inference.search.setup import FitSetup, check_one_scale, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law
-from commonlaw.law.alignment import matched
+from commonlaw.law.alignment import matched, measured_schema
 from commonlaw.library import parse_terms
 from commonlaw.likelihood import ERRORS
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
-from commonlaw.runtime.fit_options import ErrorKind, FitOptions, check_settings
+from commonlaw.runtime.fit_options import ErrorKind, FitOptions, changed_settings, check_settings
 from commonlaw.runtime.parallel import in_parallel, threads
-from commonlaw.runtime.progress import ProgressCallback, on_terminal, unannounced
+from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, unannounced
 from commonlaw.trials import Schema, Trials, TrialStream
 
 if TYPE_CHECKING:
@@ -46,6 +48,11 @@ def compare(
     The coefficients of all laws are fitted again, to these trials; known ones stay. All have one noise, if that
     explains what the best of them leaves; else each has the kind of errors, and their levels, of its largest evidence,
     as in `discover`. What was to choose from when a law was found costs it nothing here.
+
+    If one of the laws has observation equations or known initial values, all are fitted as by `cl.fit` with these,
+    under white noise, each with its own observation equations, shared parameters, priors and bounds; laws without them
+    are of states that were measured. Their evidence is the Bayesian information criterion: ``-2 log L`` with ``log n``
+    for each unknown number, n being the measurements of the trials that it is of, and priors integrated out.
 
     Parameters
     ----------
@@ -80,17 +87,21 @@ def compare(
     >>> cl.compare(laws, drops)["law"].tolist()
     ["x'' = a + b v", "x'' = a + b v^2"]
     """
-    import pandas as pd
-
     check_settings("compare", locals())
     if not isinstance(laws, Mapping):
         laws = {f"law {i}": law for i, law in enumerate(laws, start=1)}
     others = [name for name, law in laws.items() if not isinstance(law, Law)]
     if others or not laws:
         raise CommonlawError("laws-without-names")
-    states = dict.fromkeys(", ".join(sorted(law.schema.states)) for law in laws.values())
-    if len(states) > 1:
-        raise CommonlawError("laws-of-other-states", states=states)
+    observed = any(law.observation is not None for law in laws.values())
+    states = [measured_schema(law).measured if observed else law.schema.states for law in laws.values()]
+    if len(listed := dict.fromkeys(", ".join(sorted(each)) for each in states)) > 1:
+        raise CommonlawError("laws-of-other-states", states=listed)
+    check_one_scale(list(laws.values()))
+    if observed:
+        refuse_client(client)
+        check_white(changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold}))
+        return _of_observations(laws, trials, noise)
     if isinstance(trials, TrialStream):
         kind = "white" if errors == "auto" else errors
         settings = {"noise": noise, "errors": kind, "huber_threshold": huber_threshold, "n_jobs": n_jobs}
@@ -100,7 +111,6 @@ def compare(
     # Such that laws of these orders compare
     several = len({law.order for law in laws.values()}) > 1
     score: Callable[[Fit], Score] = score_of_order if several else lambda fit: fit.score
-    check_one_scale(list(laws.values()))
     same = [written_alike(law, trials.schema) for law in laws.values()]
     found = matched(same[0], trials)
     if any(matched(law, found) is not found for law in same[1:]):
@@ -115,20 +125,65 @@ def compare(
             pools = in_parallel(lambda pool: with_error_models(pool, None, kinds, lambda _: None), pools)
     fits = [pool.best for pool in pools]
     scores = [score(fit) for fit in fits]
-    above = np.array([each - min(scores) for each in scores])
+    return _frame(
+        laws,
+        [fit.size for fit in fits],
+        [ERRORS[fit.errors].label for fit in fits],
+        [fit.has_process_noise for fit in fits],
+        np.array([each - min(scores) for each in scores]),
+    )
+
+
+def _frame(
+    laws: Mapping[str, Law],
+    coefficients: Sequence[int],
+    errors: Sequence[str],
+    departs: Sequence[bool],
+    above: Floats,
+) -> "pd.DataFrame":
+    """Return the table of `compare`, from minus twice the log-evidence above the least."""
+    import pandas as pd
+
+    lines = [[] if law.observation is None else law.observation.lines for law in laws.values()]
     weights = np.exp(-above / 2)
     frame = pd.DataFrame(
         {
             "law": list(laws),
-            "equations": ["; ".join(law.structure) for law in laws.values()],
-            "coefficients": [fit.size for fit in fits],
-            "errors": [ERRORS[fit.errors].label for fit in fits],
-            "model error": [fit.has_process_noise for fit in fits],
+            "equations": ["; ".join((*law.structure, *own)) for law, own in zip(laws.values(), lines, strict=True)],
+            "coefficients": coefficients,
+            "errors": errors,
+            "model error": departs,
             "2 log B": above,
             "probability": weights / weights.sum(),
         }
     )
     return frame.sort_values("2 log B", ignore_index=True)
+
+
+def _of_observations(
+    laws: Mapping[str, Law], trials: Trials | TrialStream, noise: Mapping[str, float] | None
+) -> "pd.DataFrame":
+    """Return what `compare` says of laws of which some have an observation."""
+    if isinstance(trials, TrialStream):
+        raise CommonlawError("not-refined-file-by-file", what="observation equations")
+    units = dict[str, str]()
+    for law in laws.values():
+        own = measured_schema(law).units
+        if any(units.get(name, unit) != unit for name, unit in own.items()):
+            raise CommonlawError("laws-in-other-units")
+        units |= own
+    progress, fits = on_terminal(), list[Fitted]()
+    for name, law in laws.items():
+        own_progress = part(progress, len(fits) / len(laws), (len(fits) + 1) / len(laws))
+        own_progress(f"fitting {name}")
+        try:
+            fits.append(refit(law, trials, inputs="any", noise=noise, progress=own_progress))
+        except CommonlawError as error:
+            raise error.at(name) from error
+    scores = np.array([fit.minus_twice_log_evidence() for fit in fits])
+    white = ERRORS["white"].label
+    counts = [fit.parameters for fit in fits]
+    return _frame(laws, counts, [white] * len(fits), [False] * len(fits), scores - scores.min())
 
 
 def compare_by_parts(
