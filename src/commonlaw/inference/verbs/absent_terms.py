@@ -14,11 +14,11 @@ from commonlaw.inference.verbs.other_terms import candidate_law
 from commonlaw.law import Law, Provenance
 from commonlaw.law.alignment import matched
 from commonlaw.law.law import shares_terms
-from commonlaw.law.observation import Restrictions
+from commonlaw.law.observation import Observation, Restrictions
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, standard_errors
 from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.law.text import free_letters
-from commonlaw.library import Terms, parse_term, parse_terms
+from commonlaw.library import Term, Terms, parse_term, parse_terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal, silent
@@ -178,13 +178,16 @@ def _visited(law: Law, trials: Trials) -> Floats:
 
 
 def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats, level: float) -> Iterator[Bound]:
-    estimate = _observed if law.observation is not None else _estimated
-    fitted, coefficients, errors, unit = estimate(law, trials, equation, name)
+    wider = _with_term(law, name)
+    term = wider.terms.terms[wider.terms.index(name)]
+    if law.observation is None:
+        fitted, coefficients, errors, unit = _estimated(law, wider, trials, equation, name)
+    else:
+        fitted, coefficients, errors, unit = _observed(law, law.observation, trials, equation, term)
     reach = float(fitted.uncertainty.reach(len(law.schema.states), level)[equation])
     known = fitted.uncertainty.degrees_of_freedom
     degrees = np.inf if known is None else float(known[equation])
     plain = replace(law.terms.variables, parameters=())
-    term = parse_term(name, law.terms.variables)
     sizes = np.abs(parse_terms([term.expression(law.terms.variables.names)], plain).evaluate(values))
     left = left_hand_sides(law)[equation]
     for owner, coefficient, error in zip(fitted.objects, coefficients.tolist(), errors.tolist(), strict=True):
@@ -194,9 +197,8 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
         yield Bound(left, name, owner, coefficient, error, *ends, at_most, effect, unit)
 
 
-def _estimated(law: Law, trials: Trials, equation: int, name: str) -> tuple[Law, Floats, Floats, str]:
+def _estimated(law: Law, wider: Law, trials: Trials, equation: int, name: str) -> tuple[Law, Floats, Floats, str]:
     """Return a law fitted with a term, its coefficient and error of each object, shape (objects,), and their unit."""
-    wider = _with_term(law, name)
     index = wider.terms.index(name)
     support = wider.support.copy()
     support[equation, index] = True
@@ -207,17 +209,18 @@ def _estimated(law: Law, trials: Trials, equation: int, name: str) -> tuple[Law,
     return fitted, fitted.coefficients[:, equation, place], standard_errors(fitted)[:, equation, place], unit
 
 
-def _observed(law: Law, trials: Trials, equation: int, name: str) -> tuple[Law, Floats, Floats, str]:
+def _observed(
+    law: Law, observation: Observation, trials: Trials, equation: int, term: Term
+) -> tuple[Law, Floats, Floats, str]:
     """Return the same for a law with an observation; noise that was given stays."""
-    trials, observation = matched(law, trials, observed=True, noise=False), law.observation
-    assert observation is not None
+    trials = matched(law, trials, observed=True, noise=False)
     given = (observation.restrictions or Restrictions()).noise
     levels = {key: level for key, level in given.items() if not isinstance(level, str)}
     names = law.terms.variables.names
     (letter,) = free_letters(1, (*names, *observation.measured.states, *property_names(trials.properties)))
-    term = parse_term(name, law.terms.variables).text([quoted(each) for each in names])
+    shown = term.text([quoted(each) for each in names])
     written = law.provenance.equations or law.structure
-    equations = [f"{text} + {letter} {term}" if j == equation else text for j, text in enumerate(written)]
+    equations = [f"{text} + {letter} {shown}" if j == equation else text for j, text in enumerate(written)]
     fitted = refit(law, trials, equations=equations, noise=levels, progress=silent).law(())
     named = named_parameters(fitted)
     at = named.names.index(letter)
