@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.integrate import solve_ivp
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import least_squares, lsq_linear, minimize
 from scipy.stats import norm
 
 import commonlaw as cl
@@ -291,6 +291,22 @@ def test_a_parameter_leaves_its_bound_only_once_no_other_crosses_one():
     assert np.sum(problem.residuals(found, 1.0)[0] ** 2) / 2 == pytest.approx(best.cost, rel=1e-6)
     assert found == pytest.approx(best.x, abs=1e-3)
     assert found[0] == 0
+
+
+@pytest.mark.parametrize("seed", [245, 838, 2275])
+def test_parameters_that_logarithms_drive_to_zero_come_back(seed):
+    source = np.random.default_rng(seed)
+    size = 3 if seed % 2 else 4
+    matrix, target = source.normal(size=(size + 1, size)).round(1), (3 * source.normal(size=size + 1)).round(1)
+    start, near = source.uniform(0, 3, size), source.random(size) < 0.5
+    start = np.where(near, np.where(source.random(size) < 0.5, 1e-4, 3 - 1e-4), start)
+
+    class Linear:
+        def residuals(self, unknowns, noise, slopes=True):
+            return matrix @ unknowns - target, matrix
+
+    found = _polished(Linear(), start, np.ones(1), Bounds(np.zeros(size), np.full(size, 3.0)))
+    assert found == pytest.approx(lsq_linear(matrix, target, (0, 3), tol=1e-14, method="bvls").x, abs=1e-6)
 
 
 def test_a_law_with_a_parameter_at_a_bound_of_zero_is_printed():

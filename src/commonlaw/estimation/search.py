@@ -146,6 +146,8 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
         if not np.isfinite(objective.residuals(start)).all():
             break
         point = _by_levenberg_marquardt(objective, start, free & (start != 0), True)
+        # Steps of the next search are at first of the size of the values
+        point = np.where(np.abs(point) < np.exp(-REACH) * np.abs(start), 0.0, point)
         point = _by_levenberg_marquardt(objective, point, free, False)
         outside = (point < bounds.low) | (point > bounds.high)
         gradient = objective.jacobian(point).T @ objective.residuals(point)
