@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 import commonlaw as cl
 from commonlaw.formulation import law_variables
 from commonlaw.inference.fit.annealing import fit_supports
-from commonlaw.inference.fit.lack_of_fit import growth, with_proportional_noise
+from commonlaw.inference.fit.lack_of_fit import proportional_noise_gain, with_proportional_noise
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.library import PolynomialLibrary
 
@@ -63,7 +63,7 @@ def test_noise_that_is_too_small_makes_no_law_probable_by_calling_the_rest_outli
 def test_the_gain_is_that_of_the_likeliest_levels():
     generator, sizes = np.random.default_rng(1), np.linspace(0, 3, 4000)
     squared = (np.hypot(0.1, 0.2 * sizes) * generator.standard_normal(4000)) ** 2
-    gain, (constant, share) = growth(squared, sizes)
+    gain, (constant, share) = proportional_noise_gain(squared, sizes)
     assert (constant, share) == (pytest.approx(0.1, rel=0.25), pytest.approx(0.2, rel=0.1))
 
     def deviance(variances):

@@ -304,8 +304,8 @@ def test_terms_are_not_compared_that_another_with_as_few_constants_repeats():
     texts = ("abs(x)^p", "x/(K + x)", "sqrt(x)", "x/(e + abs(x))", "abs(x)^p*sign(x)")
     terms = [parametric_term(each, variables) for each in texts]
     values = np.column_stack([np.linspace(0.5, 2, 50), np.linspace(0, 1, 50)])
-    assert ParameterGrids.along(variables, values, terms).repeated.tolist() == [False, False, False, True, True]
-    assert not ParameterGrids.along(variables, values - [1, 0], terms).repeated.any()
+    assert ParameterGrids.along(variables, values, terms).redundant.tolist() == [False, False, False, True, True]
+    assert not ParameterGrids.along(variables, values - [1, 0], terms).redundant.any()
 
 
 def test_functions_of_all_families_are_offered_by_the_library_for_whom_none_comes_to_mind():
@@ -320,5 +320,5 @@ def test_no_frequency_is_compared_that_samples_do_not_tell_from_a_slower_one():
     plain = PolynomialLibrary(1).bind(Variables(("x",)))
     problem = prepare(trials, plain, np.full((1, 1, 2), np.nan)).finer()
     course = CurveData.of(problem, 0, problem.starts[0], [parametric_term("cos(w*t)", plain.variables)])
-    assert len(course.banks.values) == 81
-    assert course.banks.parameters[0].max() < 1.03 * np.pi / 0.25
+    assert len(course.grids.values) == 81
+    assert course.grids.parameters[0].max() < 1.03 * np.pi / 0.25

@@ -14,7 +14,7 @@ from scipy.special import lambertw
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference import settings
-from commonlaw.inference.fit.parameter_grid import combined
+from commonlaw.inference.fit.parameter_grid import grid_product
 from commonlaw.law import from_json, relations_frame, to_json, to_latex, to_script, to_sympy
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
@@ -439,7 +439,7 @@ def test_a_fit_begins_at_guesses():
 
 
 def test_combinations_of_many_parameters_are_drawn():
-    values = combined([np.arange(26.0)] * 20)
+    values = grid_product([np.arange(26.0)] * 20)
     assert values.shape == (settings.MAX_COMBINATIONS, 20)
     assert values.mean() == pytest.approx(12.5, abs=0.1)
-    assert combined([np.array([1.0, 2.0]), np.array([3.0, 4.0])]).tolist() == [[1, 3], [1, 4], [2, 3], [2, 4]]
+    assert grid_product([np.array([1.0, 2.0]), np.array([3.0, 4.0])]).tolist() == [[1, 3], [1, 4], [2, 3], [2, 4]]

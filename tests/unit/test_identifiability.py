@@ -45,8 +45,8 @@ def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_the
     assert found.sets == (("x",), ("v",))
     assert not found.by_trial
     # Both leave the noise: neither is better than what was measured allows
-    assert found.left == pytest.approx([0.05, 0.05], rel=0.25)
-    assert found.left_by_all == pytest.approx(0.05, rel=0.25)
+    assert found.rms == pytest.approx([0.05, 0.05], rel=0.25)
+    assert found.rms_of_all == pytest.approx(0.05, rel=0.25)
     assert found.starts["x"] == pytest.approx((47, 47), abs=0.15)
     assert not confounded_sets(both(47, 38), 2, library)
 

@@ -276,7 +276,7 @@ def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
     """Return a note on confounded variables, with the cause."""
     states = trials.schema.states
     varying = ", with coefficients by trial," if found.by_trial else ""
-    left = " or ".join(f"{each:.3g}" for each in found.left[:_LISTED])
+    rms = " or ".join(f"{value:.3g}" for value in found.rms[:_LISTED])
     cause = ""
     if all(high - low <= _NEAR * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
         cause = f", because all trials have similar initial conditions{_ranges(found, trials.schema)}"
@@ -286,8 +286,8 @@ def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
         variables=_and(list(found.starts)),
         cause=cause,
         alternatives=_alternatives(found) + varying,
-        residuals=left,
-        residual=found.left_by_all,
+        residuals=rms,
+        residual=found.rms_of_all,
         unit=f" {trials.schema.units.get(found.state, '')}".rstrip(),
         first=next(iter(found.starts)),
     )

@@ -2,7 +2,7 @@
 
 from commonlaw.integration.problem import Event, InitialValueProblem, Occurrences, OutputOptions, Trajectory
 from commonlaw.integration.simulation import integrate, simulate, simulate_each
-from commonlaw.integration.vector_field import BETWEEN, Inputs, LinearizedField, VectorField
+from commonlaw.integration.vector_field import BETWEEN, Inputs, LinearizedField, VectorField, runge_kutta_step
 
 __all__ = [
     "BETWEEN",
@@ -15,6 +15,7 @@ __all__ = [
     "Trajectory",
     "VectorField",
     "integrate",
+    "runge_kutta_step",
     "simulate",
     "simulate_each",
 ]

@@ -129,6 +129,17 @@ class Inputs:
         return np.asarray(values)
 
 
+def runge_kutta_step(rates: Callable[[Floats, float], Floats], z: Floats, h: Floats | float) -> Floats:
+    """Return the states after a step h of the classical Runge-Kutta method, of order 4.
+
+    `rates` are derivatives at states and at a share of the step: 0, 1/2 or 1.
+    """
+    first = rates(z, 0.0)
+    second = rates(z + h / 2 * first, 0.5)
+    third = rates(z + h / 2 * second, 0.5)
+    return z + h / 6 * (first + 2 * (second + third) + rates(z + h * third, 1.0))
+
+
 class LinearizedField(NamedTuple):
     """A vector field at n points (n, D), its derivatives by states (n, D, D) and by parameters (n, D, parameters)."""
 

@@ -1,4 +1,4 @@
-"""The likelihood of trajectories: states and coefficients fitted together to what was measured."""
+"""The likelihood of trajectories by collocation, with states and coefficients estimated together."""
 
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.computing import (

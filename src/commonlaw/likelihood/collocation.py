@@ -1,11 +1,11 @@
-"""How far states on a mesh are from a solution of a law, step by step, and how that depends on everything.
+"""Defects of Hermite-Simpson collocation (Hargraves and Paris 1987) and their Jacobians.
 
-Hermite-Simpson collocation (Hargraves and Paris 1987): over a step h from z0 to z1 a solution of z' = f(z) has
+Over a step h from z0 to z1 a solution of z' = f(z) has
 
     z1 - z0 - h/6 (f0 + 4 fm + f1) = O(h^5),    with fm at zm = (z0 + z1)/2 + h/8 (f0 - f1).
 
 The error is h^5/720 times a fifth derivative for x' = x, and a quarter of that where f depends on time alone. The rule
-is implicit, so that stiff laws need no small steps. All steps are worked on at once.
+is implicit, so that stiff laws need no small steps. All steps are evaluated at once.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Jacobians:
 
 
 def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Floats:
-    """Return the defects of all steps, shape (n - 1, D), then those of latent processes."""
+    """Return the defects of all steps, followed by those of latent processes, shape (n - 1, D + w)."""
     z, hidden = np.split(states, [field.width], axis=1)
     forces = _forces(field, hidden, latent)
     derivatives = field.derivatives(_at_points(mesh, z)) + forces
@@ -93,7 +93,7 @@ def _latent_defects(hidden: Floats, latent: LatentSteps) -> Floats:
 
 
 def _forces(field: VectorField, hidden: Floats, latent: LatentSteps | None) -> Floats:
-    """Return what forces add to the derivatives of all states, shape (n, D)."""
+    """Return the contribution of random forces to the derivatives of all states, shape (n, D)."""
     forces = np.zeros((len(hidden), field.width))
     if latent is not None and latent.force is not None:
         equations = len(field.coefficients)
@@ -102,17 +102,17 @@ def _forces(field: VectorField, hidden: Floats, latent: LatentSteps | None) -> F
 
 
 def _at_points(mesh: Mesh, states: Floats) -> Floats:
-    """Return the values of the variables at the points, shape (n, variables)."""
+    """Return the variables at the points, shape (n, variables)."""
     return np.column_stack([states, mesh.inputs, mesh.times])
 
 
 def _at_ends(mesh: Mesh, states: Floats) -> Floats:
-    """Return the values of the variables at the ends of steps with inputs that are held, shape (n - 1, variables)."""
+    """Return the variables at the ends of steps, with zero-order hold of inputs, shape (n - 1, variables)."""
     return np.column_stack([states[1:], mesh.inputs[:-1], mesh.times[1:]])
 
 
 def _at_middles(mesh: Mesh, states: Floats, first: Floats, last: Floats) -> Floats:
-    """Return the variables in the middle of the steps, from derivatives at both ends, (n - 1, D)."""
+    """Return the variables at the midpoints of steps, given derivatives at both ends, shape (n - 1, variables)."""
     middles = (states[:-1] + states[1:]) / 2 + mesh.steps[:, np.newaxis] / 8 * (first - last)
     inputs = (mesh.inputs[:-1] + mesh.inputs[1:]) / 2 if mesh.middle is None else mesh.middle
     return np.column_stack([middles, inputs, (mesh.times[:-1] + mesh.times[1:]) / 2])

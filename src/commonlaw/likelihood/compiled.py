@@ -1,4 +1,4 @@
-"""Fits and linearizations of whole objects by the compiled kernel, in one call each, as those of NumPy to rounding."""
+"""Fits and linearizations of whole objects by the compiled kernel, equal to those of NumPy up to rounding."""
 
 import ctypes
 from collections.abc import Sequence
@@ -18,13 +18,13 @@ from commonlaw.library.program import Program
 from commonlaw.likelihood.collocation import Jacobians
 from commonlaw.likelihood.fitting import GAIN, SHORTEST, Estimate, NotPositiveError, TrajectoryModel, least_norm
 from commonlaw.likelihood.linearization import HIDDEN, MISSING, RATE, Linearization, orthogonalized
-from commonlaw.likelihood.mesh import Grid, Mesh, joined
+from commonlaw.likelihood.mesh import Grid, Mesh, concatenated
 from commonlaw.likelihood.observation_model import LatentProcesses, LatentSteps
 
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """A model's structures, its meshes as 8-byte words, too, and the arrays that they point into."""
+    """The C structures of a model, those of its meshes also as 8-byte words, and the arrays they point to."""
 
     model: ModelStructure
     meshes: Any
@@ -36,7 +36,7 @@ FIELDS = {name: getattr(MeshStructure, name).offset // 8 for name, *_ in MeshStr
 
 
 def addresses(structures: Sequence[Packed], counts: Sequence[int] | None = None) -> NDArray[np.uint64]:
-    """Return where models are, each as often as counts say."""
+    """Return the addresses of models, each repeated by its count."""
     pointers = np.array([addressof(structure.model) for structure in structures], dtype=np.uint64)
     return pointers if counts is None else np.repeat(pointers, counts)
 
@@ -45,7 +45,7 @@ _MODELS: "WeakKeyDictionary[TrajectoryModel, Packed | None]" = WeakKeyDictionary
 
 
 def packed(model: TrajectoryModel) -> Packed | None:
-    """Return the structures of a model, None if it has what the kernel does not do."""
+    """Return the structures of a model; None if the kernel does not apply."""
     if model not in _MODELS:
         suits = model.order == 1 or not model.terms.variables.logarithmic
         _MODELS[model] = _packed(model) if suits else None
@@ -97,11 +97,11 @@ _PROGRAMS: "WeakKeyDictionary[Program, ProgramStructure]" = WeakKeyDictionary()
 
 
 _GRIDS: "WeakKeyDictionary[Grid, tuple[int, ...]]" = WeakKeyDictionary()
-"""Addresses of arrays; those that a grid would carry itself would be wrong in another process."""
+"""Addresses of arrays, which are not part of a grid, as they differ between processes."""
 
 
 def _mesh(mesh: Mesh, noise: Floats, latent: LatentSteps | None) -> tuple[MeshStructure, object]:
-    """Return the structure of a mesh, and what it points into."""
+    """Return the structure of a mesh, and the arrays it points to."""
     grid = mesh.grid
     if grid not in _GRIDS:
         _GRIDS[grid] = (*map(address, grid.arrays), address(grid.contiguous))
@@ -116,7 +116,7 @@ def contiguous(values: Floats) -> Floats:
 
 
 _MAX_ROW_NUMBERS = 20_000
-"""Numbers in rows that are in cache: of more of them LAPACK makes triangles sooner, by blocks."""
+"""Numbers in rows up to which the kernel, in cache, is faster than blocked LAPACK."""
 
 _VAGUENESS = Vagueness(MISSING, RATE, HIDDEN)
 
@@ -129,7 +129,7 @@ def linearize_each(
     model_error: float,
     free: Bools,
 ) -> list[Linearization]:
-    """Return what `commonlaw.likelihood.linearization.linearize` returns of each, to rounding and signs of rows."""
+    """Return the linearization of each object as `linearization.linearize` does, up to rounding and signs of rows."""
     columns = int(free.sum()) + 1
     large = [not in_one_call(model, columns) for model in models]
     if any(large):
@@ -150,7 +150,7 @@ def linearize_each(
 
 
 def _merged(model: TrajectoryModel, factors: Floats) -> LeastSquaresProblem:
-    """Return the problem of one object from the factors of its meshes, each (columns + 1) x (columns + 1)."""
+    """Return the problem of one object from the factors of its meshes, shape (meshes, columns + 1, columns + 1)."""
     width, terms = model.width + model.latent.width, factors.shape[1] - 1
     rows = [int(np.count_nonzero(mesh.contiguous)) * width for mesh in model.meshes]
     pairs = zip(factors, rows, strict=True)
@@ -184,7 +184,7 @@ def triangles(
 
 
 def in_one_call(model: TrajectoryModel, columns: int) -> bool:
-    """Whether rows of so many columns are made and compressed by the kernel: in cache, and of full rank."""
+    """Return whether the kernel computes and compresses rows of so many columns: in cache, and of full rank."""
     sizes = [(len(mesh) - 1) * (model.width + model.latent.width) for mesh in model.meshes]
     return max(sizes) * columns <= _MAX_ROW_NUMBERS and min(sizes) > columns
 
@@ -192,7 +192,7 @@ def in_one_call(model: TrajectoryModel, columns: int) -> bool:
 def whitened(
     library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, estimate: Estimate, model_error: float, free: Bools
 ) -> list[tuple[Floats, float]]:
-    """Return what `commonlaw.likelihood.linearization.whitened` returns, to rounding."""
+    """Return the whitened rows of each mesh as `linearization.whitened` does, up to rounding."""
     blocks = []
     for index in range(len(model.meshes)):
         rows, mixed, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
@@ -203,7 +203,7 @@ def whitened(
 def _linearize_by_parts(
     library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, estimate: Estimate, model_error: float, free: Bools
 ) -> Linearization:
-    """Return the linearisation of one object of which LAPACK compresses the rows."""
+    """Return the linearization of one object with rows compressed by LAPACK."""
     problems, total = [], 0.0
     for index in range(len(model.meshes)):
         rows, mixed, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
@@ -217,7 +217,7 @@ def _linearize_by_parts(
 def jacobians(
     library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, index: int, estimate: Estimate, free: Bools
 ) -> Jacobians:
-    """Return what `commonlaw.likelihood.collocation.jacobians` does of one mesh, to rounding; zero between segments."""
+    """Return the Jacobians of one mesh as `collocation.jacobians` does, up to rounding; zero between segments."""
     steps, width = len(model.meshes[index]) - 1, model.width + model.latent.width
     states, coefficients = contiguous(estimate.states[index]), contiguous(estimate.coefficients)
     free = np.ascontiguousarray(free, dtype=np.bool_)
@@ -238,14 +238,14 @@ def _whitened(
     model_error: float,
     free: Bools,
 ) -> tuple[Floats, Floats, float]:
-    """Return rows [mixtures of columns | target] of one mesh, what makes columns of these, and the log-determinant."""
+    """Return rows [Q | target] of one mesh, see `orthogonalized`, the matrix R, and the log-determinant."""
     mesh = model.meshes[index]
     linear = jacobians(library, model, packed, index, estimate, free)
     columns = linear.coefficients.reshape(linear.defects.size, -1)
     target = columns @ estimate.coefficients[free] - linear.defects.ravel()
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
         raise NotPositiveError
-    # Far from the origin terms are nearly collinear: rounding in what follows would spoil their differences
+    # Orthogonal columns keep their digits where terms are nearly collinear, far from the origin
     basis, mixed = orthogonalized(columns, free, model)
     rows = np.column_stack([basis, target])
     states, result = contiguous(estimate.states[index]), np.empty(1)
@@ -273,7 +273,7 @@ def fit_each(
     model_errors: Sequence[float],
     steps: int,
 ) -> list[Estimate]:
-    """Return what `commonlaw.likelihood.fitting.fit` returns of each object, to rounding."""
+    """Return the estimate of each object as `fitting.fit` does, up to rounding."""
     if not len(model_errors):
         return list(starts)
     shapes = [(sum(map(len, model.meshes)), model.width + model.latent.width) for model in models]
@@ -302,7 +302,7 @@ def fit_each(
 
 
 def _least_norm(count: int, matrix: Any, right: Any, solution: Any) -> int:
-    """Fill the solution of least norm of a symmetric system; return whether there is one."""
+    """Write the minimum-norm solution of a symmetric system; return whether there is one."""
     as_array = np.ctypeslib.as_array
     try:
         as_array(solution, (count,))[:] = least_norm(as_array(matrix, (count, count)), as_array(right, (count,)))
@@ -316,9 +316,9 @@ _LEAST_NORM = LEAST_NORM(_least_norm)
 
 @dataclass(frozen=True, eq=False)
 class BatchedModel:
-    """Objects of one mesh each, one behind the other, and the estimates about which they are linearized.
+    """Objects of one mesh each, concatenated, and the estimates about which they are linearized.
 
-    `first` are the indices of first points, `words` the meshes as in `Packed`, `kept` what they point into.
+    `first` are the indices of first points, `words` the meshes as in `Packed`, `kept` the arrays they point to.
     """
 
     model: ModelStructure
@@ -333,7 +333,7 @@ class BatchedModel:
     def linearize(
         self, library: ctypes.CDLL, std: Floats, latent: LatentProcesses, model_error: float
     ) -> tuple[Floats, float]:
-        """Return the factor of each object's rows, and the sum of log-determinants, see `LinearizedObjects`."""
+        """Return the factor of each object, and the sum of log-determinants, see `LinearizedObjects`."""
         meshes, model = self.words.copy(), ModelStructure.from_buffer_copy(self.model)
         arrays, std = {}, contiguous(std)
         if latent.width:
@@ -350,14 +350,14 @@ class BatchedModel:
         return factors, float(log_determinants.sum())
 
 
-def together(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], free: Bools) -> BatchedModel | None:
-    """Return objects that are linearised together; None if they have what is better done one by one."""
+def batched(models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], free: Bools) -> BatchedModel | None:
+    """Return objects that are linearized in one call; None if the kernel does not apply."""
     structures = [structure for model in models if (structure := packed(model)) is not None]
     if len(structures) < len(models) or not all(
         len(model.meshes) == 1 and in_one_call(model, int(free.sum()) + 1) for model in models
     ):
         return None
-    mesh = joined([model.meshes[0] for model in models])
+    mesh = concatenated([model.meshes[0] for model in models])
     lengths = np.array([len(model.meshes[0]) for model in models])
     return BatchedModel(
         structures[0].model,

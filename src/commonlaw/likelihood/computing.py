@@ -1,4 +1,4 @@
-"""Fits and linearisations: by the compiled kernel where there is one and it can, otherwise with NumPy."""
+"""Fits and linearizations by the compiled kernel, or with NumPy where it does not apply."""
 
 from collections.abc import Sequence
 from ctypes import CDLL
@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.kernel import kernel
 from commonlaw.likelihood import compiled, fitting, linearization
-from commonlaw.likelihood.compiled import BatchedModel, Packed, packed, together
+from commonlaw.likelihood.compiled import BatchedModel, Packed, batched, packed
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.observation_model import LatentProcesses
@@ -20,10 +20,10 @@ from commonlaw.runtime.parallel import in_parallel
 def fit(
     model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = 12
 ) -> Estimate:
-    """Return the maximum-likelihood estimate by Gauss-Newton steps, one model error after the other.
+    """Return the maximum-likelihood estimate by Gauss-Newton steps, with continuation in the model error.
 
     Free coefficients are those of `support`, shape (equations, terms). Model errors are standard deviations in each
-    step, relative to the noise, from large to small; each has at most so many steps.
+    step, relative to the noise, from large to small; each has at most `steps` iterations.
     """
     return _fit_each([model], [start], support, model_errors, steps)[0]
 
@@ -31,9 +31,9 @@ def fit(
 def linearize(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
 ) -> Linearization:
-    """Return the likelihood about an estimate, at a model error relative to the noise.
+    """Return the likelihood, linearized about an estimate, at a model error relative to the noise.
 
-    Only coefficients in `columns`, shape (equations, terms), become columns; default: all. Raises `NotPositiveError` if
+    Columns are the coefficients in `columns`, shape (equations, terms), by default all. Raises `NotPositiveError` if
     numbers are not finite, or too far apart.
     """
     return _linearize_each([model], [estimate], model_error, columns)[0]
@@ -51,7 +51,7 @@ def fit_each(
 def linearize_each(
     models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], model_error: float
 ) -> list[Linearization]:
-    """Return the likelihood of each of several objects about its estimate, see `linearize`."""
+    """Return the linearized likelihood of each of several objects, see `linearize`."""
     if threads_are_worthwhile(models):
         return in_parallel(lambda model, estimate: linearize(model, estimate, model_error), models, estimates)
     return _linearize_each(models, estimates, model_error, None)
@@ -60,9 +60,9 @@ def linearize_each(
 def whitened(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
 ) -> list[tuple[Floats, float]]:
-    """Return the rows of each mesh, see `linearize`, from first to last sample, and its log-determinant.
+    """Return the whitened rows of each mesh, see `linearize`, and its log-determinant.
 
-    The targets are the innovations of the states: what each sample adds to those before it.
+    Rows are in the order of time; their targets are the innovations of the states.
     """
     prepared = _compiled([model])
     if prepared is None:
@@ -72,7 +72,7 @@ def whitened(
 
 
 def threads_are_worthwhile(models: Sequence[TrajectoryModel]) -> bool:
-    """Whether threads are worth what they cost: one linearisation of these objects takes milliseconds."""
+    """Return whether one linearization of these objects takes milliseconds, so that threads pay off."""
     points = sum(len(mesh) for model in models for mesh in model.meshes)
     return points * models[0].equations * len(models[0].terms) > 50_000
 
@@ -110,7 +110,7 @@ def _free(estimate: Estimate, columns: Bools | None) -> Bools:
 
 
 def _compiled(models: Sequence[TrajectoryModel]) -> tuple[CDLL, list[Packed]] | None:
-    """Return the kernel and the structures of models that it takes; None where NumPy is to be used."""
+    """Return the kernel and the structures of models; None if it does not apply."""
     library = kernel()
     if library is None:
         return None
@@ -120,7 +120,7 @@ def _compiled(models: Sequence[TrajectoryModel]) -> tuple[CDLL, list[Packed]] | 
 
 @dataclass(frozen=True, eq=False)
 class LinearizedObjects:
-    """Several objects, and the estimates about which they are linearized, with columns as in `linearize`."""
+    """Several objects with the estimates about which they are linearized, and columns as in `linearize`."""
 
     models: Sequence[TrajectoryModel]
     estimates: Sequence[Estimate]
@@ -133,20 +133,18 @@ class LinearizedObjects:
         the models' units. Raises `NotPositiveError` if numbers are not finite, or too far apart.
         """
         library = kernel()
-        if library is not None and self._together is not None:
-            return self._together.linearize(library, std, latent, model_error)
+        if library is not None and self._batch is not None:
+            return self._batch.linearize(library, std, latent, model_error)
         cuts = np.cumsum([sum(map(len, model.meshes)) for model in self.models])[:-1]
         linear = list[Linearization]()
         for model, stds, estimate in zip(self.models, np.split(std, cuts), self.estimates, strict=True):
             parts = np.split(stds, np.cumsum([len(mesh) for mesh in model.meshes])[:-1])
             pairs = zip(model.meshes, parts, strict=True)
-            meshes = [mesh.with_scale(stds_of_mesh / model.observation.noise) for mesh, stds_of_mesh in pairs]
+            meshes = [mesh.with_scale(sigma / model.observation.noise) for mesh, sigma in pairs]
             changed = replace(model, meshes=meshes, latent=latent)
             linear.append(linearize(changed, estimate, model_error, self.columns))
-        return np.array([linearization_.problem.factor for linearization_ in linear]), sum(
-            linearization_.log_determinant for linearization_ in linear
-        )
+        return np.array([row.problem.factor for row in linear]), sum(row.log_determinant for row in linear)
 
     @cached_property
-    def _together(self) -> BatchedModel | None:
-        return together(self.models, self.estimates, self.columns)
+    def _batch(self) -> BatchedModel | None:
+        return batched(self.models, self.estimates, self.columns)

@@ -1,4 +1,4 @@
-"""Kinds of errors besides white noise: a class for each, with what the likelihood and the search ask of it."""
+"""Error models besides white noise, one class each: levels, bounds, and initial values of their estimation."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from commonlaw.runtime.fit_options import ErrorKind
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """Levels of errors besides white noise, in units of states and time; None without errors of a kind.
+    """Levels of errors besides white noise, in units of states and time; None without a kind.
 
     Parameters
     ----------
@@ -36,19 +36,19 @@ class ErrorModel:
 
     @property
     def kind(self) -> ErrorKind:
-        """Of which kind these errors are."""
+        """The kind of these errors."""
         latent: tuple[ErrorKind, ...] = ("force", "correlated")
         kinds = [kind for kind in latent if getattr(self, kind) is not None]
         return next(iter([*kinds, *self.heteroscedastic]), "white" if self.walk is None else "walk")
 
     @property
     def latent(self) -> LatentProcesses:
-        """What is eliminated with the states."""
+        """The latent processes, which are eliminated with the states."""
         return LatentProcesses(self.correlated, self.memory, self.force, self.force_time)
 
     @property
     def hyperparameters(self) -> int:
-        """How many numbers there are, but for the random walk."""
+        """Number of levels and times, without the random walk."""
         return self.latent.hyperparameters + sum(map(len, self.heteroscedastic.values()))
 
     def __bool__(self) -> bool:
@@ -56,16 +56,16 @@ class ErrorModel:
 
     @property
     def of_law(self) -> bool:
-        """Whether the law itself errs, and not the measurements alone."""
+        """Whether there is process noise, besides measurement errors."""
         return self.force is not None or self.walk is not None
 
     @property
     def rounds(self) -> int:
-        """How often noise and states are estimated in turn: heteroscedastic noise follows fitted states."""
+        """Rounds of alternating estimation: heteroscedastic noise depends on fitted states."""
         return 2 if self.heteroscedastic else 1
 
     def white_std(self, states: Floats, noise: Floats) -> Floats:
-        """Return the white noise at states, shape (n, d), from that at zero, shape (n, d) or (d,)."""
+        """Return the standard deviation of white noise at states, shape (n, d), given that at zero, (n, d) or (d,)."""
         relative = np.ones_like(noise)
         for kind, levels in self.heteroscedastic.items():
             relative = np.hypot(relative, levels / noise * heteroscedastic(kind).growth(states))
@@ -90,7 +90,7 @@ NO_ERRORS = ErrorModel()
 
 @dataclass(frozen=True)
 class Scales:
-    """What bounds the levels and times of errors.
+    """Scales that bound the levels and times of errors.
 
     Parameters
     ----------
@@ -113,25 +113,25 @@ class Scales:
 
 
 class AbstractErrors(ABC):
-    """A kind of errors: its levels, and times, and how they are sought."""
+    """A kind of errors: its levels and times, their bounds, and initial values of their estimation."""
 
     label: ClassVar[str]
-    """As messages and reports name it."""
+    """Name in messages and reports."""
     group: ClassVar[Literal["white", "measurement", "law"]] = "measurement"
-    """What errs besides white noise; the best kind of each group is sought with its own law."""
+    """What is affected besides white noise; the best kind of each group is fitted with its own law."""
     shares: ClassVar[tuple[float, ...]] = (0.2, 0.5, 0.7)
-    """Where levels begin, from the logarithm of the least to that of the largest."""
+    """Initial levels, as shares of the interval between the logarithms of the bounds."""
 
     @abstractmethod
     def model(self, values: Floats) -> ErrorModel:
-        """Return the errors of given levels, then times."""
+        """Return the error model with given levels, then times."""
 
     @abstractmethod
     def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
         """Return the least and the largest levels, then times."""
 
     def starts(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
-        """Return logarithms of levels and times to begin at, between bounds."""
+        """Return initial logarithms of levels and times, between bounds."""
         return [low + share * (high - low) for share in self.shares]
 
 
@@ -187,7 +187,7 @@ class Proportional(Heteroscedastic):
 
 
 class _Timed(AbstractErrors):
-    """Errors with a memory: their levels are followed by one time."""
+    """Autocorrelated errors: levels, followed by one correlation time."""
 
     times: ClassVar[tuple[float, ...]] = (0.2, 0.5, 0.8)
 
@@ -205,7 +205,7 @@ class Correlated(_Timed):
 
     label = "autocorrelated measurement errors"
     shares = (0.3, 1.0)
-    """Of the noise."""
+    """Initial levels relative to the noise."""
 
     def model(self, values: Floats) -> ErrorModel:
         return ErrorModel(correlated=values[:-1], memory=float(values[-1]))
@@ -253,7 +253,7 @@ ERRORS: Mapping[ErrorKind, AbstractErrors] = {
 
 
 def heteroscedastic(kind: ErrorKind) -> Heteroscedastic:
-    """Return a kind of errors that grow with the states."""
+    """Return a kind of heteroscedastic noise."""
     errors = ERRORS[kind]
     assert isinstance(errors, Heteroscedastic)
     return errors

@@ -1,4 +1,12 @@
-"""States and coefficients fitted together, the states eliminated."""
+"""Maximum-likelihood estimates of trajectories and coefficients by Gauss-Newton, with states eliminated.
+
+With defects d of a solution (see `collocation`), model-error variances q and residuals r of weights w, the objective
+
+    sum of w r^2 + sum of d^2 / q + sum of p (theta - theta_0)^2
+
+is minimized over states z and coefficients theta. Its normal equations are block tridiagonal in z, which is eliminated
+by a banded Cholesky factorization (Schur complement).
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +29,7 @@ _LIFTS = CONSTANTS["LIFTS"]
 
 
 class NotPositiveError(CommonlawError, ArithmeticError):
-    """Numbers overflowed, or were too far apart for the factorisation."""
+    """Numbers overflowed, or the information is not positive definite."""
 
     def __init__(self, code: str = "likelihood-not-computable", /, where: str = "", **parameters: object) -> None:
         super().__init__(code, where, **parameters)
@@ -29,7 +37,7 @@ class NotPositiveError(CommonlawError, ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class SchurComplement:
-    """The normal equations of one mesh after the states were eliminated.
+    """The normal equations of one mesh after elimination of the states.
 
     `information` on the coefficients has shape (parameters, parameters); `gradient` is half that of the objective by
     them, the states following. At fixed coefficients states move by `state_step`, shape (n, D), and
@@ -44,14 +52,14 @@ class SchurComplement:
     factor: Floats
 
     def state_covariances(self) -> tuple[Floats, Floats]:
-        """Return the variance of every state where the coefficients stay, shape (n, D), and the last's covariance."""
+        """Return the variances of states given the coefficients, shape (n, D), and the covariance of the last state."""
         points, width = self.state_step.shape
         diagonal, following = np.zeros((points, width, width)), np.zeros((points - 1, width, width))
         for i, j in np.ndindex(width, width):
             if j >= i:
                 diagonal[:, i, j] = self.factor[2 * width - 1 + i - j, j::width]
             following[:, i, j] = self.factor[width - 1 + i - j, width + j :: width]
-        # Given the next state, a state is normal about what follows from that
+        # Backward recursion (Rauch-Tung-Striebel smoother)
         root = np.linalg.inv(diagonal)
         follow, covariances = np.matmul(root[:-1], following), np.matmul(root, root.transpose(0, 2, 1))
         for k in range(points - 2, -1, -1):
@@ -67,9 +75,9 @@ def eliminate_states(
     observed: Floats,
     anchored: tuple[Floats, Floats] | None = None,
 ) -> SchurComplement:
-    """Return the normal equations of one mesh without the states.
+    """Return the normal equations of one mesh with the states eliminated.
 
-    Precisions of defects have shape (n - 1, D), weights of measurements (n, d), zero where there are none; `measured`,
+    Precisions of defects have shape (n - 1, D), weights of measurements (n, d), zero where there are none; `observed`,
     shape (d, D), maps states to measurements. The last states may be anchored at zero: precisions and values of shape
     (n, w). Raises `NotPositiveError` if numbers are not finite, or too far apart.
     """
@@ -102,12 +110,12 @@ def eliminate_states(
     factor = _factor(bands)
     solved = cho_solve_banded((factor, False), right, check_finite=False)
     information = flat.T @ flat_scaled - flat_border.T @ solved[:, :count]
-    remainder = flat.T @ weighted.ravel() - flat_border.T @ solved[:, count]
-    if not (np.isfinite(information).all() and np.isfinite(remainder).all()):
+    gradient_theta = flat.T @ weighted.ravel() - flat_border.T @ solved[:, count]
+    if not (np.isfinite(information).all() and np.isfinite(gradient_theta).all()):
         raise NotPositiveError
     return SchurComplement(
         (information + information.T) / 2,
-        remainder,
+        gradient_theta,
         -solved[:, count].reshape(points, width),
         -solved[:, :count].reshape(points, width, count),
         factor,
@@ -145,29 +153,29 @@ def _factor(bands: Floats) -> Floats:
 
 
 SHORTEST = 1e-4
-"""Steps shorter than this share of the Gauss-Newton step are not tried."""
+"""Smallest share of the Gauss-Newton step in the line search."""
 
 GAIN = 1e-3
-"""A step that gains less than this in twice the log-likelihood, besides the relative gain, is the last."""
+"""Decrease of the objective, besides the relative one, below which the iteration ends."""
 
 
 class Prior(NamedTuple):
-    """Normal distributions of coefficients: their typical values and precisions, both of shape (equations, terms)."""
+    """Normal priors of coefficients: means and precisions, both of shape (equations, terms)."""
 
-    typical: Floats
+    mean: Floats
     precision: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryModel:
-    """The statistical model of one object's measured trajectories, with a law that holds up to a model error.
+    """The state-space model of one object's trajectories, with a law that holds up to a model error.
 
     Parameters
     ----------
     terms
         Over the states z: x of a law of first order, (x, x') of one of second order; inputs and time.
     meshes
-        Points of the states, with the measurements.
+        Points in time, with the measurements.
     observation
         The noise of the measurements.
     unit
@@ -176,7 +184,7 @@ class TrajectoryModel:
     latent
         Latent processes, whose values follow those of the states in estimates: shape (n, D + w).
     prior
-        Of the coefficients, if it is not flat.
+        Of the coefficients; default: flat.
     """
 
     terms: Terms
@@ -202,11 +210,11 @@ class TrajectoryModel:
         return self.terms.variables.order_of(self.equations)
 
     def field(self, coefficients: Floats, free: Bools | None = None) -> VectorField:
-        """Return the law of these coefficients, shape (equations, terms), of which some are free."""
+        """Return the vector field of coefficients, shape (equations, terms), of which some are free."""
         return VectorField(self.terms, coefficients, self.order, free=free)
 
     def precision(self, mesh: Mesh, model_error: float) -> Floats:
-        """Return the precision of each defect, shape (n - 1, D + w): the model error is a random walk in time."""
+        """Return the precision of each defect, shape (n - 1, D + w), for a random walk of a given model error."""
         on = mesh.contiguous[:, np.newaxis]
         q = on / (model_error * self.unit) ** 2 / mesh.relative_steps[:, np.newaxis]
         return np.column_stack([q, np.repeat(on, self.latent.width, axis=1)]) if self.latent.width else q
@@ -218,18 +226,18 @@ class TrajectoryModel:
 
     @property
     def observed(self) -> Floats:
-        """What is measured of states and latent processes, shape (d, D + w)."""
+        """The observation matrix H of states and latent processes, shape (d, D + w)."""
         h = np.eye(self.equations, self.width + self.latent.width)
         if self.latent.correlated is not None:
             h[:, self.width : self.width + self.equations] = np.eye(self.equations)
         return h
 
     def residuals(self, mesh: Mesh, states: Floats) -> Floats:
-        """Return measured less sought values, shape (n, d); NaN where nothing was measured."""
+        """Return residuals y - H z, shape (n, d), NaN where nothing was measured."""
         return mesh.measured - states @ self.observed.T
 
     def parts(self, estimate: "Estimate") -> Iterator[tuple[Mesh, Floats, LatentSteps | None]]:
-        """Yield each mesh with the states on it, shape (n, D + w), and the steps of the latent processes."""
+        """Yield each mesh with its states, shape (n, D + w), and the steps of its latent processes."""
         return zip(self.meshes, estimate.states, self.latent_steps, strict=True)
 
     def with_latent(self, latent: LatentProcesses, estimate: "Estimate") -> tuple["TrajectoryModel", "Estimate"]:
@@ -244,8 +252,8 @@ class TrajectoryModel:
 class Estimate:
     """States of each mesh, shape (n, D), and coefficients, shape (equations, terms), of one object.
 
-    `deviance` is twice the negative log-likelihood of the measurements, but for a constant; `objective` adds the
-    squared defects, and is infinite if the coefficients cannot be evaluated.
+    `deviance` is minus twice the log-likelihood of the measurements, up to a constant; `objective` adds the squared
+    defects and the prior, and is infinite if it is not finite.
     """
 
     states: tuple[Floats, ...]
@@ -257,7 +265,7 @@ class Estimate:
 def fit(
     model: TrajectoryModel, start: Estimate, support: Bools, model_errors: Sequence[float], steps: int = 12
 ) -> Estimate:
-    """Return the estimate of largest likelihood with NumPy, see `computing.fit`."""
+    """Return the maximum-likelihood estimate with NumPy, see `computing.fit`."""
     estimate = start
     for model_error in model_errors:
         estimate = _evaluated(model, estimate, model_error)
@@ -284,7 +292,7 @@ def _evaluated(model: TrajectoryModel, estimate: Estimate, model_error: float) -
             if latent is not None:
                 objective += float(np.sum(latent.anchors * states[:, model.width :] ** 2))
     if model.prior is not None:
-        objective += float(np.sum(model.prior.precision * (estimate.coefficients - model.prior.typical) ** 2))
+        objective += float(np.sum(model.prior.precision * (estimate.coefficients - model.prior.mean) ** 2))
     objective += deviance
     return replace(estimate, deviance=deviance, objective=objective if np.isfinite(objective) else np.inf)
 
@@ -305,30 +313,30 @@ def eliminate_states_of_meshes(
 
 
 def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float) -> Estimate | None:
-    """Return the estimate after one Gauss-Newton step, shortened until it is better; None if none is."""
+    """Return the estimate after one Gauss-Newton step with backtracking; None if no step decreases the objective."""
     try:
         parts = eliminate_states_of_meshes(model, estimate, support, model_error)
-        total = np.sum([part.information for part in parts], axis=0)
+        information = np.sum([part.information for part in parts], axis=0)
         gradient = np.sum([part.gradient for part in parts], axis=0)
         if model.prior is not None:
             precision = model.prior.precision[support]
-            total = total + np.diag(precision)
-            gradient = gradient + precision * (estimate.coefficients - model.prior.typical)[support]
-        # The solution of least norm, in units in which the matrix has a diagonal of ones
-        scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
+            information = information + np.diag(precision)
+            gradient = gradient + precision * (estimate.coefficients - model.prior.mean)[support]
+        # The minimum-norm solution, scaled to a unit diagonal
+        scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
         with np.errstate(over="ignore"):
-            relative = total / np.outer(scale, scale)
-        if not np.isfinite(relative).all():
+            scaled = information / np.outer(scale, scale)
+        if not np.isfinite(scaled).all():
             raise NotPositiveError
-        own = least_norm(relative, (-gradient) / scale) / scale
+        delta = least_norm(scaled, (-gradient) / scale) / scale
     except (NotPositiveError, np.linalg.LinAlgError):
         return None
-    directions = [part.state_step + part.state_sensitivity @ own for part in parts]
+    directions = [part.state_step + part.state_sensitivity @ delta for part in parts]
     fraction = 1.0
     while fraction > SHORTEST:
         coefficients = estimate.coefficients.copy()
-        coefficients[support] += fraction * own
-        moved = tuple(z + fraction * step for z, step in zip(estimate.states, directions, strict=True))
+        coefficients[support] += fraction * delta
+        moved = tuple(z + fraction * direction for z, direction in zip(estimate.states, directions, strict=True))
         candidate = _evaluated(model, Estimate(moved, coefficients), model_error)
         if candidate.objective < estimate.objective:
             return candidate
@@ -337,5 +345,5 @@ def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_erro
 
 
 def least_norm(matrix: Floats, right: Floats) -> Floats:
-    """Return the solution of least norm of a symmetric system with a unit diagonal; it must be finite."""
+    """Return the minimum-norm solution of a finite symmetric system with unit diagonal."""
     return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-13)[0])

@@ -1,6 +1,10 @@
-"""The likelihood about a fit as a least-squares problem of the coefficients."""
+"""The likelihood, linearized about a fit, as a least-squares problem of the coefficients.
 
-from collections.abc import Sequence
+With Jacobians A of defects by states and B by coefficients, and covariances R of measurements and Q of model errors,
+defects at measured states are normal with covariance ``A R A' + Q``. Their rows, whitened by a banded Cholesky
+factorization, are a regression on the columns of B (generalized least squares).
+"""
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,11 +20,10 @@ from commonlaw.likelihood.observation_model import LatentSteps
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """Least squares of one object's coefficients, with the initial states of all segments eliminated.
+    """Regression of one object's coefficients, with the initial states of all segments eliminated.
 
-    `factor` is triangular, of coefficients and residuals of unit variance, shape (p + 1, p + 1). `leverage`, shape
-    (d,), is the trace of the hat matrix over the measurements of each state, but for states that are constant in a
-    segment.
+    `factor` is the triangular factor of [columns | residuals], shape (p + 1, p + 1). `leverage`, shape (d,), is the
+    trace of the hat matrix over the measurements of each state, without those constant in a segment.
     """
 
     factor: Floats
@@ -30,7 +33,7 @@ class Regression:
     def of(cls, model: TrajectoryModel, estimate: Estimate, free: Bools) -> "Regression | None":
         """Return the regression about an estimate by the free coefficients, shape (equations, terms).
 
-        None if initial states are not identifiable, or the law forgets them.
+        None if initial states are not identifiable.
         """
         d, width, size = model.equations, model.width, int(free.sum())
         parts, states, leverage = list[Floats](), list[Indices](), np.zeros(d + 1)
@@ -61,7 +64,7 @@ class Regression:
 
 
 def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Floats, free: Bools) -> Floats:
-    """Return the derivatives of the states at all points by the start of their segment and coefficients, (n, D, q)."""
+    """Return the sensitivities of states to initial states and coefficients, (n, D, D + p), by a parallel scan."""
     width, size = model.width, int(free.sum())
     linear = jacobians(model.field(coefficients, free), mesh, states[:, :width])
     steps, begins = np.zeros((len(mesh), width, width)), np.zeros((len(mesh), width, width + size))
@@ -79,30 +82,29 @@ def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Flo
 
 
 def _basis(columns: Floats) -> Floats | None:
-    """Return an orthonormal basis of columns; None if these are collinear: initial states are not identifiable."""
+    """Return an orthonormal basis of columns; None if they are collinear."""
     basis, values, _ = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
     return basis if len(basis) >= columns.shape[1] and values[-1] > 1e-10 * values[0] else None
 
 
 MISSING = 100.0
-"""Noise of a state that was not measured, relative to that of those that were. It says next to nothing, and is small
-enough to be eliminated without rounding."""
+"""Standard deviation of an unmeasured state, in units of the noise: vague, and small enough for elimination without
+rounding errors."""
 
 HIDDEN = 1000.0
-"""The same of latent processes, relative to their standard deviation."""
+"""The same for latent processes, in units of their standard deviation."""
 
 RATE = 3.0
-"""Noise of a rate per sampling step, relative to that of a state: much larger than what neighbouring states say of
-it."""
+"""The same for a rate, in units of the noise per sampling step: vague compared with differences of states."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """The likelihood of one object's trajectories about an estimate.
+    """The likelihood of one object's trajectories, linearized about an estimate.
 
-    Columns of the problem are all terms of the first equation, then of the second, and so on; it has one target, and
-    residuals of unit variance. Squared residuals plus the log-determinant of the covariance that was removed, less
-    twice that of the change from states to defects, are twice the negative log-likelihood, but for a constant.
+    Columns of the problem are all terms of the first equation, then of the second, ...; residuals have unit variance.
+    Minus twice the log-likelihood is, up to a constant, the sum of squared residuals plus `log_determinant`, that of
+    the covariance of defects less twice that of the Jacobian of defects by the states at the ends of steps.
     """
 
     problem: LeastSquaresProblem
@@ -112,13 +114,9 @@ class Linearization:
 def linearize(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools | None = None
 ) -> Linearization:
-    """Return the likelihood about an estimate with NumPy, see `computing.linearize`."""
+    """Return the linearized likelihood with NumPy, see `computing.linearize`."""
     count = estimate.coefficients.size if columns is None else int(columns.sum())
-    return joined(whitened(model, estimate, model_error, columns), count)
-
-
-def joined(parts: Sequence[tuple[Floats, float]], count: int) -> Linearization:
-    """Return the linearisation with so many columns that rows and log-determinants of meshes make."""
+    parts = whitened(model, estimate, model_error, columns)
     rows = LeastSquaresProblem.of_blocks((block for block, _ in parts), count, count + 1)
     return Linearization(rows, sum(log_determinant for _, log_determinant in parts))
 
@@ -134,9 +132,9 @@ def whitened(
 def whitened_with_initial_states(
     model: TrajectoryModel, estimate: Estimate, model_error: float, columns: Bools
 ) -> tuple[list[Floats], float]:
-    """Return the rows of each segment, [start | library | target], with the log-determinant of all.
+    """Return the rows of each segment, [initial state | library | target], and the log-determinant of all.
 
-    Columns of the start are as many as states; rows are those of `whitened`, and the measurements at the start.
+    Rows are those of the measurements at the first point, and those of `whitened` given the initial state.
     """
     blocks, total = list[Floats](), 0.0
     for part in model.parts(estimate):
@@ -166,9 +164,9 @@ def _whitened(
     model_error: float,
     from_starts: bool = False,
 ) -> tuple[Floats, float]:
-    """Return rows [library of all equations | target] of unit covariance, and the log-determinant of theirs before.
+    """Return whitened rows [library of all equations | target] of one mesh, and the log-determinant.
 
-    From starts, columns of the changes there come first, and measurements there do not count.
+    With `from_starts`, columns of the initial state come first, and measurements there are omitted.
     """
     from scipy.linalg import lapack
 
@@ -184,7 +182,7 @@ def _whitened(
     target = library @ coefficients[free] - defects.ravel()
     if not np.isfinite(library).all():
         raise NotPositiveError
-    # Far from the origin terms are nearly collinear: rounding in what follows would spoil their differences
+    # Orthogonal columns keep their digits where terms are nearly collinear, far from the origin
     basis, mixed = orthogonalized(library, free, model)
     starts = linear.start * mesh.first[:-1, np.newaxis, np.newaxis] if from_starts else np.empty((*defects.shape, 0))
     rows = np.column_stack([starts.reshape(defects.size, -1), basis, target])
@@ -206,10 +204,9 @@ def _whitened(
 
 
 def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tuple[Floats, Floats]:
-    """Return columns orthogonal for each equation, and the matrix that gives the library of them.
+    """Return a basis Q and a matrix R with ``library = Q R``, by QR factorization of the columns of each equation.
 
-    The library has the free coefficients of one equation after the other as columns, and a row a defect. In units of
-    the states' noise those of different equations are nearly orthogonal, as each moves its own state most.
+    Rows of the library are defects. In units of the noise, columns of different equations are nearly orthogonal.
     """
     counts, units = free.sum(axis=1), np.append(model.unit, np.ones(model.latent.width))
     units = np.where(units > 0, units, 1.0)
@@ -225,7 +222,7 @@ def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tupl
 
 
 def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
-    """Return orthogonal columns and their triangle; by Cholesky factorization, if products keep four digits."""
+    """Return the QR factorization, by Cholesky factorization where its condition number is below 1e6."""
     from scipy.linalg import blas, lapack
 
     norms = column_scales(columns)
@@ -239,10 +236,10 @@ def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
 def _measured(
     model: TrajectoryModel, mesh: Mesh, states: Floats, latent: LatentSteps | None
 ) -> tuple[Floats, Floats, float]:
-    """Return the measurements at each point, covariances (n, D + w, D + w) and centres (n, D + w), and a constant.
+    """Return the covariances of states given measurements, (n, D + w, D + w), offsets (n, D + w), and a constant.
 
-    Unmeasured quantities have vague variances, whose log-sum at the ends of all steps, the constant, is not part of the
-    likelihood.
+    Unmeasured states have vague variances. The constant is the sum of their logarithms at the ends of steps, which is
+    not part of the likelihood.
     """
     equations, width = model.equations, model.width
     residuals = model.residuals(mesh, states)
@@ -266,7 +263,7 @@ def _measured(
     covariances = np.zeros((*variances.shape, variances.shape[1]))
     diagonal = range(variances.shape[1])
     covariances[:, diagonal, diagonal] = variances
-    if model.latent.correlated is not None:  # The less an error is, the more the state
+    if model.latent.correlated is not None:  # Error and state are negatively correlated given the measurement
         for j, error in zip(range(equations), range(width, width + equations), strict=True):
             shared = np.where(seen[:, j], variances[:, error], 0.0)
             covariances[:, j, j] += shared
@@ -275,25 +272,25 @@ def _measured(
 
 
 def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Floats:
-    """Return the variance of states and latent processes that were not measured, shape (D + w,)."""
+    """Return the vague variances of unmeasured states and latent processes, shape (D + w,)."""
     hidden = np.zeros(0) if latent is None else HIDDEN * latent.std
     return np.concatenate([(MISSING * _typical_noise(model, mesh)) ** 2, variance_of_rates(model, mesh), hidden**2])
 
 
 def variance_of_rates(model: TrajectoryModel, mesh: Mesh) -> Floats:
-    """Return the variance of the rates of measured states, about which nothing is said by it, shape (D - d,)."""
+    """Return the vague variances of rates, shape (D - d,)."""
     noise = _typical_noise(model, mesh)[with_rates(model.order, model.equations)]
     return np.asarray((RATE * noise / mesh.typical_step) ** 2)
 
 
 def _typical_noise(model: TrajectoryModel, mesh: Mesh) -> Floats:
-    """Return the standard deviation of measurements, the root mean square of all of each state, shape (d,)."""
+    """Return the root mean square noise of the measurements of each state, shape (d,)."""
     scale = np.sqrt(np.mean(np.broadcast_to(mesh.scale, mesh.measured.shape) ** 2, axis=0))
     return np.asarray(model.observation.noise * scale)
 
 
 def _covariance(linear: Jacobians, covariances: Floats, allowed: Floats, mesh: Mesh) -> Floats:
-    """Return the covariance of the defects by its lower bands, in LAPACK's layout, shape (2 D, steps D)."""
+    """Return the covariance A R A' + Q of the defects by lower bands, in LAPACK's layout, shape (2 D, steps D)."""
     steps, width = linear.defects.shape
     start = np.matmul(linear.start, covariances[:-1])
     end = np.matmul(linear.end, covariances[1:])

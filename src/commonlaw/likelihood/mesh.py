@@ -1,4 +1,4 @@
-"""The points in time at which the states of an object are sought, and what was measured there."""
+"""Meshes: the points in time of the estimated states of an object, with the measurements there."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,12 +15,12 @@ from commonlaw.library import Order
 from commonlaw.trials import Trial
 
 MAX_MESH_SAMPLES = 4000
-"""Points that are worked on together; longer segments would leave the cache and fill memory."""
+"""Points of a mesh; longer segments exceed the cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Points of one or several segments of trials, one segment behind the other.
+    """Points of segments of trials, concatenated.
 
     Parameters
     ----------
@@ -61,34 +61,34 @@ class Mesh:
 
     @cached_property
     def still(self) -> Bools:
-        """Which measurements are of a state that is the same throughout its segment, shape (n, d)."""
+        """Which measurements are of a state that is constant in its segment, shape (n, d)."""
         first = np.flatnonzero(self.first)
         same = np.fmin.reduceat(self.measured, first) == np.fmax.reduceat(self.measured, first)
         return np.asarray(np.repeat(same, np.diff(first, append=len(self)), axis=0))
 
     @cached_property
     def absent(self) -> Bools:
-        """Which of these are of a state that is exactly zero, such as a species that is absent, shape (n, d)."""
+        """Which of these are exactly zero, as of an absent species, shape (n, d)."""
         first = np.flatnonzero(self.first)
         seen = np.add.reduceat(self.observed.astype(np.intp), first)
         twice = np.repeat(seen > 1, np.diff(first, append=len(self)), axis=0)
         return np.asarray(self.still & twice & (np.nan_to_num(self.measured) == 0))
 
     def indices_on(self, stride: int) -> Floats:
-        """Return where its points are on a mesh with that many steps for each of its own, shape (n,)."""
+        """Return the indices of the points on a mesh with `stride` steps for each one, shape (n,)."""
         return np.concatenate([[0], np.cumsum(np.where(self.contiguous, stride, 1))])
 
     def halfway(self, values: Floats) -> Floats:
-        """Return values at its points, shape (n, columns), on the mesh of half its steps, on straight lines."""
+        """Return values at the points, shape (n, columns), interpolated linearly to the mesh of half steps."""
         indices = self.indices_on(2)
         return np.column_stack([np.interp(np.arange(indices[-1] + 1), indices, column) for column in values.T])
 
     def with_inputs(self, inputs: Inputs) -> "Mesh":
-        """Return the mesh of one segment with inputs that are known at any time."""
+        """Return the mesh of one segment with inputs as functions of time."""
         return replace(self, inputs=inputs.at(self.times), middle=_in_middle(inputs, self.times)[:-1], held=inputs.held)
 
     def with_scale(self, scale: Floats) -> "Mesh":
-        """Return the mesh with other standard deviations; what follows from the rest is not computed again."""
+        """Return the mesh with other standard deviations, keeping cached properties."""
         scaled, rest = replace(self, scale=scale), ("still", "moving", "observed", "steps", "relative_steps", "grid")
         scaled.__dict__.update({name: getattr(self, name) for name in (*rest, "typical_step")})
         return scaled
@@ -97,12 +97,12 @@ class Mesh:
         return len(self.times)
 
     def degrees_of_freedom(self, order: Order) -> int:
-        """Return the measurements less initial states; states constant in a segment do not count."""
+        """Return the number of measurements less initial states, without states constant in a segment."""
         return int(np.sum(np.maximum(self.moving - np.array(order), 0)))
 
     @cached_property
     def moving(self) -> Indices:
-        """How many measurements of each state that is not the same throughout it a segment has, (segments, d)."""
+        """Number of measurements of each state that varies in a segment, shape (segments, d)."""
         return np.add.reduceat((self.observed & ~self.still).astype(int), np.flatnonzero(self.first))
 
     @cached_property
@@ -122,7 +122,7 @@ class Mesh:
 
     @cached_property
     def grid(self) -> "Grid":
-        """What the kernel takes of the mesh whatever measurements are worth."""
+        """The arrays of the kernel that do not depend on standard deviations."""
         middle = (self.inputs[:-1] + self.inputs[1:]) / 2 if self.middle is None else self.middle
         middle_times = (self.times[:-1] + self.times[1:]) / 2
         listed = (self.times, middle_times, self.steps, self.relative_steps, self.measured, self.inputs, middle)
@@ -143,8 +143,8 @@ class Grid:
     contiguous: NDArray[np.uint8]
 
 
-def joined(parts: Sequence[Mesh]) -> Mesh:
-    """Return the mesh of several, one behind the other, as far as what happens in time goes."""
+def concatenated(parts: Sequence[Mesh]) -> Mesh:
+    """Return the concatenation of meshes, without standard deviations."""
     times, measured, inputs = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("times", "measured", "inputs")
     )
@@ -155,9 +155,9 @@ def joined(parts: Sequence[Mesh]) -> Mesh:
 def meshes(
     trials: Sequence[Trial], points: int = 1, most: int = MAX_MESH_SAMPLES, input_between: str = "linear"
 ) -> list[Mesh]:
-    """Return the meshes of an object's trials, none of them with fewer than two samples.
+    """Return the meshes of an object's trials, each of at least two samples.
 
-    A step from sample to sample has so many points; trials with more than `most` samples are cut into segments. For the
+    A sampling step has `points` points; trials with more than `most` samples are cut into segments. For the
     interpolation of inputs see `Inputs`.
     """
     return [
@@ -167,13 +167,13 @@ def meshes(
 
 
 def interpolate(values: Sequence[Floats], points: int = 1, most: int = MAX_MESH_SAMPLES) -> list[Floats]:
-    """Return values at the samples of trials, each of shape (samples, columns), linearly on their meshes."""
+    """Return values at the samples of trials, shape (samples, columns) each, interpolated linearly to their meshes."""
     groups = _groups([len(value) for value in values], most)
     return [np.concatenate([_between(values[i][segment], points) for i, segment in group]) for group in groups]
 
 
 def _groups(lengths: Sequence[int], most: int) -> Iterator[list[tuple[int, slice]]]:
-    """Yield trials, by their index, in groups of at most so many samples; long trials are cut into even segments."""
+    """Yield groups of at most `most` samples, each of trial indices with slices; longer trials are cut evenly."""
     group: list[tuple[int, slice]] = []
     size = 0
     for index, length in enumerate(lengths):
@@ -198,14 +198,14 @@ def _mesh(group: Sequence[tuple[Trial, slice]], points: int, input_between: str)
     if any(trial.repeats is not None for trial, _ in group):
         parts = [np.broadcast_to(trial.averaging, trial.states.shape)[segment] for trial, segment in group]
         averaging = np.nan_to_num(np.concatenate([_spaced(part, points) for part in parts]), nan=1.0)
-    courses = [Inputs.of(trial.times, trial.inputs, input_between) for trial, _ in group]
+    functions = [Inputs.of(trial.times, trial.inputs, input_between) for trial, _ in group]
     inputs, middle = (
-        np.concatenate([values_of(course, grid) for course, grid in zip(courses, times, strict=True)])
+        np.concatenate([values_of(function, grid) for function, grid in zip(functions, times, strict=True)])
         for values_of in (Inputs.at, _in_middle)
     )
     contiguous = np.ones(sum(map(len, times)) - 1, dtype=bool)
     contiguous[np.cumsum([len(time) for time in times])[:-1] - 1] = False
-    held = any(course.held for course in courses)
+    held = any(function.held for function in functions)
     return Mesh(
         np.concatenate(times),
         measured,
@@ -219,7 +219,7 @@ def _mesh(group: Sequence[tuple[Trial, slice]], points: int, input_between: str)
 
 
 def _in_middle(inputs: Inputs, times: Floats) -> Floats:
-    """Return inputs in the middle between each time and the next one, and at the last, shape (n, inputs)."""
+    """Return inputs at the midpoints of steps, and at the last time, shape (n, inputs)."""
     return inputs.at(np.append((times[:-1] + times[1:]) / 2, times[-1]))
 
 
@@ -231,7 +231,7 @@ def _spaced(values: Floats, points: int) -> Floats:
 
 
 def _between(values: Floats, points: int) -> Floats:
-    """Return values, shape (n, columns), with `points` - 1 more rows between any two, on straight lines."""
+    """Return values, shape (n, columns), with `points` - 1 linearly interpolated rows between any two."""
     if points == 1:
         return values
     samples = np.arange(len(values))

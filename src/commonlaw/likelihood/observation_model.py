@@ -1,4 +1,4 @@
-"""What samples are worth: white noise, and latent processes."""
+"""The observation model: white noise with the Huber loss, and latent Gauss-Markov processes."""
 
 from dataclasses import dataclass
 
@@ -12,12 +12,11 @@ from commonlaw.runtime.fit_options import FitOptions
 
 @dataclass(frozen=True, eq=False)
 class LatentSteps:
-    """The processes along one mesh, in units of what each step adds.
+    """The standardized increments of latent processes along one mesh.
 
-    With the values at two points, shape (w,), ``start @ before + end @ after`` is standard normal; both have shape (n -
-    1, w, w), zero between segments. At first points values are independent with precisions `anchors`, shape (n, w),
-    zero elsewhere, and stationary standard deviations of shape (w,). Columns of forces begin at `force`, if there are
-    any.
+    For the values before and after a step, shape (w,), ``start @ before + end @ after`` is standard normal; both have
+    shape (n - 1, w, w), zero between segments. At first points, values are independent with precisions `anchors`, shape
+    (n, w), zero elsewhere, of the stationary standard deviations `std`, shape (w,). Columns of forces begin at `force`.
     """
 
     start: Floats
@@ -29,7 +28,7 @@ class LatentSteps:
 
 @dataclass(frozen=True, eq=False)
 class LatentProcesses:
-    """Processes besides white noise: errors of measured states, forces on the equations, rates of the forces.
+    """Latent processes: autocorrelated measurement errors, random forces, and rates of the forces.
 
     Parameters
     ----------
@@ -48,13 +47,13 @@ class LatentProcesses:
 
     @property
     def width(self) -> int:
-        """How many processes there are."""
+        """Number of processes."""
         errors, forces = (0 if level is None else len(level) for level in (self.correlated, self.force))
         return errors + 2 * forces
 
     @property
     def hyperparameters(self) -> int:
-        """How many numbers describe the processes: a level for each state, and a time for all."""
+        """Number of hyperparameters: a level for each state, and a time for all."""
         return sum(0 if level is None else len(level) + 1 for level in (self.correlated, self.force))
 
     def along(self, mesh: Mesh) -> LatentSteps:
@@ -82,7 +81,7 @@ NO_PROCESSES = LatentProcesses()
 
 
 def _diagonal(values: Floats, added: Floats, mesh: Mesh) -> Floats:
-    """Return diagonal matrices of values over what each step adds, shape (n - 1, d, d), zero between segments."""
+    """Return diagonal matrices of values over standard deviations, shape (n - 1, d, d), zero between segments."""
     matrices = np.zeros((*added.shape, added.shape[1]))
     scaled = np.divide(values, added, out=np.zeros_like(added), where=mesh.contiguous[:, np.newaxis])
     matrices[:, range(added.shape[1]), range(added.shape[1])] = scaled
@@ -90,10 +89,10 @@ def _diagonal(values: Floats, added: Floats, mesh: Mesh) -> Floats:
 
 
 def _matern(std: Floats, time: float, mesh: Mesh) -> tuple[Floats, Floats]:
-    """Return the steps of forces and their rates, each of shape (n - 1, 2 d, 2 d), zero between segments.
+    """Return the standardized increments of Matern-3/2 forces and their rates, each of shape (n - 1, 2 d, 2 d).
 
-    A step of a = sqrt(3) h / time adds the covariance P - F P F', with transition F and stationary covariance P,
-    computed by incomplete gamma functions, which keep their digits for short steps.
+    A step of a = sqrt(3) h / time has the innovation covariance P - F P F', with transition F and stationary covariance
+    P (Hartikainen and Sarkka 2010), from incomplete gamma functions, which keep their digits for short steps.
     """
     from scipy.special import gammainc
 
@@ -101,7 +100,7 @@ def _matern(std: Floats, time: float, mesh: Mesh) -> tuple[Floats, Floats]:
     a = np.where(mesh.contiguous, rate * mesh.steps, 1.0)
     decay, short = np.exp(-a), gammainc(3, 2 * a)
     variance, across, of_rates = short, 2 * (a * decay) ** 2, short + 4 * a * decay**2
-    # The inverse of the lower factor of the covariance, for a force of unit variance and a rate of unit time
+    # Inverse Cholesky factor of the covariance, for unit variance and unit time
     first = 1 / np.sqrt(variance)
     last = 1 / np.sqrt(of_rates - across**2 / variance)
     inverse = np.array([[first, np.zeros_like(a)], [-across / variance * last, last]]).transpose(2, 0, 1)
@@ -129,7 +128,7 @@ def _joined(blocks: list[Floats]) -> Floats:
 
 
 HUBER_THRESHOLD = FitOptions.huber_threshold
-"""Standard deviations from which a measurement is an outlier: of normal noise, one in 16 000 is."""
+"""Standardized residual beyond which a measurement is an outlier: one in 16 000 of normal noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,9 +154,9 @@ class ObservationModel:
             raise CommonlawError("huber-threshold", value=self.huber_threshold)
 
     def deviance(self, residuals: Floats, scale: Floats | float = 1.0) -> float:
-        """Return twice the negative log-likelihood of residuals, with standard deviations noise times scale.
+        """Return minus twice the log-likelihood of residuals, NaN if missing, of standard deviations noise times scale.
 
-        NaN was not measured.
+        With the Huber threshold c it is the sum of ``u^2`` for standardized residuals ``|u| < c``, else ``2 c |u| - c^2``.
         """
         sizes = np.abs(residuals / (self.noise * scale))
         sizes = sizes[~np.isnan(sizes)]
@@ -166,7 +165,7 @@ class ObservationModel:
         return float(np.sum(sizes[~far] ** 2) + np.sum(2 * bound * sizes[far] - bound**2 if far.any() else 0.0))
 
     def weights(self, residuals: Floats, scale: Floats | float = 1.0) -> Floats:
-        """Return the precision of each measurement, shape (n, d); zero where nothing was measured."""
+        """Return the weight of each measurement, ``min(1, c / |u|) / std^2``, shape (n, d), zero if missing."""
         noise = self.noise * scale
         sizes = np.abs(residuals / noise)
         with np.errstate(invalid="ignore"):

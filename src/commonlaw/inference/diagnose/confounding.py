@@ -1,17 +1,16 @@
-"""Which variables are confounded, before any law: whether laws in some of them fit as well as laws in others.
+"""Confounded variables, before any law: sets of variables over which laws fit equally well.
 
-A trajectory is its start plus the integral of its law: ``x(t) = x(0) + sum of c_k times the integral of term k``, twice
-over for laws of second order. With terms taken along smooth curves through the samples, what a law leaves of the
-measurements is linear in its coefficients, no rate of the highest order is needed, and noise stays what it was (the
-integral form of sparse regression; Schaeffer and McCalla 2017). Errors may be correlated in time.
+Terms over subsets of the variables are compared in the integral form (see `integral_form`), without rates of the
+highest order. Errors may be autocorrelated: white noise with a share of exponentially correlated errors, selected by
+restricted maximum likelihood.
 
-Some variables suffice for an equation if no others have very strong evidence against them: the Bayesian information
-criterion of the terms over them alone, with coefficients of each object's own, is within 10 of the best (Kass and
-Raftery 1995). Where trials visit a single curve, variables are functions of each other on it, and there are several
-smallest sets that suffice, none part of another: laws in the one and in the other fit equally well, and differ away
-from the curve. As objects share their terms, one object that visits more separates them for all. Where trials of an
-object differ by more than their noise, a variable may stand in for what makes them differ: the note is given where
-evidence prefers laws whose coefficients differ from trial to trial."""
+A subset suffices for an equation if the Bayesian information criterion of the terms over it, with object-specific
+coefficients, is within 10 of the best (Kass and Raftery 1995). Several minimal sufficient subsets are confounded: where
+trials visit a single curve, variables are functions of each other on it, and laws in them differ only off the curve. As
+objects share their terms, one object with other trials separates them for all. A variable may also stand for
+differences between the trials of an object: if coefficients that differ between trials have the smaller criterion, the
+comparison is made with these.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales, law_variables
 from commonlaw.inference import settings
+from commonlaw.inference.fit.integral_form import initial_conditions, integrated, outside_span
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import natural
@@ -35,30 +35,30 @@ Columns = tuple[int, ...]
 
 @dataclass(frozen=True)
 class ConfoundedVariables:
-    """Variables of which trials cannot tell which ones an equation is about.
+    """The confounded variables of an equation.
 
     Parameters
     ----------
     state
         The state of the equation.
     sets
-        The smallest sets of variables that suffice, each by itself.
-    left
-        What the terms over each set leave of the state, root mean square.
-    left_by_all
-        What all terms leave, with the same coefficients in all trials of an object.
+        The minimal sufficient sets of variables.
+    rms
+        Root mean square residual of the state for the terms over each set.
+    rms_of_all
+        The same for all terms, with coefficients common to the trials of an object.
     by_trial
-        Whether that takes coefficients that differ from trial to trial.
+        Whether sets suffice only with coefficients that differ between trials.
     starts
-        The least and the largest value that trials start from, of each variable in a set.
+        Range of the initial values of each variable in a set.
     visited
-        The least and the largest value that they visit.
+        Range of all its values.
     """
 
     state: str
     sets: tuple[tuple[str, ...], ...]
-    left: tuple[float, ...]
-    left_by_all: float
+    rms: tuple[float, ...]
+    rms_of_all: float
     by_trial: bool
     starts: dict[str, tuple[float, float]]
     visited: dict[str, tuple[float, float]]
@@ -67,16 +67,16 @@ class ConfoundedVariables:
 def confounded_sets(
     trials: Trials, order: Order, library: AbstractLibrary | str | None = None
 ) -> tuple[ConfoundedVariables, ...]:
-    """Return the equations whose variables trials cannot tell apart.
+    """Return the confounded variables of each equation that has any.
 
     Parameters
     ----------
     trials
-        What was measured.
+        The measurements.
     order
-        Of the laws that are looked for, 1 or 2, or that of each equation.
+        Of the candidate laws, 1 or 2, or that of each equation.
     library
-        Their candidate terms. Default: polynomials of degree 3, or of a lower one where trials have few samples.
+        Their terms. Default: polynomials of degree 3, or of the highest degree for which trials have enough samples.
 
     Raises `CommonlawError` if the library does not fit the variables.
     """
@@ -96,7 +96,7 @@ def _confounded_sets(trials: Trials, order: Order, given: AbstractLibrary | None
         forms = {n: _IntegralForm.of(curves, terms, n) for n in {*orders}}
         if all(form.objects for form in forms.values()):
             confounded = (_one_equation(forms[n], j, used, curves) for j, n in enumerate(orders))
-            return tuple(variables_ for variables_ in confounded if variables_ is not None)
+            return tuple(row for row in confounded if row is not None)
     return ()
 
 
@@ -111,7 +111,7 @@ class _Curve:
 
 
 def _curves(trials: Trials, order: Order) -> list[_Curve]:
-    """Return smooth curves through the first samples, with all states, of trials of objects with many trials first."""
+    """Return smoothed trials, those of objects with many trials first, of their first samples with all states."""
     curves, groups = list[_Curve](), sorted(map(trials.of_object, trials.objects), key=len, reverse=True)
     for trial in chain.from_iterable(groups):
         complete = np.asarray(np.isfinite(trial.states).all(axis=1))
@@ -133,7 +133,7 @@ def _curves(trials: Trials, order: Order) -> list[_Curve]:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """A trial's integrals of terms and its states, shape (n, terms + states), and what a start explains, (n, order)."""
+    """A trial's integrals of terms and its states, (n, terms + states), and the columns of initial conditions."""
 
     times: Floats
     values: Floats
@@ -142,22 +142,19 @@ class _Rows:
     @classmethod
     def of(cls, curve: _Curve, terms: Terms, order: int) -> "_Rows":
         """Return the integrals of the terms along a curve, and its states."""
-        from scipy.interpolate import CubicSpline
-
         values = terms.evaluate(curve.values)
         if np.isfinite(values).all():
-            values = CubicSpline(curve.times, values).antiderivative(order)(curve.times)
-        start = np.vander(curve.times / curve.times[-1], order)
+            values = integrated(curve.times, values, order)
+        start = initial_conditions(curve.times / curve.times[-1], order)
         return cls(curve.times, np.column_stack([values, curve.states]), start)
 
     @cached_property
     def without_start(self) -> Floats:
-        """The values without what the start explains."""
-        basis, _ = np.linalg.qr(self.start)
-        return np.asarray(self.values - basis @ (basis.T @ self.values))
+        """The values, projected orthogonally to the initial conditions."""
+        return outside_span(self.start, self.values)
 
     def whitened(self, share: float, memory: float) -> "_Rows":
-        """Return rows whose errors are independent."""
+        """Return rows with independent errors, ``L^-1`` times these, for the correlation matrix L L' of errors."""
         from scipy.linalg import solve_triangular
 
         factor = correlation_factor(self.times.tobytes(), share, memory)
@@ -165,8 +162,8 @@ class _Rows:
         return _Rows(self.times, values, start)
 
 
-Left = Sequence[tuple[float, int]]
-"""What some terms leave of each object, a sum of squares, and how many coefficients they have."""
+Fits = Sequence[tuple[float, int]]
+"""Residual sum of squares and number of coefficients of each object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +175,7 @@ class _IntegralForm:
 
     @classmethod
     def of(cls, curves: Sequence[_Curve], terms: Terms, order: int) -> "_IntegralForm":
-        """Return the form of the objects that have samples for all terms."""
+        """Return the form of the objects with at least two samples for each term."""
         objects = []
         for name in dict.fromkeys(curve.object for curve in curves):
             of_object = [curve for curve in curves if curve.object == name]
@@ -190,50 +187,53 @@ class _IntegralForm:
 
     @cached_property
     def factors(self) -> list[list[Floats]]:
-        """What a factorisation of each object's rows leaves, without their starts."""
+        """The triangular factors of each object's trials, without initial conditions."""
         return [[np.asarray(np.linalg.qr(row.without_start, mode="r")) for row in rows] for rows in self.objects]
 
     @cached_property
     def free(self) -> Floats:
-        """The number of samples that starts leave of each object."""
+        """The number of samples less initial conditions of each object."""
         return np.array([sum(len(row.times) - row.start.shape[1] for row in rows) for rows in self.objects], float)
 
     def over(self, variables: Sequence[int]) -> list[int]:
-        """Return the terms over some variables alone."""
+        """Return the indices of the terms that depend on these variables only."""
         return [k for k, term in enumerate(self.terms.terms) if set(term.columns()) <= set(variables)]
 
-    def left(self, equation: int, over: Sequence[int], by_trial: bool = False) -> Left:
-        """Return what some terms leave of each object."""
-        column, found = len(self.terms) + equation, []
+    def fits(self, equation: int, over: Sequence[int], by_trial: bool = False) -> Fits:
+        """Return the fits of some terms to each object, by trial or with coefficients common to its trials."""
+        column, listed = len(self.terms) + equation, []
         for factors in self.factors:
             parts = factors if by_trial else [np.concatenate(factors)]
             fits = _fits([part[:, over] for part in parts], [part[:, column] for part in parts])
-            found.append((sum(squares for squares, _ in fits), sum(size for _, size in fits)))
-        return found
+            listed.append((sum(squares for squares, _ in fits), sum(size for _, size in fits)))
+        return listed
 
-    def rms(self, residuals: Left) -> float:
-        """Return the root mean square of what is left."""
-        return float(np.sqrt(sum(squares for squares, _ in residuals) / self.free.sum()))
+    def rms(self, fits: Fits) -> float:
+        """Return the root mean square residual."""
+        return float(np.sqrt(sum(squares for squares, _ in fits) / self.free.sum()))
 
-    def criterion(self, equation: int) -> Callable[[Left], float]:
-        """Return what gives the Bayesian information criterion of what is left, comparable for one equation."""
+    def criterion(self, equation: int) -> Callable[[Fits], float]:
+        """Return the function from fits of an equation to their Bayesian information criterion.
+
+        It is the sum over objects of ``nu log R + k log nu`` with the degrees of freedom nu of the fit of all terms.
+        """
         column = len(self.terms) + equation
         totals = [sum(float(r[:, column] @ r[:, column]) for r in factors) for factors in self.factors]
         floors = np.maximum(settings.ROUNDING**2 * np.array(totals), np.finfo(float).tiny)
-        sizes = [size for _, size in self.left(equation, range(len(self.terms)))]
+        sizes = [size for _, size in self.fits(equation, range(len(self.terms)))]
         freedom = np.maximum(self.free - sizes, np.e)
 
-        def value(residuals: Left) -> float:
-            squares, counts = np.array(residuals).T
+        def value(fits: Fits) -> float:
+            squares, counts = np.array(fits).T
             return float(np.sum(freedom * np.log(squares + floors) + counts * np.log(freedom)))
 
         return value
 
     def whitened(self, equation: int) -> "_IntegralForm":
-        """Return the form in which errors of a state are independent, by the most probable memory of theirs.
+        """Return the form with independent errors of a state.
 
-        Errors are white noise and a part that is correlated in time, of the same share and memory in all trials; these
-        are chosen by the restricted likelihood, which knows what all terms and the starts have taken.
+        The share and the correlation time of autocorrelated errors are those of largest restricted likelihood, given
+        all terms and free initial conditions.
         """
         errors = min(self._deviances, key=lambda rows: rows[1][equation])[0]
         if errors not in self._white:
@@ -283,13 +283,13 @@ class _IntegralForm:
 def _one_equation(
     form: _IntegralForm, equation: int, used: Sequence[int], curves: Sequence[_Curve]
 ) -> ConfoundedVariables | None:
-    """Return the smallest sets of variables that suffice for an equation; None if there is one such set."""
+    """Return the minimal sufficient sets of variables of an equation; None if there is only one."""
     white = form.whitened(equation)
     criterion = white.criterion(equation)
     subsets = [subset for size in range(len(used) + 1) for subset in combinations(used, size)]
 
     def values(by_trial: bool) -> dict[Columns, float]:
-        return {subset: criterion(white.left(equation, white.over(subset), by_trial)) for subset in subsets}
+        return {subset: criterion(white.fits(equation, white.over(subset), by_trial)) for subset in subsets}
 
     together = values(by_trial=False)
     sets, by_trial = _smallest(together), False
@@ -301,8 +301,8 @@ def _one_equation(
         return None
     names, concerned = form.terms.variables.names, sorted(set().union(*sets))
     starts, visited = (
-        {names[i]: (float(visited_values[:, i].min()), float(visited_values[:, i].max())) for i in concerned}
-        for visited_values in (
+        {names[i]: (float(block[:, i].min()), float(block[:, i].max())) for i in concerned}
+        for block in (
             np.array([curve.values[0] for curve in curves]),
             np.concatenate([curve.values for curve in curves]),
         )
@@ -310,8 +310,8 @@ def _one_equation(
     return ConfoundedVariables(
         form.terms.variables.states[equation],
         tuple(tuple(names[i] for i in subset) for subset in sets),
-        tuple(form.rms(form.left(equation, form.over(subset), by_trial)) for subset in sets),
-        form.rms(form.left(equation, form.over(used))),
+        tuple(form.rms(form.fits(equation, form.over(subset), by_trial)) for subset in sets),
+        form.rms(form.fits(equation, form.over(used))),
         by_trial,
         starts,
         visited,
@@ -319,7 +319,7 @@ def _one_equation(
 
 
 def _smallest(values: Mapping[Columns, float]) -> list[Columns]:
-    """Return the sets that suffice and hold no smaller one that does, given criteria of sets from small to large."""
+    """Return the minimal sets with a criterion within 10 of the best, given criteria of sets from small to large."""
     smallest: list[Columns] = []
     least = min(values.values())
     for subset, value in values.items():
@@ -329,7 +329,7 @@ def _smallest(values: Mapping[Columns, float]) -> list[Columns]:
 
 
 def _fits(columns: Sequence[Floats], targets: Sequence[Floats]) -> list[tuple[float, int]]:
-    """Return the sum of squares that columns leave of a target, and their rank, of each trial."""
+    """Return the residual sum of squares of a target, and the rank of columns, of each trial."""
     if len({column.shape for column in columns}) > 1:
         return [fit for pair in zip(columns, targets, strict=True) for fit in _fits([pair[0]], [pair[1]])]
     scaled, aims = np.array([column / column_scales(column) for column in columns]), np.array(targets)
@@ -343,7 +343,7 @@ def _fits(columns: Sequence[Floats], targets: Sequence[Floats]) -> list[tuple[fl
 
 @lru_cache(maxsize=8)
 def correlation_factor(times: bytes, share: float, memory: float) -> Floats:
-    """Return the lower triangular factor of the errors' correlation at some times, shape (n, n)."""
+    """Return the Cholesky factor of ``(1 - share) I + share exp(-|t - t'| / memory)``, shape (n, n)."""
     samples = np.frombuffer(times)
     correlated = np.exp(-np.abs(samples[:, np.newaxis] - samples) / memory)
     return np.asarray(np.linalg.cholesky((1 - share) * np.eye(len(correlated)) + share * correlated))

@@ -1,4 +1,4 @@
-"""What hangs on where zero is: terms on scales whose zero was agreed upon, trials that start where no term acts."""
+"""Dependence on the origin of scales: terms in units with a conventional zero, and trials that start at equilibrium."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -23,13 +23,13 @@ _ROUNDING = 1e-8
 
 
 def with_origin_outcomes(outcomes: Iterable[Outcome], law: Law, trials: Trials) -> tuple[Outcome, ...]:
-    """Return outcomes with those of where zero is as a law and the trials that it was learned from have it."""
+    """Return outcomes with those of a law and its training trials that depend on the origin of a scale."""
     others = (outcome for outcome in outcomes if outcome.kind not in (OutcomeKind.SCALE, OutcomeKind.START))
-    return (*others, *_of_scales(law), *_of_starts(law, trials))
+    return (*others, *_scale_outcomes(law), *_equilibrium_outcomes(law, trials))
 
 
-def _of_scales(law: Law) -> Iterator[Outcome]:
-    """Yield the terms of each equation that would be others if a variable had its zero elsewhere."""
+def _scale_outcomes(law: Law) -> Iterator[Outcome]:
+    """Yield the terms of each equation that depend on the conventional zero of the unit of a variable."""
     variables, units = law.terms.variables, law.schema.units
     lefts = left_hand_sides(law)
     for name in (*law.schema.states, *variables.inputs):
@@ -42,10 +42,10 @@ def _of_scales(law: Law) -> Iterator[Outcome]:
 
 
 def _changes(law: Law, column: int) -> list[list[str]]:
-    """Return the terms of each equation that are not linear in a variable, and that no others make up for if it shifts.
+    """Return the nonlinear terms of each equation that are not invariant to a shift of a variable.
 
-    A sum of powers with all lower powers, for instance, is such a sum whatever the zero. Parameters inside terms
-    make up for it where their derivatives do, as K in ``1/(K + x)``.
+    A term is invariant if its derivative by the variable is in the span of the other terms and of derivatives by
+    nonlinear parameters: a polynomial with all lower powers, for instance, or ``1/(K + x)``.
     """
     terms = law.terms
     points = np.random.default_rng(0).uniform(1, 2, (20 + 10 * len(terms), len(terms.variables.measured)))
@@ -69,19 +69,19 @@ def _changes(law: Law, column: int) -> list[list[str]]:
 
 
 def _absolute(name: str, unit: str) -> str | None:
-    """Return the unit that a variable has its true zero in, if that is not the zero of its own unit."""
+    """Return the base unit of a variable, if its unit has an offset to that."""
     base = str(registry().get_base_units(parse_unit(unit))[1])
     with suppress(CommonlawError):
         return base if Conversion.between(name, unit, base).offset else None
     return None
 
 
-def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
-    """Yield that trials start where the law says that nothing ever happens, and that something did."""
+def _equilibrium_outcomes(law: Law, trials: Trials) -> Iterator[Outcome]:
+    """Yield that trials start at an equilibrium of the law at zero, and leave it."""
     if rate_names(law) or law.schema.logarithmic or len(law.terms.variables.states) > len(trials.schema.states):
-        return  # Rates and states that are not measured may set it going
+        return  # Unmeasured rates and states may differ from zero
     noise = np.zeros(len(law.schema.states)) if law.uncertainty.noise is None else law.uncertainty.noise
-    starting = [trial for trial in trials if _leaves_zero(trial, noise) and _rests(law, trial)]
+    starting = [trial for trial in trials if _leaves_zero(trial, noise) and _is_equilibrium(law, trial)]
     starting = [trial for trial in starting if not _starts_as_measured(law, trials.with_trials([trial]), noise)]
     if starting:
         names = " or ".join(law.schema.states)
@@ -90,15 +90,15 @@ def _of_starts(law: Law, trials: Trials) -> Iterator[Outcome]:
 
 
 def _leaves_zero(trial: Trial, noise: Floats) -> bool:
-    """Return whether all states are zero at first, and later some state is not."""
+    """Return whether all states are zero initially, within the noise, and some state is not later."""
     begins = np.abs(trial.states[:1]) <= _NOISES * trial.std(noise)[:1]
     return bool(begins.all() and np.any(np.abs(trial.states) > 5 * _NOISES * trial.std(noise)))
 
 
 def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
-    """Return whether the initial condition that is fitted to the whole trial agrees with its first sample.
+    """Return whether the initial condition fitted to the whole trial agrees with its first sample.
 
-    Exponential growth, for instance, is near the noise at first, and leaves it by the law.
+    It does for exponential growth, for instance, from below the noise.
     """
     if law.order == 0:
         return False
@@ -108,8 +108,8 @@ def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
     return False
 
 
-def _rests(law: Law, trial: Trial) -> bool:
-    """Return whether no term acts on states at zero, whatever the inputs of a trial are."""
+def _is_equilibrium(law: Law, trial: Trial) -> bool:
+    """Return whether zero is an equilibrium at all inputs of a trial."""
     inputs = np.nan_to_num(trial.inputs)
     values = np.column_stack([np.zeros((len(trial.times), len(law.schema.states))), inputs, trial.times])
     with np.errstate(all="ignore"):

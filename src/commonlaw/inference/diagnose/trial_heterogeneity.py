@@ -1,4 +1,10 @@
-"""Whether coefficients change from trial to trial of an object by more than errors of measurement."""
+"""Between-trial heterogeneity: F tests of coefficients that differ between the trials of an object.
+
+With the likelihood linearized about the law, R_1 the residual sum of squares with coefficients common to the trials of
+an object, R_2 with those of each trial, and degrees of freedom nu_1 and nu_2 of these,
+
+    F = (R_1 - R_2) / (nu_1 - nu_2) / (R_2 / nu_2).
+"""
 
 from dataclasses import replace
 
@@ -15,43 +21,34 @@ from commonlaw.text import shown
 
 
 def differing_trials(fit: Fit) -> tuple[Outcome, ...]:
-    """Return a word on the objects whose trials ask for different coefficients, by an F test of each object.
-
-    What the likelihood, linearised about the law, leaves with coefficients common to an object's trials is compared
-    with what it leaves with those of each trial alone.
-    """
+    """Return a note on the objects with heterogeneous trials, by F tests with Bonferroni correction."""
     trials = fit.problem.trials
     names = [name for name in trials.objects if len(trials.of_object(name)) > 1]
     names = [names[i] for i in evenly_spaced(len(names), settings.MAX_CHECKED_OBJECTS)] if names else []
-    differing = [name for name in names if _probability(fit, name) < settings.MIN_PROBABILITY / len(names)]
+    differing = [name for name in names if _p_value(fit, name) < settings.MIN_PROBABILITY / len(names)]
     return (note("trials-differ", objects=shown(differing)),) if differing else ()
 
 
-def _probability(fit: Fit, name: str) -> float:
-    """Return how probable differences as large are between trials of an object that do not differ.
-
-    One, where trials alone cannot be fitted.
-    """
+def _p_value(fit: Fit, name: str) -> float:
+    """Return the p-value of the F test of an object; one if its single trials cannot be fitted."""
     from scipy.special import fdtrc
 
     try:
         factors, n = _factors(fit, fit.problem.trials.objects.index(name))
     except CommonlawError:
         return 1.0
-    size = factors[0].shape[1] - 1
-    alone = sum(_rest(factor) for factor in factors)
-    together = _rest(np.concatenate(factors))
-    free = sum(np.linalg.matrix_rank(factor[:, :-1]) for factor in factors)
-    more = free - size
-    within = n - free
-    if more <= 0 or within <= 0 or not size:
+    common = factors[0].shape[1] - 1
+    rss_common, rss = _rss(np.concatenate(factors)), sum(_rss(factor) for factor in factors)
+    separate = sum(np.linalg.matrix_rank(factor[:, :-1]) for factor in factors)
+    additional, nu = separate - common, n - separate
+    if additional <= 0 or nu <= 0 or not common:
         return 1.0
-    variance = max(alone / within, fit.problem.least_variance)
-    return float(fdtrc(more, within, max(together - alone, 0.0) / more / variance))
+    variance = max(rss / nu, fit.problem.least_variance)
+    return float(fdtrc(additional, nu, max(rss_common - rss, 0.0) / additional / variance))
 
 
 def _factors(fit: Fit, index: int) -> tuple[list[Floats], int]:
-    """Return the triangular factor of each trial's problem, and the measurements and initial states of all."""
+    """Return the triangular factor of each trial's problem, and the measurements less initial states of all trials."""
     problem = fit.problem
     group = problem.trials.of_object(problem.trials.objects[index])
     alone = [replace(trial, object=f"{i}", name="1") for i, trial in enumerate(group)]
@@ -68,9 +65,9 @@ def _factors(fit: Fit, index: int) -> tuple[list[Floats], int]:
     return factors, sum(part.measured) - part.models[0].width * len(group)
 
 
-def _rest(factor: Floats) -> float:
-    """Return the sum of squares that least squares leave of the last column."""
+def _rss(factor: Floats) -> float:
+    """Return the residual sum of squares of the last column."""
     columns, target = factor[:, :-1], factor[:, -1]
     scaled = columns / column_scales(columns)
-    solved = np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
-    return float(np.sum((target - scaled @ solved) ** 2))
+    theta = np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
+    return float(np.sum((target - scaled @ theta) ** 2))

@@ -1,9 +1,9 @@
-"""The search for the supports of a law, from many terms to few, while the trajectories become solutions of it.
+"""Selection of supports by continuation in the model-error variance, from smoothed trajectories to solutions.
 
-At each model error the likelihood is linearised about the trajectories and coefficients so far, the supports of largest
-evidence are chosen on it, and both are fitted again. Supports and model errors are compared by their evidence: where
-the measurements follow a law of the library, the smallest model error wins; where they do not, one wins that is not
-negligible, a random walk that pushes the states off their course (weak constraint; Evensen 2009, chapter 7).
+States follow the law but for a random walk of standard deviation q in each step (weak constraint; Evensen 2009, Data
+Assimilation, chapter 7). For q from large to small, the likelihood is linearized about the present trajectories and
+coefficients, the supports of largest evidence are selected, and both are fitted again. Supports and model errors are
+compared by their evidence: for q = 0, trajectories are solutions of the law; a larger q indicates lack of fit.
 """
 
 from collections.abc import Sequence
@@ -32,11 +32,11 @@ from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.text import counted
 
 FROM_RESIDUALS = "from the residuals of the law"
-"""Why the noise is what it is."""
+"""Estimator of the noise, as the history describes it."""
 
 
 def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequence[Bools] = ()) -> list[Fit]:
-    """Return what all schedules find, proposals, and what may be as plausible, that of largest evidence first.
+    """Return the fits of all schedules, of proposed supports, and of plausible neighbours, the best first.
 
     Raises `CommonlawError` if no fit succeeds.
     """
@@ -44,7 +44,7 @@ def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequen
     distinct = {proposal.tobytes(): proposal for proposal in proposals}.values()
     fits += [fit_supports(problem, support, settings.SCHEDULES[-1]) for support in distinct]
     best = best_of(fits)
-    if best.has_model_error:  # No schedule may have come by its supports without one
+    if best.has_model_error:  # Its supports may not have been fitted without one
         fits.append(fitted(problem, best.estimates, best.supports, NO_ERROR))
     return with_neighbours(fits)
 
@@ -52,7 +52,7 @@ def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequen
 def anneal(
     problem: SearchProblem, progress: ProgressCallback, schedules: Sequence[Sequence[float]] = settings.SCHEDULES
 ) -> list[Fit]:
-    """Return the fits at all model errors of all schedules."""
+    """Return the fits at all model errors of all schedules, each of which selects supports by continuation."""
 
     def show(done: int) -> None:
         of = counted(len(schedules), "search", "es")
@@ -60,19 +60,19 @@ def anneal(
 
     show(0)
     pays = threads_are_worthwhile(problem.models)
-    ways = in_parallel(lambda schedule: _anneal(problem, None, schedule), schedules, pays=pays, done=show)
+    ways = in_parallel(lambda schedule: _continuation(problem, None, schedule), schedules, pays=pays, done=show)
     return [fit for way in ways for fit in way]
 
 
 def refine_support(
     problem: SearchProblem, supports: Bools, estimates: Sequence[Estimate] | None, model_error: float
 ) -> Fit:
-    """Choose supports and fit them in turn at one model error until nothing gets better."""
+    """Return the best fit of alternating selection of supports and fits at one model error."""
     best = fit = fitted(problem, estimates, supports, model_error)
     for _ in range(1, settings.MAX_SWEEPS):
         if not fit.is_usable:
             break
-        chosen = _chosen(problem, fit.evidence, fit.supports)
+        chosen = _selected(problem, fit.evidence, fit.supports)
         if np.array_equal(chosen, fit.supports):
             break
         fit = fit.refitted(chosen)
@@ -85,14 +85,13 @@ def refine_support(
 def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence[float] = settings.MODEL_ERRORS) -> Fit:
     """Return the fit of supports, shape (equations, terms), at the model error of largest evidence.
 
-    Model errors that are compared are relative to the noise, from large to small. Where terms are much alike, large
-    ones leave coefficients undetermined, and lead away; so the smallest is also begun with, from the smoothed
-    measurements. Where states were not measured, large ones lead from one set of coefficients to another that fits as
-    well, and the smallest is begun with only from where the search begins.
+    Model errors are relative to the noise, from large to small. The smallest one is also fitted from the smoothed
+    measurements, as larger ones do not identify coefficients of collinear terms; with latent states it is fitted only
+    so, as larger ones lead between equivalent optima.
     """
     *larger, smallest = model_errors
     ways = dict.fromkeys(((tuple(larger) if problem.trials.schema.starts else (*larger, smallest)), (smallest,)))
-    fits = [fit for way in ways for fit in _anneal(problem, supports, way)]
+    fits = [fit for way in ways for fit in _continuation(problem, supports, way)]
     last = [fit for fit in fits if fit.model_error == smallest]
     compared = [*(fit for fit in fits if fit.model_error != smallest), *sorted(last, key=_objective)[:1]]
     return min(compared, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, smallest))
@@ -101,10 +100,10 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
 def fit_with(
     problem: SearchProblem, supports: Bools, model_error: float, start: Sequence[Estimate] | None = None
 ) -> Fit:
-    """Return the fit of supports at one model error, see `fit_supports`.
+    """Return the fit of supports at one model error from given initial estimates.
 
-    It begins at estimates that are near. Without them larger model errors lead there from the smoothed measurements, or
-    these are near enough, whichever fits better.
+    Without any, it is the better one of a fit by continuation from larger model errors and one from the smoothed
+    measurements.
     """
     if start is None and problem.trials.schema.starts:
         start = problem.starts
@@ -112,25 +111,25 @@ def fit_with(
         return fitted(problem, start, supports, model_error)
     larger = [error for error in settings.MODEL_ERRORS if error > model_error]
     ways = dict.fromkeys(((*larger, model_error), (model_error,)))
-    fits = [fit for way in ways for fit in _anneal(problem, supports, way) if fit.model_error == model_error]
+    fits = [fit for way in ways for fit in _continuation(problem, supports, way) if fit.model_error == model_error]
     return min(fits, key=_objective, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error))
 
 
 def _objective(fit: Fit) -> float:
-    """Return minus twice the log-likelihood at estimates, which compares those with the same supports and errors."""
+    """Return minus twice the log-likelihood of the estimates of all objects."""
     return sum(estimate.objective for estimate in fit.estimates)
 
 
 def fit_solutions(problem: SearchProblem, supports: Bools) -> Fit:
-    """Return the fit of supports without a model error, see `fit_with`, under the noise that this takes."""
+    """Return the fit of supports without a model error, see `fit_with`, under its residual noise."""
     return rescale_noise(fit_with(problem, supports, NO_ERROR))
 
 
 def rescale_noise(fit: Fit) -> Fit:
-    """Return a fit under white noise of the size that it leaves.
+    """Return a fit under white noise of its residual variance, by fixed-point iteration.
 
-    Step by step, as less of what is left goes with outliers then. Noise that was given stays, and none is below that
-    which laws are fitted under at least. Levels of other errors were found at their size.
+    Given noise is kept, and so are errors other than white noise, of which the levels are estimated. The variance is at
+    least that of the noise floor.
     """
     problem = fit.problem
     if not fit.is_usable or problem.noise_is_fixed or problem.errors or fit.has_model_error:
@@ -148,46 +147,44 @@ def rescale_noise(fit: Fit) -> Fit:
     return fit
 
 
-def with_neighbours(fits: Sequence[Fit], starts: InitialConditionPrior | None = None) -> list[Fit]:
-    """Return fits of one problem, and what may be as plausible as the best; this comes first, with the others.
+def with_neighbours(fits: Sequence[Fit], prior: InitialConditionPrior | None = None) -> list[Fit]:
+    """Return fits of one problem with those of plausible neighbours, the best first, with the others as alternatives.
 
-    Starts that are alike count where they are given; the values of the fits have their prices.
-    Evidence linearised about one law errs for others. So supports are fitted one after the other whose evidence, about
-    any law that was fitted and is plausible, comes near to the best, the most promising first: until none is left, or
-    so many as are carried along at most were fitted in vain.
+    Best-first search: neighbours of all plausible fits are ranked by their evidence, linearized about these, and the
+    best one is fitted, until none is within `PLAUSIBLE` of the best fit or `MAX_MODELS` in a row were no better. With a
+    prior of initial conditions, scores include it.
     """
     best, ranked = best_of(fits), sorted(fit for fit in fits if fit.is_usable)
     done = {fit.supports.tobytes() for fit in ranked if fit.model_error == best.model_error}
-    seen, promising, vain = set[bytes](), dict[bytes, tuple[float, Fit, Bools]](), 0
-    while vain < settings.MAX_MODELS:
+    seen, candidates, failures = set[bytes](), dict[bytes, tuple[float, Fit, Bools]](), 0
+    while failures < settings.MAX_MODELS:
         most = best.score.total + PLAUSIBLE
         for near in (fit for fit in ranked if fit.model_error == best.model_error and fit.score.total < most):
             if (key := near.supports.tobytes()) not in seen:
                 seen.add(key)
-                more = starts.near(near) if starts else lambda _: 0.0
+                more = prior.near(near) if prior else lambda _: 0.0
                 for predicted, supports in near.predicted_neighbours():
-                    value = predicted + more(supports)
-                    known = promising.get(proposed := supports.tobytes())
-                    promising[proposed] = (value, near, supports) if known is None or value < known[0] else known
-        untried = [entry for key, entry in promising.items() if key not in done and entry[0] < most]
+                    value, proposed = predicted + more(supports), supports.tobytes()
+                    if proposed not in candidates or value < candidates[proposed][0]:
+                        candidates[proposed] = (value, near, supports)
+        untried = [entry for key, entry in candidates.items() if key not in done and entry[0] < most]
         if not untried:
             break
         _, near, supports = min(untried, key=lambda entry: entry[0])
         done.add(supports.tobytes())
-        fit = _comparable(near.problem, near, supports, best.model_error, starts)
+        fit = _refitted(near.problem, near, supports, best.model_error, prior)
         ranked = sorted([*ranked, fit]) if fit.is_usable else ranked
-        vain = vain + 1 if ranked[0] is best else 0
+        failures = failures + 1 if ranked[0] is best else 0
         best = ranked[0]
     return [best.with_alternatives([fit for fit in ranked if fit.model_error == best.model_error]), *ranked[1:]]
 
 
-def _comparable(
-    problem: SearchProblem, near: Fit, supports: Bools, model_error: float, starts: InitialConditionPrior | None
+def _refitted(
+    problem: SearchProblem, near: Fit, supports: Bools, model_error: float, prior: InitialConditionPrior | None
 ) -> Fit:
-    """Return supports fitted from a fit that is near, to be compared with others.
+    """Return supports fitted from a near fit, with the smaller evidence of those under present and residual noise.
 
-    Of supports that leave far more than the noise all would count as outliers, which cost too little; so no evidence is
-    larger than under noise of the size that they leave.
+    Otherwise supports with residuals far above the noise would have them all as outliers, whose penalty is too small.
     """
     if np.array_equal(supports, near.supports):
         fit = fitted(problem, near.estimates, supports, model_error)
@@ -199,27 +196,23 @@ def _comparable(
     if not fit.has_converged:
         return fit.but(Status.NOT_CONVERGED)
     score = scaled.score if fit.score < scaled.score else fit.score
-    return fit.with_score(score.plus("initial conditions", starts.price(fit)) if starts else score)
+    return fit.with_score(score.plus("initial conditions", prior.correction(fit)) if prior else score)
 
 
 def compare_alternatives(fit: Fit) -> Fit:
-    """Return the best of a fit and its alternatives, fitted to its problem, and of what else may be as plausible."""
-    here, starts = fit.with_score(fit.evidence.score(fit.supports)), InitialConditionPrior(fit)
+    """Return the best of a fit and its plausible alternatives and neighbours, all fitted to the same problem."""
+    refitted, prior = fit.with_score(fit.evidence.score(fit.supports)), InitialConditionPrior(fit)
     plausible = [alternative for alternative in fit.alternatives if alternative.score - fit.score < PLAUSIBLE]
     fits = [
-        _comparable(fit.problem, alternative, alternative.supports, fit.model_error, starts)
-        for alternative in plausible
+        _refitted(fit.problem, alternative, alternative.supports, fit.model_error, prior) for alternative in plausible
     ]
-    best = with_neighbours([here, *fits], starts)[0]
+    best = with_neighbours([refitted, *fits], prior)[0]
     return fit.with_alternatives_of(best) if np.array_equal(best.supports, fit.supports) else best
 
 
 def refit_leading(fit: Fit) -> Fit:
-    """Return the best of a fit and the supports next to it that have more evidence as linearised about it, fitted.
-
-    At most as many are fitted as laws are carried along.
-    """
-    starts, done = InitialConditionPrior(fit), {known.supports.tobytes() for known in (fit, *fit.alternatives)}
+    """Return the best of a fit and at most `MAX_MODELS` neighbours of larger linearized evidence, fitted in turn."""
+    prior, done = InitialConditionPrior(fit), {known.supports.tobytes() for known in (fit, *fit.alternatives)}
     for _ in range(settings.MAX_MODELS):
         ahead = [
             (predicted, supports)
@@ -230,15 +223,15 @@ def refit_leading(fit: Fit) -> Fit:
             break
         _, supports = min(ahead, key=lambda pair: pair[0])
         done.add(supports.tobytes())
-        candidate = _comparable(fit.problem, fit, supports, fit.model_error, starts)
+        candidate = _refitted(fit.problem, fit, supports, fit.model_error, prior)
         if candidate.is_usable:
             best, rest = sorted([fit, candidate])
             fit = best.with_alternatives([*fit.alternatives, rest])
     return fit
 
 
-def _anneal(problem: SearchProblem, given: Bools | None, model_errors: Sequence[float]) -> list[Fit]:
-    """Choose supports, or take those given, and fit at one model error after the other, as long as that succeeds."""
+def _continuation(problem: SearchProblem, given: Bools | None, model_errors: Sequence[float]) -> list[Fit]:
+    """Return fits of given or selected supports at decreasing model errors, until one fails (continuation)."""
     supports: Bools = problem.allowed
     estimates: Sequence[Estimate] = problem.starts
     fits: list[Fit] = []
@@ -247,7 +240,7 @@ def _anneal(problem: SearchProblem, given: Bools | None, model_errors: Sequence[
             evidence = linearized_evidence(problem, estimates, errors_to_fit(model_error)[0])
         except NotPositiveError:
             break
-        chosen = _chosen(problem, evidence, supports) if given is None else given
+        chosen = _selected(problem, evidence, supports) if given is None else given
         begin: Sequence[Estimate] | None = estimates
         if given is not None or not np.array_equal(chosen, supports):
             supports, begin = chosen, restricted(problem, evidence, estimates, chosen)
@@ -262,6 +255,7 @@ def _anneal(problem: SearchProblem, given: Bools | None, model_errors: Sequence[
     return fits
 
 
-def _chosen(problem: SearchProblem, evidence: SupportEvidence, supports: Bools) -> Bools:
+def _selected(problem: SearchProblem, evidence: SupportEvidence, supports: Bools) -> Bools:
+    """Return the supports of largest evidence on the path of the solver."""
     assert problem.solver is not None
     return evidence.choose(supports, problem.solver)

@@ -1,8 +1,7 @@
-"""The estimate that is reported: converged, without discretization error, under the noise that its residuals show.
+"""Convergence of reported estimates in iterations, mesh refinement and residual noise.
 
-A search needs no more than which law is more probable. Of the law that it chose, or that was given, the coefficients
-are those of least squares on solutions to a hundredth of their standard errors, and the noise is what these leave.
-While a law is sought, meshes are refined until they do not matter to the evidence.
+Coefficients of the selected law are converged to `CONVERGED` standard errors, with the noise of their residuals; during
+the search, meshes are refined until the evidence does not depend on them.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,12 +24,11 @@ from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
 
 
 def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
-    """Return the fit under the noise of its residuals, on a resolved mesh, and whether it converged.
+    """Return the fit on a resolved mesh under the noise of its residuals, and whether it converged.
 
-    A law with a random walk in each step needs no finer mesh, and its levels were found with it. Objects of which
-    coefficients are held like those of others stay. The residuals of solutions that no mesh resolves are no noise: of
-    exact measurements the estimate of the search is returned, under its smallest noise, and so is one that did not
-    converge. Measurements count as outliers on very strong evidence; by least squares none does.
+    Fits with a random walk, or with coefficients fixed at pooled values, are returned as they are, and so are those
+    that do not converge. The Huber loss is replaced by least squares, always if `least_squares`, unless the evidence
+    for outliers is very strong.
     """
     shared = any(fixed_at_pooled(fit.problem, index).any() for index in range(len(fit.estimates)))
     if fit.has_model_error or shared:
@@ -61,7 +59,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
 
 
 def _minus_twice_log_likelihood(fit: Fit) -> float:
-    """Return minus twice the log-likelihood, with outliers as probable as a measurement at the threshold."""
+    """Return minus twice the log-likelihood, with outliers as likely as a measurement at the Huber threshold."""
     problem = fit.problem
     sizes, (squares, repeated) = _relative_residuals(fit), problem.measurements.pure_error
     deviance = np.nansum(np.minimum(sizes, problem.models[0].observation.huber_threshold) ** 2, axis=0)
@@ -70,7 +68,7 @@ def _minus_twice_log_likelihood(fit: Fit) -> float:
 
 
 def _relative_residuals(fit: Fit) -> Floats:
-    """Return the sizes of residuals over their standard deviations, shape (points, states), NaN for what is still."""
+    """Return the sizes of standardized residuals, shape (points, states), NaN for constant states."""
     problem = fit.problem
     return np.concatenate(
         [
@@ -82,7 +80,7 @@ def _relative_residuals(fit: Fit) -> Floats:
 
 
 def _moved(fit: Fit, before: Sequence[Estimate]) -> float:
-    """Return by how many standard errors coefficients differ from others, the most of any object (Mahalanobis)."""
+    """Return the Mahalanobis distance of coefficients from earlier ones, the largest of all objects."""
     return max(
         float(np.linalg.norm(factor[:, :-1] @ (after.coefficients - one.coefficients)[free]))
         for factor, free, one, after in zip(factors(fit), free_coefficients(fit), before, fit.estimates, strict=True)
@@ -90,7 +88,7 @@ def _moved(fit: Fit, before: Sequence[Estimate]) -> float:
 
 
 def _fitted(fit: Fit) -> Fit:
-    """Return the fit once it does not move in one more."""
+    """Return the fit iterated to `CONVERGED_NOISE` standard errors."""
     for _ in range(settings.MAX_ITERATIONS):
         estimates = fit_each(fit.problem.models, fit.estimates, fit.supports, settings.FINAL_MODEL_ERRORS[-1:])
         if not all(np.isfinite(estimate.objective) for estimate in estimates):
@@ -106,9 +104,9 @@ def _fitted(fit: Fit) -> Fit:
 
 
 def _under_residual_noise(fit: Fit) -> Fit:
-    """Return the fit under the noise that its residuals show.
+    """Return the converged fit under its residual noise, by fixed-point iteration.
 
-    Noise that was given, or that more samples tell, stays, and levels of other errors were found at their size.
+    Noise that is given, or estimated from more samples than are fitted, is kept, and so is that with other errors.
     """
     fit, problem = _fitted(fit), fit.problem
     if problem.noise_given or problem.samples or problem.errors:
@@ -124,13 +122,13 @@ def _under_residual_noise(fit: Fit) -> Fit:
 
 
 def residual_scale(fit: Fit) -> Floats:
-    """Return the standard deviation of each state's noise by its residuals, over that in the problem, shape (states,).
+    """Return the residual standard deviation of each state over its noise in the problem, shape (states,).
 
     The variance is the sum of squared residuals over their degrees of freedom,
 
         s_j^2 = sum r_ij^2 / nu_j,    nu_j = n_j - p_j,
 
-    where p_j, of the initial states and coefficients of all objects, is what the measurements of this state determine,
+    where p_j is the effective number of initial states and coefficients that the measurements of this state determine,
     see `residual_degrees_of_freedom` (restricted maximum likelihood, Patterson and Thompson 1971). Outliers count as
     neither. A state with less than one degree of freedom has the scale of all.
     """
@@ -149,7 +147,7 @@ def residual_scale(fit: Fit) -> Floats:
 
 
 def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:
-    """Return the fit on a finer mesh; None if that changes nothing, or if there is none."""
+    """Return the fit on a finer mesh; None if the change is below `MAX_MESH_CHANGE`, or the mesh is the finest."""
     problem = fit.problem
     if problem.points >= settings.MAX_MESH_POINTS[1]:
         return None
@@ -161,7 +159,7 @@ def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:
             indices = mesh.indices_on(finer.points // problem.points)
             change = (finest[indices] - states)[:, : len(problem.noise)] / problem.std_of(mesh)
             total += float(np.sum(change[mesh.observed] ** 2))
-    # And of coefficients, relative to how surely they are known
+    # Squared changes of coefficients, relative to their standard errors
     for linearized, known, one, after in zip(
         fit.evidence.problems, problem.known, fit.estimates, estimates, strict=True
     ):
@@ -178,10 +176,7 @@ def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:
 
 
 def until_resolved(fit: Fit, refit: Callable[[Fit], Fit]) -> Fit:
-    """Refit on finer meshes until these do not matter, for laws that move fast between samples.
-
-    A law with a model error needs none.
-    """
+    """Return the fit, refitted on finer meshes until `on_finer_mesh` changes it no more."""
     while fit.is_usable and not fit.has_model_error:
         finer = on_finer_mesh(fit, settings.FINAL_MODEL_ERRORS)
         if finer is None or not (finer := refit(finer)).is_usable:

@@ -1,8 +1,8 @@
-"""The covariance of coefficients, and the law of a fit.
+"""The covariance of coefficients by Fisher information or bootstrap, residual degrees of freedom, and the fitted law.
 
-The scale of a state that was never measured on an object, its own trials do not identify: twice the state and half of
-the coefficient before it in the equations of measured states leave these as they are. So the coefficients before it are
-held at the mean of the objects on which it was measured.
+The scale of a state that was never measured on an object is not identifiable from its trials (see
+`structural_identifiability`). Coefficients of terms with that state are therefore fixed at their mean over the objects
+on which it was measured.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.fit.latent_initialization import begun
+from commonlaw.inference.fit.latent_initialization import pooled_start
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.law import Law
 from commonlaw.likelihood import ErrorModel, Regression, fit as fitted_states, whitened
@@ -23,7 +23,7 @@ from commonlaw.runtime.fit_options import CovarianceKind
 
 
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
-    """Return the law with the coefficients of a fit, their covariance, and the errors of measurements and law."""
+    """Return the law with the coefficients of a fit, their covariance, the noise and the error model."""
     problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
     fit, known_starts = with_pooled_coefficients(fit), schema.unmeasured & ~schema.with_free_start
     return replace(
@@ -47,9 +47,9 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
 
 
 def degrees_of_freedom(fit: Fit) -> Floats | None:
-    """Return those of the estimate of each state's noise, shape (states,); None if the noise was given.
+    """Return the degrees of freedom of the noise estimates, shape (states,); None if the noise is given.
 
-    Of states that were not measured, or with less than one, they are those of all.
+    For unmeasured states, or with less than one, they are those of all states.
     """
     if fit.problem.noise_given:
         return None
@@ -60,9 +60,9 @@ def degrees_of_freedom(fit: Fit) -> Floats | None:
 def residual_degrees_of_freedom(fit: Fit) -> Floats:
     """Return the degrees of freedom of the residuals of each state, shape (states,).
 
-    These are nu_j = n_j - tr H_j, the measurements, repeated ones too, less the trace of the hat matrix (Seber and Wild
-    1989, Nonlinear Regression, section 5.10); without a regression the coefficients count in their own equations.
-    States that were not measured have none.
+    They are nu_j = n_j - tr H_j, with n_j measurements, replicates included, and the hat matrix H_j (Seber and Wild
+    1989, Nonlinear Regression, section 5.10); without a regression, tr H_j is the number of initial states and
+    coefficients of the equation. Unmeasured states have zero.
     """
     problem = fit.problem
     meshes = [mesh for model in problem.models for mesh in model.meshes]
@@ -79,20 +79,20 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
 
 
 def total_degrees_of_freedom(freedom: Floats) -> float:
-    """Return the degrees of freedom of all states, a whole number in least squares, without errors of rounding."""
+    """Return the sum of degrees of freedom, rounded, as it is an integer in least squares."""
     return round(float(np.sum(freedom)), 6)
 
 
 def free_coefficients(fit: Fit) -> list[Bools]:
-    """Return which coefficients of each object were found, each of shape (equations, terms)."""
+    """Return the estimated coefficients of each object as masks of shape (equations, terms)."""
     pairs = zip(fit.estimates, fit.problem.known, strict=True)
     return [(estimate.coefficients != 0) & np.isnan(known) for estimate, known in pairs]
 
 
 def regressions(fit: Fit) -> list[Regression | None]:
-    """Return the least squares of each object about a fit; None where states follow more than their starts.
+    """Return the linear regression of each object about a fit; None with a random walk or latent processes.
 
-    That is under a random walk or latent processes, and of laws that forget their starts.
+    None, too, for objects whose initial states are not identifiable.
     """
     models = fit.problem.models
     if fit.has_model_error or models[0].latent.width:
@@ -102,7 +102,7 @@ def regressions(fit: Fit) -> list[Regression | None]:
 
 
 def factors(fit: Fit) -> list[Floats]:
-    """Return the triangular factor of each object's information on its free coefficients, and of the residuals."""
+    """Return the triangular factor of each object's regression, [free coefficients | residuals]."""
     fitted = regressions(fit)
     complete = [regression.factor for regression in fitted if regression is not None]
     if len(complete) == len(fitted):
@@ -114,7 +114,7 @@ def factors(fit: Fit) -> list[Floats]:
 
 
 def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:
-    """Return the errors besides white noise, a model error relative to it as a random walk, none if it is zero."""
+    """Return the error model, with a model error, relative to the noise, as a random walk per unit of time."""
     if not model_error:
         return problem.errors
     step = np.median(np.concatenate([np.diff(trial.times) for trial in problem.trials]))
@@ -127,17 +127,17 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
     Parameters are the coefficients that are not zero for some object, in the order of `numpy.argwhere`. Those that are
     known, or zero for an object, have no variance.
 
-    By the inverse of Fisher's information, with free initial states, or by the bootstrap: the scatter of coefficients
-    when blocks of the trials are drawn anew, which holds for noise of other kinds too (the bootstrap of innovations,
-    Stoffer and Wall 1991, in blocks, and linearised about the law).
+    It is the inverse Fisher information, with initial states profiled out, or that of the block bootstrap of
+    innovations (Stoffer and Wall 1991), linearized about the fit, which does not assume the noise model.
     """
     problem = fit.problem
     coefficients = np.array([estimate.coefficients for estimate in fit.estimates])
     support = np.any(coefficients != 0, axis=0)
-    covariance_ = np.zeros((len(fit.estimates), support.sum(), support.sum()))
+    by_object = np.zeros((len(fit.estimates), support.sum(), support.sum()))
     triangles = factors(fit) if kind == "likelihood" else ()
-    for o, (model, estimate) in enumerate(zip(problem.models, fit.estimates, strict=True)):
-        free = (estimate.coefficients != 0) & np.isnan(problem.known[o])
+    for o, (model, estimate, free) in enumerate(
+        zip(problem.models, fit.estimates, free_coefficients(fit), strict=True)
+    ):
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
         if kind == "bootstrap":
             trials = [rows for rows, _ in whitened(model, estimate, fit.fitted_model_error)]
@@ -147,19 +147,18 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
             covariance = _inverse(factor)
             if (held := fixed_at_pooled(problem, o) & free).any():
                 whole = _fully_measured(fit)
-                scatter = whole[0] ** 2  # The scatter over objects is not identifiable from one: that of its size
+                scatter = whole[0] ** 2  # Of one object, the between-object variance is not identifiable: 100 %
                 if len(whole) > 1:
                     scatter = np.var(whole, axis=0, ddof=1) * (1 + 1 / len(whole))
                 covariance = _with_held(factor, held[free], scatter[held])
-        covariance_[o][np.ix_(indices, indices)] = covariance
-    return covariance_
+        by_object[o][np.ix_(indices, indices)] = covariance
+    return by_object
 
 
 def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> Floats:
-    """Return the covariance of least squares on blocks of rows, drawn with replacement.
+    """Return the covariance of least squares on blocks of rows drawn with replacement.
 
-    `trials` has the rows ``[library | target]`` of each, whitened, and `indices` the columns of the library that are
-    used.
+    `trials` has the whitened rows ``[library | target]`` of each; `indices` are the columns of the library.
     """
     count = -(-settings.BOOTSTRAP[0] // len(trials))
     columns = [*indices, -1]
@@ -169,7 +168,7 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
     stacked = factors[drawn].reshape(settings.BOOTSTRAP[1], -1, len(columns))
     norms = column_scales(np.concatenate(factors))
     reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(indices))
-    # What no drawn block tells is zero
+    # Minimum-norm solutions: coefficients that the drawn blocks do not identify are zero
     estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=settings.COLLINEAR), reduced[:, inner, -1:])[
         ..., 0
     ]
@@ -177,9 +176,10 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
 
 
 def _with_held(factor: Floats, held: Bools, variances: Floats) -> Floats:
-    """Return the covariance of coefficients of which some are held with variances of their own, shape (k, k).
+    """Return the covariance of coefficients of which some are fixed with given variances, shape (k, k).
 
-    The others follow them as far as the trials say.
+    With the design matrix [X_f X_h] of free and fixed coefficients, G = -X_f^+ X_h and V = diag(variances), it has the
+    blocks ``C_hh = V, C_fh = G V, C_ff = (X_f' X_f)^-1 + G V G'``.
     """
     covariance, free = np.zeros((len(held), len(held))), ~held
     follow = -np.linalg.pinv(factor[:, free]) @ factor[:, held]
@@ -192,14 +192,14 @@ def _with_held(factor: Floats, held: Bools, variances: Floats) -> Floats:
 
 
 def _inverse(factor: Floats) -> Floats:
-    """Return the inverse of ``factor' factor``, shape (k, k), from the factor, whose digits it keeps."""
+    """Return the inverse of ``factor' factor``, shape (k, k), by the pseudoinverse of the factor."""
     norms = column_scales(factor)
     inverse = np.linalg.pinv(factor / norms, rcond=1e-14) / norms[:, np.newaxis]
     return np.asarray(inverse @ inverse.T)
 
 
 def fixed_at_pooled(problem: SearchProblem, index: int) -> Bools:
-    """Return which coefficients of an object are held like those of others, shape (equations, terms)."""
+    """Return the coefficients of an object that are fixed at pooled values, shape (equations, terms)."""
     measured = problem.measured_states[index]
     terms = problem.models[index].terms
     of_unmeasured = np.array([any(c in term.columns() for c in np.flatnonzero(~measured)) for term in terms.terms])
@@ -208,7 +208,7 @@ def fixed_at_pooled(problem: SearchProblem, index: int) -> Bools:
 
 
 def with_pooled_coefficients(fit: Fit) -> Fit:
-    """Return the fit with objects fitted again of which some coefficients are held."""
+    """Return the fit with objects refitted of which some coefficients are fixed at pooled values."""
     whole, problem = _fully_measured(fit), fit.problem
     if len(whole) in (0, len(problem.models)):
         return fit
@@ -217,12 +217,13 @@ def with_pooled_coefficients(fit: Fit) -> Fit:
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
         if not problem.measured_states[o].all():
             free = fit.supports & ~fixed_at_pooled(problem, o)
-            estimate = fitted_states(model, begun(model, start, whole), free, errors)
+            estimate = fitted_states(model, pooled_start(model, start, whole), free, errors)
             if estimate.deviance < settings.MAX_DEVIANCE_RATIO * estimates[o].deviance:
                 estimates[o] = estimate
     return replace(fit, estimates=tuple(estimates))
 
 
 def _fully_measured(fit: Fit) -> list[Floats]:
+    """Return the coefficients of the objects on which all states were measured."""
     pairs = zip(fit.estimates, fit.problem.measured_states, strict=True)
     return [estimate.coefficients for estimate, measured in pairs if measured.all()]

@@ -22,17 +22,17 @@ from commonlaw.outcomes import Outcome
 from commonlaw.runtime.fit_options import ErrorKind
 
 NO_ERROR = 0.0
-"""The model error of laws whose solutions the trajectories are."""
+"""The model error of laws whose trajectories are solutions."""
 
 ANY_ERROR = (*settings.MODEL_ERRORS, NO_ERROR)
-"""Model errors that are compared, and none."""
+"""Model errors that are compared, and zero."""
 
 PLAUSIBLE = float(-2 * np.log(settings.MIN_PROBABILITY))
-"""2 log B up to which a law is as probable as the best."""
+"""2 log B to the best law up to which a law is plausible."""
 
 
 class Status(StrEnum):
-    """What became of a fit."""
+    """The outcome of a fit."""
 
     FITTED = "fitted"
     NOT_COMPUTABLE = "the likelihood cannot be computed"
@@ -44,9 +44,10 @@ class Status(StrEnum):
 
 
 class Model(NamedTuple):
-    """Everything by which two candidate laws can differ; equal models are one model.
+    """Everything by which two candidate laws can differ: the key of the pool.
 
-    Equations are terms by their names, with those that are known; a latent state has its initial value, as text.
+    Equations are the names of their terms, those with fixed coefficients included; a latent state has its initial value
+    as text.
     """
 
     order: Order
@@ -59,26 +60,26 @@ class Model(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A model with the estimates of all objects.
+    """A model with its estimates for all objects.
 
     Parameters
     ----------
     problem
-        Trials on meshes, candidate terms, and the levels of errors.
+        Trials on meshes, candidate terms, and the error model.
     supports
-        Which terms each equation has, shape (equations, terms).
+        The terms of each equation, shape (equations, terms).
     estimates
         States and coefficients of each object; none if the fit failed.
     model_error
         Standard deviation of a random walk in each step, relative to the noise; zero for solutions of the law.
     score
-        Minus twice the log-evidence, but for a constant; infinite if the fit failed.
+        Minus twice the log-evidence, up to a constant; infinite if the fit failed.
     status
-        What became of it.
+        The outcome.
     alternatives
         Fits of other supports under the same errors.
     steps, outcomes
-        What is to be said of how the model came about.
+        History of the model, and its diagnostics.
     """
 
     problem: SearchProblem
@@ -93,15 +94,15 @@ class Fit:
 
     @classmethod
     def failed(cls, problem: SearchProblem, supports: Bools, status: Status, model_error: float = NO_ERROR) -> "Fit":
-        """Return a fit that failed: it is less probable than any other."""
+        """Return a failed fit, of infinite score."""
         return cls(problem, supports, (), model_error, Score({"likelihood": np.inf}), status)
 
     def but(self, status: Status) -> "Fit":
-        """Return the fit as one that failed after all."""
+        """Return the fit as failed."""
         return Fit.failed(self.problem, self.supports, status, self.model_error)
 
     def __lt__(self, other: "Fit") -> bool:
-        """Return whether the score is less: the best fit is the least."""
+        """Return whether the score is less, so that ``min`` is the best fit."""
         return self.score < other.score
 
     @property
@@ -114,26 +115,26 @@ class Fit:
         return self._like(score=score)
 
     def with_alternatives(self, others: Sequence["Fit"]) -> Self:
-        """Return the fit with others, under the same errors: the best with each supports."""
+        """Return the fit with alternatives under the same errors, the best one of each supports."""
         listed = {fit.supports.tobytes(): fit for fit in sorted(others, reverse=True)}
         listed.pop(self.supports.tobytes(), None)
         return self._like(alternatives=tuple(replace(fit, alternatives=()) for fit in listed.values()))
 
     def with_alternatives_of(self, before: "Fit") -> Self:
-        """Return the fit with the alternatives of one that was fitted before, by as much less plausible."""
+        """Return the fit with the alternatives of an earlier one, at the same differences of scores."""
         more = self.score - before.score
         kept = (alternative.with_score(alternative.score.plus("refit", more)) for alternative in before.alternatives)
         return self._like(alternatives=tuple(kept))
 
     def _like(self, **changes: Any) -> Self:
-        """Return the fit with changes that its linearization does not depend on."""
+        """Return the fit with other attributes, keeping cached results, which must not depend on these."""
         changed, of_estimates = replace(self, **changes), ("evidence", "departures", "is_resolved", "diverges")
         vars(changed).update({name: known for name, known in vars(self).items() if name in of_estimates})
         return changed
 
     @property
     def has_model_error(self) -> bool:
-        """Whether the measurements depart from the law by more than their noise."""
+        """Whether there is a random walk, as no law fits the measurements within their noise."""
         return self.model_error > NO_ERROR
 
     @property
@@ -148,17 +149,17 @@ class Fit:
 
     @property
     def has_process_noise(self) -> bool:
-        """Whether the law itself errs, and not the measurements alone."""
+        """Whether there is process noise, besides measurement errors."""
         return self.errors in ("walk", "force")
 
     @property
     def size(self) -> int:
-        """How many coefficients an object has."""
+        """Number of coefficients of an object."""
         return int(self.supports.sum())
 
     @cached_property
     def model(self) -> Model:
-        """What was fitted."""
+        """The fitted model."""
         terms, schema = self.problem.terms, self.problem.trials.schema
         given = np.any(np.nan_to_num(self.problem.known) != 0, axis=0)
         chosen = (self.supports | given) & terms.is_factor
@@ -170,12 +171,12 @@ class Fit:
 
     @cached_property
     def evidence(self) -> SupportEvidence:
-        """The evidence for supports by the likelihood linearized about the estimates, see `linearized_evidence`."""
+        """The evidence for supports, linearized about the estimates, see `linearized_evidence`."""
         return linearized_evidence(self.problem, self.estimates, self.fitted_model_error)
 
     @property
     def predicted_decrease(self) -> float:
-        """By how much minus twice the linearized log-likelihood is less elsewhere: next to nothing at its maximum."""
+        """Decrease of minus twice the linearized log-likelihood to its minimum, ``|Q' r|^2``; zero at convergence."""
         chosen, decrease = np.flatnonzero(self.supports), 0.0
         for problem, estimate in zip(self.evidence.problems, self.estimates, strict=True):
             columns = problem.factor[:, chosen]
@@ -185,15 +186,12 @@ class Fit:
 
     @property
     def has_converged(self) -> bool:
-        """Whether the linearized likelihood predicts next to nothing more elsewhere.
-
-        Where it does, the fit got stuck on the way, and the evidence that is computed about it means nothing.
-        """
+        """Whether the predicted decrease is negligible; otherwise the Laplace approximation does not hold."""
         return self.predicted_decrease < settings.MAX_PREDICTED_DECREASE * len(self.estimates)
 
     @cached_property
     def departures(self) -> tuple[Departure, ...]:
-        """In what the residuals depart from white noise."""
+        """Departures of the residuals from white noise."""
         return (NO_LAW,) if self.has_model_error else departures(self.problem, self.estimates)
 
     @cached_property
@@ -203,17 +201,17 @@ class Fit:
 
     @cached_property
     def diverges(self) -> bool:
-        """Whether a trajectory of a trial diverges from its fitted start, see `diverges`."""
+        """Whether the trajectory of a trial diverges from its fitted initial state, see `diverges`."""
         return diverges(self.problem, self.estimates)
 
     @property
     def is_solved(self) -> bool:
-        """Whether solutions of the law follow the trials, from their starts and step by step."""
+        """Whether the discretization error is below the noise, and no trajectory diverges."""
         return self.is_resolved and not self.diverges
 
     @property
     def lack_of_fit(self) -> str:
-        """What speaks against the law itself, whatever its noise, in words; nothing if nothing does."""
+        """Description of the lack of fit, empty if there is none."""
         reason = in_words(departure for departure in self.departures if not departure.is_of_noise)
         if not reason and self.diverges:
             return "trajectories of training trials diverge"
@@ -221,17 +219,14 @@ class Fit:
 
     @property
     def has_few_measurements(self) -> bool:
-        """Whether objects have fewer measurements for each coefficient and start than terms need.
-
-        A law may follow these, so that what it leaves does not show their errors.
-        """
+        """Whether there are fewer than `MIN_SAMPLES_PER_TERM` measurements for each coefficient and initial state."""
         problem = self.problem
         numbers = self.size * len(problem.models) + problem.models[0].width * len(problem.trials)
         return bool(sum(problem.measured) < settings.MIN_SAMPLES_PER_TERM * numbers)
 
     @property
     def reason_for_errors(self) -> str:
-        """Why errors besides white noise are to be estimated with the law, in words; nothing if they are not."""
+        """Why errors other than white noise are estimated, as text; empty if they are not."""
         reason = in_words(self.departures) or self.lack_of_fit
         if reason or not self.problem.errors:
             few = self.has_few_measurements and not self.problem.noise_is_fixed
@@ -239,12 +234,12 @@ class Fit:
         return "the noise is heteroscedastic"
 
     def neighbours(self) -> list[list[tuple[float, Bools]]]:
-        """Return the supports next to those of the fit, by equation, see `SupportEvidence.neighbours`."""
+        """Return the neighbouring supports of each equation, see `SupportEvidence.neighbours`."""
         exact = [(alternative.score - self.score, alternative.supports) for alternative in self.alternatives]
         return self.evidence.neighbours(self.supports, exact)
 
     def predicted_neighbours(self) -> Iterator[tuple[float, Bools]]:
-        """Yield the supports next to those of the fit, with minus twice their log-evidence as linearized about it."""
+        """Yield neighbouring supports with minus twice their log-evidence, linearized about the fit."""
         for j, listed in enumerate(self.evidence.neighbours(self.supports)):
             for more, support in listed:
                 supports = self.supports.copy()
@@ -252,7 +247,7 @@ class Fit:
                 yield self.score.total + more, supports
 
     def refitted(self, supports: Bools, model_error: float | None = None) -> "Fit":
-        """Return other supports fitted, from the coefficients that the linearized likelihood gives for them."""
+        """Return the fit of other supports from the maximum of their linearized likelihood."""
         error = self.model_error if model_error is None else model_error
         if not self.is_usable:
             return Fit.failed(self.problem, supports, self.status, error)
@@ -261,7 +256,7 @@ class Fit:
 
 
 def errors_to_fit(model_error: float) -> tuple[float, ...]:
-    """Return the model errors that are fitted with one after the other, to come to one; none is approached."""
+    """Return the sequence of model errors of a fit; zero is approached by continuation."""
     return (model_error,) if model_error else settings.FINAL_MODEL_ERRORS
 
 
@@ -277,9 +272,9 @@ def best_of(fits: Sequence[Fit]) -> Fit:
 
 
 def fitted(problem: SearchProblem, estimates: Sequence[Estimate] | None, supports: Bools, model_error: float) -> Fit:
-    """Return supports fitted from estimates at a model error, or without one where it is zero.
+    """Return the fit of supports from initial estimates at a model error, zero for solutions of the law.
 
-    The fit fails where there are no estimates, or the likelihood cannot be computed.
+    It is a failed fit without estimates, or if the likelihood is not computable.
     """
     if estimates is None:
         return Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error)
@@ -294,9 +289,9 @@ def fitted(problem: SearchProblem, estimates: Sequence[Estimate] | None, support
 def restricted(
     problem: SearchProblem, evidence: SupportEvidence, estimates: Sequence[Estimate], supports: Bools
 ) -> tuple[Estimate, ...] | None:
-    """Return the estimates with the coefficients that the linearized likelihood gives for supports.
+    """Return the estimates with coefficients at the maximum of the linearized likelihood of supports.
 
-    Parameters inside terms, in which it is not linear, stay. None if it is not finite.
+    Nonlinear parameters are kept. None if the linearization is not finite.
     """
     if not all(np.isfinite(problem.factor).all() for problem in evidence.problems):
         return None
@@ -307,13 +302,12 @@ def restricted(
 
 
 def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
-    """Return the evidence by the likelihood linearized about estimates, comparable between model errors.
+    """Return the evidence of supports by the likelihood linearized about estimates, comparable between model errors.
 
     Raises `NotPositiveError` if numbers are not finite, or too far apart.
     """
     linear = linearize_each(problem.models, estimates, model_error)
-    known = np.nan_to_num(problem.known)
-    pairs = zip(linear, known, strict=True)
+    pairs = zip(linear, np.nan_to_num(problem.known), strict=True)
     problems = [
         linearization.problem.subtract(beta.reshape(1, -1)) if beta.any() else linearization.problem
         for linearization, beta in pairs
@@ -339,15 +333,15 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
 
 
 def model_error_penalty(model_error: float, count: int) -> float:
-    """Return what a model error costs where so many numbers were measured: as any number to be found (BIC)."""
+    """Return the penalty log n of a model error, one fitted number (BIC)."""
     return float(np.log(count)) if model_error > settings.FINAL_MODEL_ERRORS[0] else 0.0
 
 
 def _outliers(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[float, float, int]:
-    """Return what outliers add to the sum of squares, what they cost where that does not count, and how many there are.
+    """Return the contribution of outliers to the sum of squares, their penalty, and their number.
 
-    Each costs what a measurement at the threshold does, however far off it is: else a law under noise that is too small
-    has all the outliers that it needs.
+    With the Huber threshold c, an outlier of size u contributes ``c u`` to the sum of weighted squares, and has the
+    penalty ``c^2``, that of a measurement at the threshold.
     """
     model, states = problem.models[0], np.concatenate([z for estimate in estimates for z in estimate.states])
     residuals = problem.measurements.measured - states @ model.observed.T

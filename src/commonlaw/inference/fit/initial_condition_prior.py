@@ -1,9 +1,9 @@
-"""The evidence for laws where trials start alike: the starts that a law asks for are drawn from one distribution.
+"""Normal prior of initial conditions over trials, as a correction of the evidence.
 
-A search takes any start for as likely. A law that is wrong may then follow trials from starts that scatter more than
-those that they had, at no price. Here starts are normal about one mean, as wide as they scatter by the law; both are
-the likeliest ones (parametric empirical Bayes, as of coefficients over objects). Where trials start far apart, or
-starts were measured well, that says of all laws the same.
+The search has a flat prior of initial states. A wrong law may then fit trials from initial states that vary more than
+the true ones, without a penalty. Here initial states are normal, z_0 ~ N(mu, diag(sigma^2)), with mu and sigma of
+largest marginal likelihood (parametric empirical Bayes). With initial states far apart, or measured well, the
+correction is the same for all laws.
 """
 
 from collections.abc import Callable
@@ -22,34 +22,34 @@ from commonlaw.likelihood import Estimate, NotPositiveError, whitened_with_initi
 
 @dataclass(frozen=True, eq=False)
 class InitialConditionPrior:
-    """What the starts of trials say of laws, compared with a law of reference, in minus twice the log-evidence.
+    """Corrections of minus twice the log-evidence for initial conditions, relative to a reference law.
 
-    Nothing of few trials, of very many samples, of errors that have a memory, and of latent states; nor
-    where starts are known much better than they scatter.
+    They are zero for few trials, many samples, autocorrelated errors and latent states, and where initial states are
+    known much better than they vary.
     """
 
     reference: Fit
     _known: "dict[tuple[Estimate, ...], _InitialConditions | None]" = field(default_factory=dict)
 
-    def price(self, fit: Fit) -> float:
-        """Return how much less plausible a law is by its starts."""
-        reference = self._of_reference
-        law = None if reference is None else self._of(fit)
-        return 0.0 if reference is None or law is None else law.own_price - reference.own_price
+    def correction(self, fit: Fit) -> float:
+        """Return the correction of a fit."""
+        reference = self._reference
+        law = None if reference is None else self._conditions(fit)
+        return 0.0 if reference is None or law is None else law.fitted_correction - reference.fitted_correction
 
     def near(self, fit: Fit) -> Callable[[Bools], float]:
-        """Return what says how much less plausible other supports are than those of a fit, linearised about it.
+        """Return the function from other supports to their correction less that of a fit, linearized about it.
 
-        Their starts scatter as those of the fit.
+        The variances of initial states are those of the fit.
         """
-        law = None if self._of_reference is None else self._of(fit)
+        law = None if self._reference is None else self._conditions(fit)
         if law is None:
             return lambda _: 0.0
-        return lambda supports: law.price(supports) - law.own_price
+        return lambda supports: law.correction(supports) - law.fitted_correction
 
     @cached_property
-    def _of_reference(self) -> "_InitialConditions | None":
-        """What is said of the law of reference, by enough trials of one segment each, without other processes."""
+    def _reference(self) -> "_InitialConditions | None":
+        """The initial conditions of the reference law; None if no correction applies."""
         problem = self.reference.problem
         trials, models = problem.trials, problem.models
         segments = sum(int(mesh.first.sum()) for model in models for mesh in model.meshes)
@@ -57,15 +57,15 @@ class InitialConditionPrior:
         few = sum(problem.measured) <= settings.MAX_SCREENED_SAMPLES
         if not (settings.MIN_OBJECTS <= len(trials) == segments and few) or latent or trials.schema.starts:
             return None
-        law = self._of(self.reference)
+        law = self._conditions(self.reference)
         return None if law is None or law.are_exact else law
 
-    def _of(self, fit: Fit) -> "_InitialConditions | None":
-        """Return what is said of a law; nothing if that cannot be computed."""
+    def _conditions(self, fit: Fit) -> "_InitialConditions | None":
+        """Return the initial conditions of a fit; None if the likelihood is not computable."""
         if fit.estimates not in self._known:
             try:
                 law = _InitialConditions.of(fit)
-                self._known[fit.estimates] = law if np.isfinite(law.own_price) else None
+                self._known[fit.estimates] = law if np.isfinite(law.fitted_correction) else None
             except (NotPositiveError, np.linalg.LinAlgError):
                 self._known[fit.estimates] = None
         return self._known[fit.estimates]
@@ -73,11 +73,21 @@ class InitialConditionPrior:
 
 @dataclass(frozen=True, eq=False)
 class _InitialConditions:
-    """What the likelihood, linearised about a law, says of starts and coefficients.
+    """The likelihood of initial conditions and coefficients, linearized about a fit.
 
-    Starts of all trials, shape (trials, states), are less their mean. The triangles of each trial, shape (trials, size,
-    size), have as columns changes of its start, all terms that may enter the equations, and the target; so many trials
-    of each object follow each other.
+    Parameters
+    ----------
+    fit
+        The fit.
+    starts
+        Initial states of all trials less their mean, shape (trials, states).
+    triangles
+        Triangular factors of each trial, shape (trials, size, size); columns are the initial state, the allowed terms
+        of all equations, and the target.
+    counts
+        Number of trials of each object.
+    log_determinant
+        Of the information on the other states.
     """
 
     fit: Fit
@@ -88,7 +98,7 @@ class _InitialConditions:
 
     @classmethod
     def of(cls, fit: Fit) -> "_InitialConditions":
-        """Return what is said about the estimates of a fit."""
+        """Return the linearized likelihood of a fit."""
         problem = fit.problem
         triangles, starts, counts, total = list[Floats](), list[Floats](), list[int](), 0.0
         for model, estimate in zip(problem.models, fit.estimates, strict=True):
@@ -108,7 +118,7 @@ class _InitialConditions:
 
     @property
     def are_exact(self) -> bool:
-        """Whether starts, if the law were known, are known much better than they scatter."""
+        """Whether initial states, given the law, have errors far below their standard deviations over trials."""
         states = self.starts.shape[1]
         inverse = np.linalg.inv(self.triangles[:, :states, :states])
         errors = np.mean(np.sum(inverse**2, axis=2), axis=0)
@@ -116,29 +126,29 @@ class _InitialConditions:
 
     @property
     def _typical(self) -> Floats:
-        """The mean squares of starts, shape (states,)."""
+        """The variances of initial states over trials, shape (states,)."""
         return np.asarray(np.maximum(np.mean(self.starts**2, axis=0), np.finfo(float).tiny))
 
-    def price(self, supports: Bools) -> float:
-        """Return minus twice the log-evidence of supports, less that where any starts are as likely."""
-        (factors,), (log_determinant,) = self._likeliest
+    def correction(self, supports: Bools) -> float:
+        """Return minus twice the log-evidence of supports, less that with a flat prior of initial states."""
+        (factors,), (log_determinant,) = self._at_likeliest_variances
         free = self.fit.evidence.value(supports) - sum(
             self.fit.evidence.structure_prior.of(support) for support in supports
         )
         return float(log_determinant) + self._evidence(factors, supports) - free
 
     @cached_property
-    def own_price(self) -> float:
-        """The same of the law itself."""
-        return self.price(self.fit.supports)
+    def fitted_correction(self) -> float:
+        """The same for the supports of the fit."""
+        return self.correction(self.fit.supports)
 
     @cached_property
-    def _likeliest(self) -> tuple[Floats, Floats]:
-        """What `_of_objects` returns for the variances that are the likeliest with the law itself."""
+    def _at_likeliest_variances(self) -> tuple[Floats, Floats]:
+        """Factors of `_of_objects` at the variances of largest evidence for the fit, by coordinate search."""
         supports, states = self.fit.supports, self.starts.shape[1]
         kept = np.concatenate([np.arange(states), states + np.flatnonzero(supports[self.fit.problem.allowed]), [-1]])
         supported = replace(self, triangles=np.asarray(np.linalg.qr(self.triangles[:, :, kept], mode="r")))
-        variances, grid = self._typical, 10.0 ** np.arange(-4, 2)  # What is between matters little
+        variances, grid = self._typical, 10.0 ** np.arange(-4, 2)
         for _ in range(settings.ALTERNATIONS):
             for j in range(states):
                 tried = np.tile(variances, (len(grid), 1))
@@ -149,20 +159,20 @@ class _InitialConditions:
         return self._of_objects(variances[np.newaxis])
 
     def _evidence(self, factors: Floats, supports: Bools, columns: Bools | None = None) -> float:
-        """Return minus twice the log-evidence of supports on factors that have columns of these terms, or of all."""
+        """Return minus twice the log-evidence of supports from factors with columns of these terms, by default all."""
         columns = self.fit.problem.allowed if columns is None else columns
         states, ratios = self.starts.shape[1], None
         if self.fit.evidence.log_parametrized is not None:
             log_values = self.fit.evidence.log_parametrized[:, columns.ravel()]
             ratios = np.column_stack([log_values, np.zeros((len(log_values), states))])
         indices = np.append(np.flatnonzero(supports[columns]), columns.sum() + np.arange(states))
-        measured = self.fit.evidence.noise_scale.without(-self.starts.size)
-        return minus_twice_log_evidence(random_effect_factors(factors, ratios), indices, measured, common=states)
+        scale = self.fit.evidence.noise_scale.without(-self.starts.size)
+        return minus_twice_log_evidence(random_effect_factors(factors, ratios), indices, scale, common=states)
 
     def _of_objects(self, variances: Floats) -> tuple[Floats, Floats]:
         """Return triangles of objects, shape (models, objects, size, size), and log-determinants, shape (models,).
 
-        Columns are coefficients, the mean of all starts, and the target. Starts of trials are integrated out.
+        Columns are coefficients, the mean initial state, and the target. Initial states are integrated out.
         """
         (trials, size, _), (models, states) = self.triangles.shape, variances.shape
         joint = np.zeros((models, trials, size + states, states + size))
@@ -174,8 +184,8 @@ class _InitialConditions:
         diagonals = np.diagonal(reduced[:, :, :states, :states], axis1=2, axis2=3)
         with np.errstate(divide="ignore"):
             log_determinants = 2 * np.log(np.abs(diagonals)).sum(axis=(1, 2)) + trials * np.log(variances).sum(axis=1)
-        of_each = np.split(reduced[:, :, states:, states:], np.cumsum(self.counts)[:-1], axis=1)
+        by_object = np.split(reduced[:, :, states:, states:], np.cumsum(self.counts)[:-1], axis=1)
         stacked = np.zeros((models, len(self.counts), max(self.counts) * size, size))
-        for o, factor in enumerate(of_each):
+        for o, factor in enumerate(by_object):
             stacked[:, o, : self.counts[o] * size] = factor.reshape(models, -1, size)
         return np.asarray(np.linalg.qr(stacked, mode="r")), self.log_determinant + log_determinants

@@ -1,8 +1,12 @@
-"""Measurements of a state against integrals of terms along curves that are near the true ones.
+"""Regression in the integral form: measured states on integrals of terms along estimated trajectories.
 
-If ``x' = f(x)``, measurements of x are a start, plus the integral of f along the true curve, plus noise. With states
-near the true ones in f, coefficients are found by least squares on integrals, without a derivative (Dattner and
-Klaassen 2015), and parameters inside terms from a bank of values.
+A solution of ``x' = sum of theta_k f_k(x)`` has measurements
+
+    y_i = x_0 + sum of theta_k F_k(t_i) + e_i,    F_k(t) = integral of f_k(x(s)) over s from t_0 to t,
+
+with a twofold integral and an initial rate for second order. With estimated states in f_k, theta follows by least
+squares without derivatives (Dattner and Klaassen 2015; Schaeffer and McCalla 2017), and nonlinear parameters by a grid
+search and Gauss-Newton steps on the variable projection.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,177 +26,183 @@ from commonlaw.likelihood import Estimate, Mesh
 
 @dataclass(frozen=True, eq=False)
 class CurveData:
-    """An object's curves, and terms along them.
+    """Terms along the estimated trajectories of an object.
 
     Parameters
     ----------
     problem, index
-        What was measured, and which object it is.
+        The measurements, and the index of the object.
     plain
-        Plain terms, shape (n, terms).
-    banks
-        Terms with parameters inside.
+        Terms without nonlinear parameters, shape (n, terms).
+    grids
+        Parametric terms on grids of their parameters.
     """
 
     problem: SearchProblem
     index: int
     plain: Floats
-    banks: ParameterGrids
+    grids: ParameterGrids
 
     @classmethod
     def of(
         cls, problem: SearchProblem, index: int, estimate: Estimate, others: Sequence[ParametricTerm]
     ) -> "CurveData":
-        """Return the curves of an object along its estimated states."""
+        """Return the terms along the estimated states of an object."""
         terms, values = problem.models[index].terms, values_along(problem, index, estimate)
         sampled = np.concatenate([mesh.observed.any(axis=1) for mesh in problem.models[index].meshes])
-        banks = ParameterGrids.along(terms.variables, values, others, sampled)
-        return cls(problem, index, terms.evaluate(values), banks)
+        grids = ParameterGrids.along(terms.variables, values, others, sampled)
+        return cls(problem, index, terms.evaluate(values), grids)
 
-    def match(self, equation: int) -> "IntegralRegression":
-        """Return the measurements of the state of an equation against integrals along these curves."""
+    def regression(self, equation: int) -> "IntegralRegression":
+        """Return the regression of the measured state of an equation."""
         known = self.problem.known[self.index, equation]
-        integrals, target = Integrals.and_target(self.problem, self.index, equation, self.banks.values)
-        plain, norms = unit(integrals.of(self.plain))
+        integrals, target = Integrals.and_target(self.problem, self.index, equation, self.grids.values)
+        plain, norms = normalized(integrals.of(self.plain))
         target = target - plain @ (norms * np.nan_to_num(known))
         return IntegralRegression(
-            target, plain, norms, unit(integrals.of(self.banks.columns))[0], self.banks, integrals
+            target, plain, norms, normalized(integrals.of(self.grids.columns))[0], self.grids, integrals
         )
 
 
 @dataclass(frozen=True, eq=False)
 class IntegralRegression:
-    """One object's measurements of a state against integrals of terms.
+    """Regression of one object's measurements of a state on integrals of terms.
 
     Parameters
     ----------
     target
-        What was measured, relative to its noise, without what free starts explain, shape (n,).
+        Standardized measurements, projected orthogonally to free initial conditions, shape (n,).
     plain, norms
-        Integrals of plain terms, of unit norm, shape (n, terms), and the norms that they had.
-    others, banks
-        Integrals of the others at each value in their banks, of unit norm, and the banks.
+        Integrals of plain terms, normalized, shape (n, terms), and their norms.
+    others, grids
+        Integrals of parametric terms at all grid values, normalized, and the grids.
     integrals
-        How they are integrated.
+        The integration operators.
     changed
-        Integrals of the others at values in banks and a little changed ones, as far as they were asked for.
+        Cache of integrals of parametric terms for forward differences about grid values.
     """
 
     target: Floats
     plain: Floats
     norms: Floats
     others: Floats
-    banks: ParameterGrids
+    grids: ParameterGrids
     integrals: "Integrals"
     changed: dict[tuple[int, int], Floats] = field(default_factory=dict)
 
     @cached_property
     def squares(self) -> Floats:
-        """The squares of the norms of the others: one, or zero where an integral vanishes."""
+        """Squared norms of the parametric columns: one, or zero where an integral vanishes."""
         return np.asarray(np.sum(self.others**2, axis=0))
 
     def columns_of(self, a: int) -> Floats:
-        """Return the columns of one of the others, by its index."""
+        """Return the columns of one of the parametric terms."""
         return self.others[:, self._of(a)]
 
-    def places_of(self, others: Sequence[int]) -> tuple[Indices, Indices]:
-        """Return the columns of some of the others, by their indices, and how many each of them has."""
-        places = [
-            np.empty(0, dtype=np.intp),
-            *(np.arange(columns.start, columns.stop) for columns in map(self._of, others)),
-        ]
-        return np.concatenate(places), np.array([*map(len, places[1:])], dtype=np.intp)
+    def columns_of_terms(self, others: Sequence[int]) -> tuple[Indices, Indices]:
+        """Return the column indices of some of the parametric terms, and the number of columns of each."""
+        ranges = [np.arange(columns.start, columns.stop) for columns in map(self._of, others)]
+        counts = np.array([*map(len, ranges)], dtype=np.intp)
+        return np.concatenate([np.empty(0, dtype=np.intp), *ranges]), counts
 
-    def repeats(self, a: int) -> bool:
-        """Return whether one of the others is along the curves what a plain term is, as abs(x) where x is positive."""
+    def is_collinear(self, a: int) -> bool:
+        """Return whether a parametric term is collinear with a plain one along the curves, as abs(x) for positive x."""
         columns = self.columns_of(a)
         return not columns.shape[1] or (
-            not self.banks.others[a].parameters
+            not self.grids.others[a].parameters
             and bool(np.any(np.abs(self.plain.T @ columns) > 1 - settings.COLLINEAR))
         )
 
     def columns_at(self, others: Sequence[int], values: Sequence[int]) -> Floats:
-        """Return the columns of some of the others, each at a value by its index in its bank, shape (n, others)."""
-        return self.others[:, [self.banks.firsts[a] + i for a, i in zip(others, values, strict=True)]]
+        """Return one column of each of some parametric terms, by the indices of grid values, shape (n, others)."""
+        return self.others[:, [self.grids.offsets[a] + i for a, i in zip(others, values, strict=True)]]
 
-    def best_values(self, plain: Sequence[int], others: Sequence[int]) -> tuple[int, ...]:
-        """Return the values of the others that leave least, by their indices in banks, found in turn."""
+    def grid_search(self, plain: Sequence[int], others: Sequence[int]) -> tuple[int, ...]:
+        """Return the indices of the grid values of least residual squares, by coordinate descent."""
         chosen, fixed = dict[int, int](), self.plain[:, list(plain)]
         for a in [*others] * len(others):
-            if len(self.banks.parameters[a]) == 1:
+            if len(self.grids.parameters[a]) == 1:
                 chosen[a] = 0
                 continue
             chosen.pop(a, None)
             basis = np.linalg.qr(np.column_stack([fixed, self.columns_at([*chosen], [*chosen.values()])]))[0]
             columns, residuals = self.columns_of(a), self.target - basis @ (basis.T @ self.target)
             outside = self.squares[self._of(a)] - np.sum((basis.T @ columns) ** 2, axis=0)
-            chosen[a] = int(np.argmax(gains(residuals @ columns, outside)))
+            chosen[a] = int(np.argmax(rss_reductions(residuals @ columns, outside)))
         return tuple(chosen[a] for a in others)
 
     def _of(self, a: int) -> slice:
-        return slice(self.banks.firsts[a], self.banks.firsts[a + 1])
+        return slice(self.grids.offsets[a], self.grids.offsets[a + 1])
 
     def fitted(
         self, plain: Sequence[int], others: Sequence[ParametricTerm], parameters: Sequence[Floats]
     ) -> tuple[Floats, Floats]:
-        """Return coefficients by least squares, plain terms first, and what is left of the target.
+        """Return least-squares coefficients, plain terms first, and residuals, given nonlinear parameters.
 
-        The others are any terms with these parameters. All is left where a term is not finite.
+        With a term that is not finite, coefficients are zero.
         """
         columns = self._integrated(others, [parameter[np.newaxis] for parameter in parameters])
-        return solved(np.column_stack([self.plain[:, list(plain)] * self.norms[list(plain)], *columns]), self.target)
+        return least_squares(
+            np.column_stack([self.plain[:, list(plain)] * self.norms[list(plain)], *columns]), self.target
+        )
 
     def linearized_rss(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> float:
-        """Return the least sum of squares to first order about values of the parameters in banks."""
+        """Return the residual sum of squares after one Gauss-Newton step from grid values."""
         for a, i in zip(others, indices, strict=True):
             if (a, i) not in self.changed:
-                (self.changed[a, i],) = self._changed([a], [self.banks.parameters[a][i]])
+                (self.changed[a, i],) = self._changed([a], [self.grids.parameters[a][i]])
         columns = [self.changed[pair] for pair in zip(others, indices, strict=True)]
         residuals, slopes = self._projected(plain, columns)
         residuals = residuals - slopes @ np.linalg.lstsq(slopes, residuals, rcond=settings.MIN_SINGULAR_VALUE)[0]
         return float(residuals @ residuals)
 
-    def closest(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> tuple[Floats, ...]:
-        """Return the parameters of terms that leave least, near those in banks."""
-        begin = [self.banks.parameters[a][i] for a, i in zip(others, indices, strict=True)]
+    def refined(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> tuple[Floats, ...]:
+        """Return the parameters of least residual squares near grid values, by Gauss-Newton steps."""
+        begin = [self.grids.parameters[a][i] for a, i in zip(others, indices, strict=True)]
         if not any(map(len, begin)):
             return tuple(begin)
         cuts = np.cumsum([len(theta) for theta in begin])[:-1]
-        optimum = closest(
+        optimum = gauss_newton(
             lambda values: self._projected(plain, self._changed(others, np.split(values, cuts))), np.concatenate(begin)
         )
         return tuple(np.split(optimum, cuts))
 
     def _changed(self, others: Sequence[int], parameters: Sequence[Floats]) -> list[Floats]:
-        """Return integrals of the others at parameters, and with one after the other of these a little changed."""
+        """Return integrals of parametric terms at parameters and at forward differences of each."""
         return self._integrated(
-            [self.banks.others[a] for a in others], [with_steps(parameter) for parameter in parameters]
+            [self.grids.others[a] for a in others], [forward_difference_points(parameter) for parameter in parameters]
         )
 
     def _projected(self, plain: Sequence[int], columns: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """Return what plain terms and the first of each of some columns leave, and its derivatives by the others."""
+        """Return the `variable_projection` of plain terms with the columns of `_changed`."""
         here = np.column_stack([self.plain[:, list(plain)], *(column[:, 0] for column in columns)])
         counts = [column.shape[1] - 1 for column in columns]
         whole, step = np.repeat(here[np.newaxis], 1 + sum(counts), axis=0), 1
         for place, (column, count) in enumerate(zip(columns, counts, strict=True), len(plain)):
             whole[step : step + count, :, place] = column[:, 1:].T
             step += count
-        return projected(self.target, whole)
+        return variable_projection(self.target, whole)
 
-    def _integrated(self, others: Sequence[ParametricTerm], banks: Sequence[Floats]) -> list[Floats]:
-        """Return integrals of some terms at some values of their parameters, shape (n, values) each."""
+    def _integrated(self, others: Sequence[ParametricTerm], grids: Sequence[Floats]) -> list[Floats]:
+        """Return integrals of terms at values of their parameters, each of shape (n, values)."""
         if not others:
             return []
-        columns = [along(each, self.banks.values, bank) for each, bank in zip(others, banks, strict=True)]
+        columns = [along(term, self.grids.values, grid) for term, grid in zip(others, grids, strict=True)]
         whole = self.integrals.of(np.concatenate(columns, axis=1))
-        return np.split(whole, np.cumsum([len(bank) for bank in banks])[:-1], axis=1)
+        return np.split(whole, np.cumsum([len(bank) for bank in grids])[:-1], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Integrals:
-    """Windows along curves, by the indices of their points, and what integrals are as they show in measurements.
+    """Linear operators from rates at points to standardized integrals at measurements, in windows along curves.
 
-    An operator has the integrals of rates that are one at a single point, shape (measurements, points).
+    Parameters
+    ----------
+    points
+        Indices of the points of each window.
+    operators
+        Of each window, shape (measurements, points): integrals of cardinal cubic splines, projected orthogonally to
+        free initial conditions.
     """
 
     points: Sequence[Indices]
@@ -202,13 +212,11 @@ class Integrals:
     def and_target(
         cls, problem: SearchProblem, index: int, equation: int, values: Floats
     ) -> "tuple[Integrals, Floats]":
-        """Return how an object's rates of a state are integrated, and what was measured of it, shape (n,).
+        """Return the operators of an object's equation, and the standardized measurements of its state, shape (n,).
 
-        Relative to its noise, without what free starts (and rates there) explain, in windows that are evenly spread.
-        Values of all variables along the curves have the shape (points, variables).
+        Measurements are projected orthogonally to free initial conditions, in evenly spaced windows. The variables
+        along the curves have shape (points, variables).
         """
-        from scipy.interpolate import CubicSpline
-
         model, windows, before = problem.models[index], list[tuple[Mesh, int, Indices]](), 0
         variables, order = model.terms.variables, order_of_each(model.order, model.equations)[equation]
         for mesh in model.meshes:
@@ -216,39 +224,55 @@ class Integrals:
                 count = -(-len(part) // settings.MAX_CURVE_POINTS)
                 windows += [(mesh, before, points) for points in np.array_split(part, count)]
             before += len(mesh)
-        places, operators, targets = list[Indices](), list[Floats](), list[Floats]()
+        indices, operators, targets = list[Indices](), list[Floats](), list[Floats]()
         for mesh, before, points in (windows[i] for i in evenly_spaced(len(windows), settings.MAX_WINDOWS)):
             observed, times = mesh.observed[points, equation], mesh.times[points]
             std = problem.std_of(mesh)[points[observed], equation]
-            # Integrals, twice for a second order, of splines that are one at a point
-            rows = CubicSpline(times, np.eye(len(times))).antiderivative(order)(times[observed])
+            rows = integrated(times, np.eye(len(times)), order)[observed]  # Cardinal splines
             if variables.states[equation] in variables.logarithmic:
                 rows = rows / values[before + points, equation]
             rows = np.column_stack([rows, mesh.measured[points[observed], equation]]) / std[:, np.newaxis]
-            elapsed = (times - times[0])[observed]
-            basis = np.linalg.qr(np.column_stack([elapsed**k / std for k in range(order)]))[0]
-            rows = rows - basis @ (basis.T @ rows)
-            places.append(before + points)
+            initial = initial_conditions((times - times[0])[observed], order) / std[:, np.newaxis]
+            rows = outside_span(initial, rows)
+            indices.append(before + points)
             operators.append(rows[:, :-1])
             targets.append(rows[:, -1])
-        return cls(places, operators), np.concatenate(targets)
+        return cls(indices, operators), np.concatenate(targets)
 
     def of(self, rates: Floats) -> Floats:
-        """Return integrals of rates along the curves, shape (n, k), as they show in the measurements."""
+        """Return the standardized integrals of rates along the curves, shape (n, k)."""
         pairs = zip(self.points, self.operators, strict=True)
         with np.errstate(all="ignore"):
             return np.concatenate([operator @ rates[points] for points, operator in pairs])
 
 
-def with_steps(values: Floats) -> Floats:
-    """Return values, and these with one after the other a little changed, shape (1 + values, values)."""
+def integrated(times: Floats, rates: Floats, order: int) -> Floats:
+    """Return rates at times, shape (n, columns), integrated `order` times from the first time, by cubic splines."""
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(times, rates).antiderivative(order)(times))
+
+
+def initial_conditions(elapsed: Floats, order: int) -> Floats:
+    """Return ``t^k``, k < order, shape (n, order): the columns of the initial state, and rate for second order."""
+    return np.column_stack([elapsed**k for k in range(order)])
+
+
+def outside_span(columns: Floats, values: Floats) -> Floats:
+    """Return values, shape (n, k), projected orthogonally to columns."""
+    basis = np.linalg.qr(columns)[0]
+    return np.asarray(values - basis @ (basis.T @ values))
+
+
+def forward_difference_points(values: Floats) -> Floats:
+    """Return values, and for each of them all with a relative increment of this one, shape (1 + values, values)."""
     return np.vstack([values, values + np.diag(settings.ROUNDING * _sizes(values))])
 
 
-def closest(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats) -> Floats:
-    """Return values near some that leave the least sum of squares, by Gauss-Newton steps.
+def gauss_newton(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats) -> Floats:
+    """Return the values of least sum of squares, by damped Gauss-Newton steps.
 
-    What is left and its derivatives by relative changes of the values are those that `projected` returns.
+    Residuals and their derivatives by relative changes of the values are those of `variable_projection`.
     """
     theta, (here, slopes) = begin, linearized(begin)
     for _ in range(settings.MAX_SWEEPS):
@@ -263,22 +287,22 @@ def closest(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats
     return theta
 
 
-def projected(target: Floats, columns: Floats) -> tuple[Floats, Floats]:
-    """Return what columns leave of a target by least squares, and its derivatives by relative changes of values.
+def variable_projection(target: Floats, columns: Floats) -> tuple[Floats, Floats]:
+    """Return least-squares residuals, and their derivatives by relative changes of nonlinear parameters.
 
-    Coefficients follow these (variable projection, as by Kaufman 1975). All is left, whatever the values are, where a
-    column is not finite.
+    With columns Phi(p), P = Phi Phi^+ and coefficients theta = Phi^+ y, residuals are ``(1 - P) y`` and derivatives
+    ``-(1 - P) (dPhi/dp) theta`` (variable projection; Kaufman 1975). They are y and zero if a column is not finite.
 
     Parameters
     ----------
     target
         Shape (n,).
     columns
-        At the values and the others of `with_steps`, shape (1 + values, n, columns).
+        At the `forward_difference_points`, shape (1 + values, n, columns).
     """
     if not np.isfinite(columns).all():
         return target, np.zeros((len(target), len(columns) - 1))
-    whole, norms = unit(columns[0])
+    whole, norms = normalized(columns[0])
     basis, sizes, turned = np.linalg.svd(whole, full_matrices=False)
     kept = sizes > settings.MIN_SINGULAR_VALUE * sizes[:1].sum()
     basis = basis[:, kept]
@@ -292,25 +316,25 @@ def _sizes(values: Floats) -> Floats:
     return np.where(values != 0, values, 1.0)
 
 
-def solved(columns: Floats, target: Floats) -> tuple[Floats, Floats]:
-    """Return coefficients of columns by least squares, and what is left: all where a column is not finite."""
-    whole, norms = unit(columns)
+def least_squares(columns: Floats, target: Floats) -> tuple[Floats, Floats]:
+    """Return least-squares coefficients and residuals; zero and the target if a column is not finite."""
+    whole, norms = normalized(columns)
     if not np.isfinite(norms).all():
         return np.zeros(len(norms)), target
     coefficients = np.linalg.lstsq(whole, target, rcond=settings.MIN_SINGULAR_VALUE)[0]
     return coefficients / np.where(norms > 0, norms, 1.0), target - whole @ coefficients
 
 
-def gains(inner: Floats, outside: Floats) -> Floats:
-    """Return by how much columns lower the squares that others leave.
+def rss_reductions(inner: Floats, outside: Floats) -> Floats:
+    """Return the reductions ``(r' x)^2 / |x_perp|^2`` of the residual sum of squares by additional columns x.
 
-    From their inner products with what is left, and their squares outside of the others.
+    `inner` are the products r' x, and `outside` the squared norms of x orthogonal to the present columns.
     """
     return np.asarray(np.where(outside > settings.COLLINEAR, inner**2 / np.maximum(outside, settings.COLLINEAR), 0.0))
 
 
-def unit(columns: Floats) -> tuple[Floats, Floats]:
-    """Return columns of unit norm, shape (..., n, columns), zero where they are not finite, and the norms they had."""
+def normalized(columns: Floats) -> tuple[Floats, Floats]:
+    """Return columns, shape (..., n, columns), over their norms, zero where these are not finite, and the norms."""
     with np.errstate(over="ignore"):
         norms = np.linalg.norm(columns, axis=-2)
     usable = np.isfinite(norms) & (norms > 0)

@@ -1,8 +1,7 @@
-"""Lack of fit: residuals that are no white noise, discretization error, divergence, and poles along trials.
+"""Lack of fit: tests of residuals for white noise, discretization error, divergence, and poles.
 
-Noise that grows with the states shows in differences of neighbouring samples before any law is known. A search under
-noise of one level takes what large states scatter by for what a law leaves; where differences show growth, it begins
-with it.
+Proportional noise is estimated from differences of neighbouring samples before the search, which would otherwise
+interpret large residuals of large states as lack of fit.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,7 +23,14 @@ from commonlaw.inference.settings import (
     MIN_SAMPLES_OF_MANY,
     PER_DECADE,
 )
-from commonlaw.integration import InitialValueProblem, Inputs, OutputOptions, VectorField, simulate_each
+from commonlaw.integration import (
+    InitialValueProblem,
+    Inputs,
+    OutputOptions,
+    VectorField,
+    runge_kutta_step,
+    simulate_each,
+)
 from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import ErrorModel, Estimate, Mesh, jacobians
 from commonlaw.runtime.progress import unannounced
@@ -32,9 +38,9 @@ from commonlaw.runtime.progress import unannounced
 
 @dataclass(frozen=True)
 class Departure:
-    """Something in which residuals depart from white noise of the estimated level, in words.
+    """A departure of residuals from white noise, as text.
 
-    Heteroscedastic residuals are a matter of the noise; whatever else departs is lack of fit.
+    Heteroscedasticity is a property of the noise; other departures are lack of fit.
     """
 
     words: str
@@ -42,16 +48,16 @@ class Departure:
 
 
 NO_LAW = Departure("lack of fit: no law of this library fits the measurements within their noise")
-"""Of a law with a model error."""
+"""The departure of a fit with a model error."""
 
 
 def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[Departure, ...]:
-    """Return in what the residuals of a law depart from white noise.
+    """Return the departures of residuals from white noise, state by state.
 
-    They are heteroscedastic or autocorrelated, if an error that allows for it gains more in likelihood than its numbers
-    cost.
+    They are heteroscedastic or autocorrelated if a model that includes it has a larger likelihood by more than the
+    penalty log n of each of its parameters (BIC): ``-m log(1 - r^2) > 2 log n`` for the autocorrelation r of m pairs.
     """
-    # At the floor, what is left is not of the measurements
+    # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
     return tuple(
         Departure(f"residuals of {name} are {departure.words}", departure.is_of_noise)
@@ -62,12 +68,12 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[D
 
 
 def in_words(listed: Iterable[Departure]) -> str:
-    """Return departures in words; nothing if there are none."""
+    """Return departures as text, empty if there are none."""
     return "; ".join(departure.words for departure in listed)
 
 
 def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_measured: bool) -> list[Departure]:
-    """Return what is odd about the residuals of one state, and about their pattern if they are of measurements."""
+    """Return the departures of the residuals of one state; their pattern is tested above the noise floor only."""
     squares, sizes, lags, count, whole = [], [], [], 0, 0
     for model, estimate in zip(problem.models, estimates, strict=True):
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
@@ -87,7 +93,10 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
         return []
     squared, listed, price = np.concatenate(squares), [], np.log(max(count, 2))
     schema = problem.trials.schema
-    if schema.states[j] not in schema.logarithmic and growth(squared, np.concatenate(sizes))[0] > price:
+    if (
+        schema.states[j] not in schema.logarithmic
+        and proportional_noise_gain(squared, np.concatenate(sizes))[0] > price
+    ):
         listed.append(Departure("heteroscedastic", is_of_noise=True))
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
@@ -98,7 +107,7 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
 
 @unannounced()
 def diverges(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
-    """Whether a trajectory of a trial that the law was learned from diverges there, from its fitted start."""
+    """Return whether the trajectory of a training trial diverges from its fitted initial state."""
     problems = []
     for i in evenly_spaced(len(problem.models), settings.MAX_CHECKED_OBJECTS):
         model, estimate = problem.models[i], estimates[i]
@@ -113,9 +122,9 @@ def diverges(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
 
 
 def is_resolved(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
-    """Return whether steps of the likelihood end where solutions do but for less than the noise, in the mean square.
+    """Return whether the mean square discretization error of a step is below the noise variance.
 
-    Both begin at the estimated states, and without forces.
+    Steps of collocation are compared with solutions from the same estimated states.
     """
     indices = evenly_spaced(len(estimates), settings.MAX_CHECKED_OBJECTS)
     squares = [squares_ for i in indices for squares_ in _squared_errors(problem, i, estimates[i])]
@@ -123,9 +132,9 @@ def is_resolved(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
 
 
 def _squared_errors(problem: SearchProblem, index: int, estimate: Estimate) -> Iterator[Floats]:
-    """Yield squared errors of the steps of an object, mesh by mesh, in units of the variance of the noise.
+    """Yield squared discretization errors of all steps of an object, mesh by mesh, over the noise variance.
 
-    They are infinite where steps are too fast to be followed.
+    Solutions are by Runge-Kutta steps, halved up to 64 in a step; errors are infinite where these do not converge.
     """
     model = problem.models[index]
     field, d = model.field(estimate.coefficients), model.equations
@@ -148,29 +157,21 @@ def _squared_errors(problem: SearchProblem, index: int, estimate: Estimate) -> I
 
 
 def _followed(field: VectorField, mesh: Mesh, states: Floats, count: int) -> Floats:
-    """Return the states at the ends of all steps, from those at their starts, by as many steps of Runge and Kutta."""
+    """Return the states at the ends of all steps from those at their starts, by so many classical Runge-Kutta steps."""
     z, h = states[:-1], mesh.steps[:, np.newaxis] / count
-
-    def rates(z: Floats, share: float) -> Floats:
-        inputs = mesh.inputs[:-1] if mesh.held else (1 - share) * mesh.inputs[:-1] + share * mesh.inputs[1:]
-        return field.derivatives(np.column_stack([z, inputs, mesh.times[:-1] + share * mesh.steps]))
-
     for k in range(count):
-        first = rates(z, k / count)
-        second = rates(z + h / 2 * first, (k + 0.5) / count)
-        third = rates(z + h / 2 * second, (k + 0.5) / count)
-        last = rates(z + h * third, (k + 1) / count)
-        z = z + h / 6 * (first + 2 * second + 2 * third + last)
+
+        def rates(z: Floats, share: float, k: int = k) -> Floats:
+            share = (k + share) / count
+            inputs = mesh.inputs[:-1] if mesh.held else (1 - share) * mesh.inputs[:-1] + share * mesh.inputs[1:]
+            return field.derivatives(np.column_stack([z, inputs, mesh.times[:-1] + share * mesh.steps]))
+
+        z = runge_kutta_step(rates, z, h)
     return z
 
 
-def has_poles(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
-    """Return whether something that terms are divided by, with parameters in it, vanishes at states or between them."""
-    return any(has_pole(problem, i, estimate) for i, estimate in enumerate(estimates))
-
-
 def has_pole(problem: SearchProblem, index: int, estimate: Estimate) -> bool:
-    """Return whether something vanishes that terms are divided by, at states of an object or between them."""
+    """Return whether a denominator changes its sign over the states of an object or chords between them."""
     if not (codes := divisors(problem.models[index].terms)):
         return False
     values = with_chord_points(values_along(problem, index, estimate))
@@ -188,24 +189,25 @@ def values_along(problem: SearchProblem, index: int, estimate: Estimate) -> Floa
 
 
 def with_chord_points(values: Floats) -> Floats:
-    """Return points, shape (n, variables), with others on the straight lines between some of them."""
+    """Return points, shape (n, variables), with random points on chords between them."""
     generator = np.random.default_rng(0)
     first, last = generator.integers(len(values), size=(2, settings.MAX_PAIRS))
     share = generator.uniform(size=(settings.MAX_PAIRS, 1))
     return np.concatenate([values, share * values[first] + (1 - share) * values[last]])
 
 
-def growth(squared: Floats, sizes: Floats) -> tuple[float, Floats]:
-    """Return what noise that grows with a state gains in twice the log-likelihood, its level being free in both.
+def proportional_noise_gain(squared: Floats, sizes: Floats) -> tuple[float, Floats]:
+    """Return twice the log-likelihood ratio of proportional to constant noise, and the levels a and b.
 
-    And the standard deviations of the part that is constant, and of that in proportion, as a share.
+    The variance is ``a^2 + b^2 x^2``, with b/a on a logarithmic grid and a of largest likelihood, against a constant
+    one.
 
     Parameters
     ----------
     squared
-        Residuals, shape (n,).
+        Squared residuals, shape (n,).
     sizes
-        Of the state at these.
+        Absolute values of the state, shape (n,).
     """
     typical = max(np.sqrt(np.mean(sizes**2)), np.finfo(float).tiny)
     shares = log_grid(PER_DECADE[1], 2 * MAX_DECADES)
@@ -220,9 +222,10 @@ def growth(squared: Floats, sizes: Floats) -> tuple[float, Floats]:
 
 
 def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
-    """Return the problem with noise in proportion to the states whose differences show it, and as it was otherwise.
+    """Return the problem with proportional noise of the states for which differences of samples support it.
 
-    It shows where it gains more in likelihood than its number costs, neighbouring differences being alike.
+    Twice the log-likelihood ratio of squared differences must exceed log n, times the variance inflation by the
+    correlation of neighbouring differences.
     """
     schema, floor = problem.trials.schema, noise_floor(problem.trials)
     noise, shares = problem.noise.copy(), np.zeros(len(problem.noise))
@@ -237,9 +240,9 @@ def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
         squared, sizes = (
             np.concatenate(values) for values in zip(*(_differences(*column, order) for column in columns), strict=True)
         )
-        if np.sqrt(np.mean(squared)) <= 1.001 * floor[j]:  # Below, what is left is not of the measurements
+        if np.sqrt(np.mean(squared)) <= 1.001 * floor[j]:  # At the noise floor
             continue
-        gain, (constant, share) = growth(squared, sizes)
+        gain, (constant, share) = proportional_noise_gain(squared, sizes)
         if gain > noise_correlation(order) * np.log(sum(problem.measured)):
             noise[j], shares[j] = max(constant, floor[j]), share
     errors = ErrorModel({"proportional": shares})
@@ -247,7 +250,7 @@ def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
 
 
 def _columns(problem: SearchProblem, j: int) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield times, values and smoothed values of a state, of each trial that identifies its noise."""
+    """Yield times, values and smoothed values of a state in each trial with enough samples of varying values."""
     for name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
         for trial, smooth in zip(problem.trials.of_object(name), curves, strict=True):
             seen = np.isfinite(trial.states[:, j])
@@ -257,9 +260,10 @@ def _columns(problem: SearchProblem, j: int) -> Iterator[tuple[Floats, Floats, F
 
 
 def _differences(times: Floats, values: Floats, smooth: Floats, order: int) -> tuple[Floats, Floats]:
-    """Return squared differences, without outliers among those at states as large, and the sizes of the state there."""
-    *_, found = differences(times, values[:, np.newaxis], order)
-    residuals, sizes = found[:, 0], np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")
+    """Return squared differences without outliers, and the mean absolute values of the state there."""
+    *_, columns = differences(times, values[:, np.newaxis], order)
+    residuals = columns[:, 0]
+    sizes = np.convolve(np.abs(smooth), np.full(order + 1, 1 / (order + 1)), "valid")
     typical = np.ones(len(residuals))
     for near in np.array_split(np.argsort(sizes, kind="stable"), max(len(residuals) // MIN_SAMPLES_OF_MANY, 1)):
         typical[near] = np.median(np.abs(residuals[near])) or np.mean(np.abs(residuals[near])) or 1.0

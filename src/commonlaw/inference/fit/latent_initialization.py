@@ -1,7 +1,8 @@
-"""Latent states: how exactly their starts are known, and where a fit begins.
+"""Latent states: the prior of their initial values, and initial estimates by multi-start.
 
-No curve tells the coefficients of their equations. So a fit begins at many of them, drawn at random: each gives the
-states along the curves of those that were measured, and least squares then the coefficients of the others.
+Coefficients of equations of latent states are drawn at random over their plausible range. Each draw is integrated along
+the smoothed measured states, coefficients of the other equations follow by gradient matching, and the best draws are
+fitted.
 """
 
 from collections.abc import Sequence
@@ -16,12 +17,13 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import initial_value_scales
 from commonlaw.inference.data.smoothing import Curve, gradient_matching, terms_and_rates
-from commonlaw.inference.fit.parameter_grid import combined, factor_powers, parameter_values
+from commonlaw.inference.fit.parameter_grid import factor_powers, grid_product, parameter_values
 from commonlaw.inference.fit.structural_identifiability import (
     has_mixing_symmetry,
     has_scaling_symmetry,
     has_translation_symmetry,
 )
+from commonlaw.integration import runge_kutta_step
 from commonlaw.library import Terms, order_of_each, with_rates
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
 from commonlaw.trials import Trial, Trials
@@ -29,14 +31,14 @@ from commonlaw.trials.transformations import natural
 
 
 def latent_state_ranges(trials: Trials, estimates: Sequence[Estimate]) -> dict[str, tuple[float, float]]:
-    """Return the least and the largest value of states with unknown initial values, by name."""
+    """Return the ranges of states with free initial values, by name."""
     states = np.concatenate([path for estimate in estimates for path in estimate.states])
     free = np.flatnonzero(trials.schema.with_free_start)
     return {trials.schema.states[j]: (float(states[:, j].min()), float(states[:, j].max())) for j in free}
 
 
 def unmeasured_in_words(trials: Trials) -> str:
-    """Return which states were not measured in how many trials; nothing if all were."""
+    """Return in how many trials which states were not measured, as text, empty if all were measured."""
     lacking = {
         name: sum(bool(np.isnan(trial.states[:, j]).all()) for trial in trials)
         for j, name in enumerate(trials.schema.states)
@@ -45,11 +47,10 @@ def unmeasured_in_words(trials: Trials) -> str:
 
 
 def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) -> Trials:
-    """Return trials whose known starts have standard deviations that are small compared with the scale of their states.
+    """Return trials with standard deviations of the initial values of latent states, relative to the scales of these.
 
-    Unknown initial values are zero, with standard deviations that say next to nothing. Scales are those of starts, or
-    follow from the equations. Coefficients that are known have the shape (equations, terms), NaN where they are to be
-    found.
+    They are `ROUNDING` for given values, and `VAGUE` for free ones, whose value is zero. Scales are those of given
+    values, or follow from the equations. Fixed coefficients have shape (equations, terms), NaN for free ones.
 
     Raises `CommonlawError` if the scale of a state, or its zero, is not identifiable.
     """
@@ -61,7 +62,9 @@ def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) ->
     guesses = _Guesses(trials, terms, known)
     sizes = guesses.whole(np.where(guesses.largest > 0, guesses.largest, np.nan))
     rescaled = has_scaling_symmetry(terms, known, at_zero | free, sizes)
-    shifted, mixed = (ways(terms, known, free, sizes) for ways in (has_translation_symmetry, has_mixing_symmetry))
+    shifted, mixed = (
+        has_symmetry(terms, known, free, sizes) for has_symmetry in (has_translation_symmetry, has_mixing_symmetry)
+    )
     for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
         if any_scale and schema.starts.get(name, 0.0) is not None:
             raise CommonlawError("latent-scale-of-zero", name=name)
@@ -81,10 +84,9 @@ def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) ->
 
 
 def with_latent_noise(noise: Floats, trials: Trials) -> Floats:
-    """Return the noise of each state, shape (states,), with that of latent states as if they had been.
+    """Return the noise of each state, shape (states,), for latent states with the median noise-to-signal ratio.
 
-    It is the same share of their scale as of others. Model errors are relative to it, and so is what says next to
-    nothing of a state; starts have standard deviations of their own.
+    It is the unit of their model errors.
     """
     started = trials.schema.unmeasured
     spread = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
@@ -92,10 +94,10 @@ def with_latent_noise(noise: Floats, trials: Trials) -> Floats:
     return np.where(started, share * initial_value_scales(trials), noise)
 
 
-def begun(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> Estimate:
-    """Return a start whose unmeasured states follow the law that other objects have, on the whole.
+def pooled_start(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> Estimate:
+    """Return an initial estimate at the mean coefficients of other objects, each of shape (equations, terms).
 
-    Those have coefficients of shape (equations, terms); without any the start stays as it is.
+    Its states are fitted with these coefficients; without other objects it stays as it is.
     """
     if not others:
         return start
@@ -108,21 +110,20 @@ def begun(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> 
 def initial_latent_estimates(
     models: Sequence[TrajectoryModel], trials: Trials, curves: Sequence[Sequence[Curve]], known: Floats, guess: Floats
 ) -> tuple[list[Estimate], list[list[Curve]], list[Floats]]:
-    """Return where the fit of each object begins, curves of all its states, and what would fit the first one as well.
+    """Return the initial estimate of each object, the curves of all its states, and equivalent optima of the first one.
 
-    Where several coefficients, shape (equations, terms), fit as well, it begins at those with signs as guessed by which
-    unmeasured states change fastest, and of each object at those that are most like the others'.
+    Of optima that fit equally well, that with guessed signs and the fastest latent states is taken, and in each object
+    that closest to the others.
 
-    Starts of trials have standard deviations; curves through the measurements are NaN in unmeasured states. Known
-    coefficients, NaN where they are to be found, and guesses, zero where no sign is likely, have the shape (objects,
-    equations, terms).
+    Curves are NaN in unmeasured states. Fixed coefficients, NaN for free ones, and guesses of signs, zero without any,
+    have shape (objects, equations, terms).
     """
     started, free = trials.schema.unmeasured, trials.schema.with_free_start
     objects = [
         _Object(model, trials.of_object(name), smoothed, started, free, signs, _Guesses(trials, model.terms, given))
         for model, name, smoothed, given, signs in zip(models, trials.objects, curves, known, guess, strict=True)
     ]
-    fits = [obj.begun(obj.guesses.draws(obj.signs)) for obj in objects]
+    fits = [obj.fits(obj.guesses.draws(obj.signs)) for obj in objects]
     for obj, listed in zip(objects, fits, strict=True):
         if not listed:
             raise CommonlawError("latent-diverges", where=obj.group[0].object, latent=trials.schema.starts)
@@ -131,32 +132,32 @@ def initial_latent_estimates(
         Draw(first[i].coefficients, first[i].states[0][0, : len(started)])
         for i in evenly_spaced(len(first), settings.MAX_OBJECTS)
     ]
-    best = [obj.best([*listed, *obj.begun(some)]) for obj, listed in zip(objects, fits, strict=True)]
+    best = [obj.best([*listed, *obj.fits(some)]) for obj, listed in zip(objects, fits, strict=True)]
     likeliest = [ranked[0][0].coefficients for ranked in best]
     typical = min(likeliest, key=lambda candidate: sum(_distance(candidate, likely) for likely in likeliest))
     nearest = [min(ranked, key=lambda fitted: _distance(fitted[0].coefficients, typical)) for ranked in best]
-    far = settings.ALIKE * np.isnan(known[0]).sum()
-    unlike = [_distance(estimate.coefficients, typical) > far for estimate, _ in nearest]
-    if 2 * sum(unlike) < len(unlike):
+    tolerance = settings.ALIKE * np.isnan(known[0]).sum()
+    distant = [_distance(estimate.coefficients, typical) > tolerance for estimate, _ in nearest]
+    if 2 * sum(distant) < len(distant):
         nearest = [
-            obj.like(typical, fitted) if differs else fitted
-            for obj, fitted, differs in zip(objects, nearest, unlike, strict=True)
+            obj.nearer_to(typical, fitted) if is_distant else fitted
+            for obj, fitted, is_distant in zip(objects, nearest, distant, strict=True)
         ]
     different: list[Floats] = []
-    for one in (nearest[0][0].coefficients, *(estimate.coefficients for estimate, _ in best[0])):
-        if not any(np.allclose(one, known_one, rtol=settings.ALIKE, atol=0.0) for known_one in different):
-            different.append(one)
+    for theta in (nearest[0][0].coefficients, *(estimate.coefficients for estimate, _ in best[0])):
+        if not any(np.allclose(theta, listed, rtol=settings.ALIKE, atol=0.0) for listed in different):
+            different.append(theta)
     return [estimate for estimate, _ in nearest], [curve for _, curve in nearest], different[1:]
 
 
-def _distance(one: Floats, second: Floats) -> float:
-    """Return how far coefficients, shape (equations, terms), are apart, relative to their sizes."""
-    sizes = np.abs(one) + np.abs(second)
-    return float(np.sum(np.abs(one - second) / np.where(sizes > 0, sizes, 1.0)))
+def _distance(a: Floats, b: Floats) -> float:
+    """Return the sum of relative differences ``|a - b| / (|a| + |b|)`` of coefficients, shape (equations, terms)."""
+    sizes = np.abs(a) + np.abs(b)
+    return float(np.sum(np.abs(a - b) / np.where(sizes > 0, sizes, 1.0)))
 
 
 class Draw(NamedTuple):
-    """Coefficients, shape (equations, terms), and starts of states, shape (states,), that a fit may begin at."""
+    """Initial coefficients, shape (equations, terms), and initial values of states, shape (states,)."""
 
     coefficients: Floats
     starts: Floats
@@ -164,7 +165,7 @@ class Draw(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Guesses:
-    """Coefficients to try of equations of latent states, by known ones of shape (equations, terms)."""
+    """Random initial coefficients of the equations of latent states, given fixed ones, shape (equations, terms)."""
 
     trials: Trials
     terms: Terms
@@ -172,7 +173,7 @@ class _Guesses:
 
     @cached_property
     def largest(self) -> Floats:
-        """The largest value of each state that was measured or is given, shape (states,), zero without any."""
+        """The largest absolute value of each state, measured or given, shape (states,), zero without any."""
         columns = np.concatenate([natural(trial.states, self.trials.schema) for trial in self.trials])
         return np.asarray(np.nanmax(np.abs(np.vstack([columns, np.zeros(columns.shape[1])])), axis=0))
 
@@ -216,12 +217,10 @@ class _Guesses:
         return self._duration * float(np.sum(rates[self.trials.schema.unmeasured]))
 
     def draws(self, guess: Floats) -> list[Draw]:
-        """Return coefficients that are known with those that are tried, and starts.
+        """Return random draws of nonlinear parameters and coefficients of latent equations, with given signs.
 
-        Tried are parameters inside terms, and coefficients in equations of unmeasured states. By them a state
-        changes by its scale within a trial at the slowest, and within the shortest step at the fastest. Parameters that
-        are no factors, such as K in ``s/(K + s)``, are about the size of what they are added to. Signs are those of a
-        guess.
+        Rates are log-uniform: a state changes by its scale within a trial at the slowest, and within the shortest step
+        at the fastest. Parameters that are no factors, such as K in ``s/(K + s)``, are from their `parameter_grid`.
         """
         trials, terms, schema = self.trials, self.terms, self.trials.schema
         tried = np.isnan(self.known) & (schema.unmeasured[:, np.newaxis] | ~terms.is_factor)
@@ -231,12 +230,12 @@ class _Guesses:
         first, inside = len(terms.variables.measured), tried & ~is_rate
         others = [first + terms.parameters.index(k) for k in np.argwhere(inside)[:, 1].tolist()]
         sizes = self.whole(self.scales)[np.newaxis]
-        bank = combined(parameter_values(terms, sizes, others)) if others else np.empty((1, 0))
+        bank = grid_product(parameter_values(terms, sizes, others)) if others else np.empty((1, 0))
         signs = np.sign(guess[is_rate])
         factors = np.nan_to_num(np.abs(self.known[equations, columns]), nan=1.0)
         steps = self._duration / min(np.diff(trial.measured().times).min() for trial in trials)
         count, is_drawn = int(tried.sum() + schema.with_free_start.sum()), bool(schema.with_free_start.any())
-        random, drawn_ = np.random.default_rng(0), list[Draw]()
+        random, draws = np.random.default_rng(0), list[Draw]()
         for _ in range(settings.MIN_DRAWS[is_drawn] * max(1, (count + 1) // 2) if count else 1):
             drawn, starts = self.known.copy(), self.scales
             either = np.where(signs == 0, random.choice([-1, 1], len(signs)), signs)
@@ -250,11 +249,11 @@ class _Guesses:
                 is_negative = random.uniform(size=len(starts)) < settings.NEGATIVE
                 sizes = starts * 10 ** random.uniform(*settings.INITIAL_VALUE_DECADES, len(starts))
                 starts = np.where(is_negative, -sizes, sizes)
-            drawn_.append(Draw(drawn, starts))
-        return drawn_
+            draws.append(Draw(drawn, starts))
+        return draws
 
     def _rates(self, is_rate: Bools, powers: Floats) -> tuple[tuple[Floats, Floats], Floats]:
-        """Return where rates stand, by equation and term, and the powers of what is tried in each, (rates, tried)."""
+        """Return the terms with drawn factors, by equation and term, and the exponents of draws, (terms, draws)."""
         columns = np.argwhere(is_rate).tolist()
         parameters = {k: c for c, k in enumerate(self.terms.parameters)}
         is_one = (is_rate & self.terms.is_factor) | (~np.isnan(self.known) & (self.known != 0))
@@ -273,36 +272,36 @@ class _Guesses:
 
     @cached_property
     def _times(self) -> Floats:
-        """By what each equation is multiplied to give a change within a trial, shape (equations,)."""
+        """The duration to the power of the order of each equation, shape (equations,)."""
         equations = len(self.known)
         orders = order_of_each(self.terms.variables.order_of(equations), equations)
         return self._duration ** np.array(orders, dtype=float)
 
     def whole(self, scales: Floats) -> Floats:
-        """Return sizes of all variables without parameters, shape (variables,)."""
+        """Return the sizes of all variables other than parameters, given scales of states, shape (variables,)."""
         rates = scales[with_rates(self.terms.variables.order_of(len(scales)), len(scales))] / self._duration
         inputs = np.sqrt(np.mean(np.concatenate([trial.inputs for trial in self.trials]) ** 2, axis=0))
         return np.concatenate([scales, rates, inputs, [self._duration]])
 
     def _sizes(self, scales: Floats, parameters: Floats) -> Floats:
-        """Return the size of each term where states are of the size of their scales, or less, shape (terms,)."""
+        """Return the mean absolute value of each term for states uniform up to their scales, shape (terms,)."""
         whole = self.whole(scales)
-        # Shares of their own, so that what is written as a difference is no smaller than its parts
+        # Independently, so that differences of variables do not cancel
         values = whole * np.random.default_rng(0).uniform(size=(settings.GENERIC_POINTS, len(whole)))
         values = np.column_stack([values, np.broadcast_to(parameters, (len(values), len(parameters)))])
         with np.errstate(all="ignore"):
             return np.asarray(np.mean(np.abs(self.terms.evaluate(values)), axis=0))
 
 
-Begun = tuple[Estimate, list[Curve]]
-"""A fit, and the curves of all states along which it began."""
+Candidate = tuple[Estimate, list[Curve]]
+"""A fit, and the curves of all states from which it started."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Object:
-    """An object: its model, trials and curves, and which states are latent, or have unknown initial values, too.
+    """An object: its model, trials and curves, masks of latent states and of those with free initial values.
 
-    Its coefficients likely have some signs, shape (equations, terms).
+    Guessed signs of coefficients have shape (equations, terms), zero without any.
     """
 
     model: TrajectoryModel
@@ -315,75 +314,74 @@ class _Object:
 
     @property
     def known(self) -> Floats:
-        """Coefficients that are known, shape (equations, terms), NaN where they are to be found."""
+        """Fixed coefficients, shape (equations, terms), NaN for free ones."""
         return self.guesses.known
 
-    def begun(self, tried: Sequence[Draw]) -> list[Begun]:
-        """Return fits that begin at coefficients, NaN where least squares find them, and curves of all states.
-
-        Of many those begin that leave least of the rates of measured states along curves.
-        """
+    def fits(self, tried: Sequence[Draw]) -> list[Candidate]:
+        """Return the fits from the draws of least gradient-matching residuals, with the curves of all states."""
         drawn = np.array([np.where(np.isnan(self.known), draw.coefficients, self.known) for draw in tried])
         starts = np.where(self.free, [draw.starts for draw in tried], np.nan)
         pairs = list(zip(self.group, self.curves, strict=True))
-        followed = [_followed(self.model.terms, *pair, drawn, starts, self.started) for pair in pairs]
+        followed = [_integrated(self.model.terms, *pair, drawn, starts, self.started) for pair in pairs]
         begins = []
         for coefficients, *states in zip(drawn, *followed, strict=True):
             if all(np.isfinite(path).all() for path in states):
                 filled = self._filled(states)
                 begins.append((*self._along(filled, coefficients), filled))
         best = sorted(begins, key=lambda candidate: candidate[0])[: 2 * settings.MIN_DRAWS[0]]
-        free, fits = np.isnan(self.known), list[Begun]()
+        free, fits = np.isnan(self.known), list[Candidate]()
         for _, coefficients, filled in best:
             start = Estimate(tuple(interpolate([states for states, _ in filled])), coefficients)
             fits.append((fit(self.model, start, free, settings.LATENT_MODEL_ERRORS), filled))
         return [fit for fit in fits if np.isfinite(fit[0].objective)]
 
-    def best(self, fits: Sequence[Begun]) -> list[Begun]:
-        """Return the fits that are the best, those with signs as guessed and fast unmeasured states first."""
+    def best(self, fits: Sequence[Candidate]) -> list[Candidate]:
+        """Return the equally good best fits, those with guessed signs and fast latent states first."""
         least = min((fitted for fitted, _ in fits), key=lambda estimate: estimate.objective)
 
-        def unusual(fitted: Begun) -> tuple[int, float]:
+        def sort_key(fitted: Candidate) -> tuple[int, float]:
             coefficients = fitted[0].coefficients
             return -int(np.sum(coefficients * self.signs > 0)), -self.guesses.relative_speed(coefficients)
 
-        return sorted((fit for fit in fits if self._as_good(fit[0], least)), key=unusual)
+        return sorted((fit for fit in fits if self._is_equivalent(fit[0], least)), key=sort_key)
 
-    def _as_good(self, one: Estimate, reference: Estimate) -> bool:
-        """Return whether a fit is not worse than another, at the noise that each leaves, as it is not known yet."""
+    def _is_equivalent(self, estimate: Estimate, reference: Estimate) -> bool:
+        """Return whether ``n log(D / D_ref)`` of the deviances D, with the noise profiled out, is indifferent."""
         count = sum(int(np.isfinite(trial.states).sum()) for trial in self.group)
-        ratio = (one.objective + settings.ROUNDING) / (reference.objective + settings.ROUNDING)
+        ratio = (estimate.objective + settings.ROUNDING) / (reference.objective + settings.ROUNDING)
         return bool(count * np.log(ratio) < settings.INDIFFERENT)
 
-    def like(self, typical: Floats, fitted: Begun) -> Begun:
-        """Return a fit that is like the typical coefficients, if that is as good as another one; else this."""
+    def nearer_to(self, typical: Floats, fitted: Candidate) -> Candidate:
+        """Return the shooting fit from typical coefficients if it is as good as a fit; else this."""
         if not self.free.any() and not self.model.terms.variables.logarithmic and self.model.order == 1:
             shot = self.shot(np.where(np.isnan(self.known), typical, self.known))
-            if np.isfinite(shot[0].objective) and self._as_good(shot[0], fitted[0]):
+            if np.isfinite(shot[0].objective) and self._is_equivalent(shot[0], fitted[0]):
                 return shot
         return fitted
 
-    def shot(self, coefficients: Floats) -> Begun:
-        """Return the solutions of the law that fit best near some coefficients (single shooting).
+    def shot(self, coefficients: Floats) -> Candidate:
+        """Return the least-squares fit of solutions near some coefficients (single shooting).
 
-        It is slower than fitting states with coefficients, and loses its way where trajectories are chaotic, but goes
-        on where coefficients that nearly fit lie in a narrow bent valley, as those of unmeasured states do.
+        It is slower than collocation, and fails on chaotic trajectories, but converges in narrow curved valleys of the
+        likelihood, which latent states often have.
         """
         from scipy.optimize import least_squares
 
-        begin = np.where(self.started, [trial.states[0] for trial in self.group], [path[0] for path, _ in self.curves])
-        free, loose = np.isnan(self.known), np.broadcast_to(~self.started, begin.shape)
+        initial = np.where(
+            self.started, [trial.states[0] for trial in self.group], [path[0] for path, _ in self.curves]
+        )
+        free, is_free = np.isnan(self.known), np.broadcast_to(~self.started, initial.shape)
         noise, everything = self.model.observation.noise, np.ones_like(self.started)
-        sizes = np.concatenate([np.abs(coefficients[free]), np.maximum(np.abs(begin), noise)[loose]])
+        sizes = np.concatenate([np.abs(coefficients[free]), np.maximum(np.abs(initial), noise)[is_free]])
         sizes = np.where(sizes > 0, sizes, 1.0)
 
         def solutions(parameters: Floats) -> tuple[list[Floats], Floats]:
-            """Return states of each trial, and coefficients, at parameters of shape (m, parameters) in their sizes."""
-            laws, starts = (np.tile(array, (len(parameters), 1, 1)) for array in (coefficients, begin))
-            laws[:, free], starts[:, loose] = np.split(parameters * sizes, [int(free.sum())], axis=1)
+            """Return states of each trial, and coefficients, at scaled parameters of shape (m, parameters)."""
+            laws, starts = (np.tile(array, (len(parameters), 1, 1)) for array in (coefficients, initial))
+            laws[:, free], starts[:, is_free] = np.split(parameters * sizes, [int(free.sum())], axis=1)
             rows = zip(self.group, self.curves, starts.swapaxes(0, 1), strict=True)
             terms = self.model.terms
-            return [_followed(terms, trial, curve, laws, initial, everything) for trial, curve, initial in rows], laws
+            return [_integrated(terms, trial, curve, laws, initial, everything) for trial, curve, initial in rows], laws
 
         def residuals(parameters: Floats) -> Floats:
             with np.errstate(all="ignore"):
@@ -401,7 +399,7 @@ class _Object:
             values = residuals(parameters + steps)
             return np.asarray(((values[1:] - values[0]) / settings.ROUNDING).T)
 
-        x = np.concatenate([coefficients[free], begin[loose]]) / sizes
+        x = np.concatenate([coefficients[free], initial[is_free]]) / sizes
         with np.errstate(over="ignore"):  # Far from any law
             squares = float(np.sum(residuals_at(x) ** 2))
             if np.isfinite(squares) and np.isfinite(slopes(x)).all():
@@ -410,18 +408,18 @@ class _Object:
                 x, squares = solved.x, float(2 * solved.cost)
         states, laws = solutions(x[np.newaxis])
         start = Estimate(tuple(interpolate([path[0] for path in states])), laws[0])
-        # On the mesh a solution is slightly another one
-        settled = fit(self.model, start, np.zeros_like(free), (*settings.LATENT_MODEL_ERRORS, 0.001, 0.0003))
-        return replace(settled, deviance=squares, objective=squares), self._filled([path[0] for path in states])
+        # The solution on the mesh differs by the discretization error
+        converged = fit(self.model, start, np.zeros_like(free), (*settings.LATENT_MODEL_ERRORS, 0.001, 0.0003))
+        return replace(converged, deviance=squares, objective=squares), self._filled([path[0] for path in states])
 
     def _filled(self, states: Sequence[Floats]) -> list[Curve]:
-        """Return states with the rates of those that were measured."""
+        """Return states with the smoothed rates of measured ones."""
         return [
             (path, np.where(self.started, 0.0, rates)) for path, (_, rates) in zip(states, self.curves, strict=True)
         ]
 
     def _along(self, filled: list[Curve], coefficients: Floats) -> tuple[float, Floats]:
-        """Return how much of the rates of measured states is left along curves of all states, and all coefficients."""
+        """Return the sum of log mean squared gradient-matching residuals, and all coefficients."""
         curves = list(zip(self.group, filled, strict=True))
         completed = gradient_matching(self.model.terms, curves, coefficients)
         library, rates = terms_and_rates(self.model.terms, curves, completed)
@@ -431,11 +429,13 @@ class _Object:
         return float(np.sum(np.log(squares + np.finfo(float).tiny))), completed
 
 
-def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, starts: Floats, solved: Bools) -> Floats:
-    """Return states with some solved for from their starts on, along a curve of the others (Runge-Kutta).
+def _integrated(
+    terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, starts: Floats, solved: Bools
+) -> Floats:
+    """Return states of which some are integrated along a curve of the others (classical Runge-Kutta).
 
-    They have the shape (draws, n, states), by coefficients of shape (draws, equations, terms) and starts of shape
-    (draws, states), NaN where the trial has them.
+    The shape is (draws, n, states), for coefficients (draws, equations, terms) and initial values (draws, states), NaN
+    where the trial gives them.
     """
     columns = np.flatnonzero(solved)
     parameters = np.nan_to_num(coefficients[:, :, list(terms.parameters)]).sum(axis=1)
@@ -450,21 +450,16 @@ def _followed(terms: Terms, trial: Trial, curve: Curve, coefficients: Floats, st
     chosen = np.flatnonzero(equations.any(axis=(0, 1)))
     equations, terms = equations[:, :, chosen], terms.take(chosen.tolist())
 
-    def rates(i: int, now: Floats) -> Floats:
-        values[:, : rows.shape[1]] = rows[i]
-        values[:, columns] = now
-        return np.asarray((equations @ terms.evaluate(values)[:, :, np.newaxis])[:, :, 0])
-
-    now = np.where(np.isnan(starts), trial.states[0], starts)[:, columns]
-    path = [now]
+    path = [np.where(np.isnan(starts), trial.states[0], starts)[:, columns]]
     with np.errstate(all="ignore"):
         for i in range(0, len(rows) - 1, 2):
-            step = rows[i + 2, -1] - rows[i, -1]
-            first = rates(i, now)
-            second = rates(i + 1, now + step / 2 * first)
-            third = rates(i + 1, now + step / 2 * second)
-            now = now + step / 6 * (first + 2 * (second + third) + rates(i + 2, now + step * third))
-            path.append(now)
+
+            def rates(z: Floats, share: float, i: int = i) -> Floats:
+                values[:, : rows.shape[1]] = rows[i + round(2 * share)]
+                values[:, columns] = z
+                return np.asarray((equations @ terms.evaluate(values)[:, :, np.newaxis])[:, :, 0])
+
+            path.append(runge_kutta_step(rates, path[-1], rows[i + 2, -1] - rows[i, -1]))
     states = np.tile(curve[0], (len(coefficients), 1, 1))
     states[:, :, columns] = np.stack(path[::substeps], axis=1)
     return states

@@ -1,8 +1,9 @@
-"""What the search for a law starts from: each object's trials, their noise, and smooth curves through them."""
+"""The inference problem: trials on meshes, candidate terms, noise, error model and initial estimates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -14,8 +15,8 @@ from commonlaw.inference.data.noise import by_columns, estimated_noise, has_repl
 from commonlaw.inference.data.smoothing import filled_curves, gradient_matching, smooth_curves, typical_states
 from commonlaw.inference.data.subsampling import subsample
 from commonlaw.inference.fit.latent_initialization import (
-    begun,
     initial_latent_estimates,
+    pooled_start,
     with_initial_condition_noise,
     with_latent_noise,
 )
@@ -42,19 +43,43 @@ from commonlaw.trials.trial import with_typical
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem:
-    """What was measured on each object, ready to be searched for a law.
+    """What is inferred from: trials of all objects, candidate terms, noise, and initial estimates.
 
-    The starts are smoothed states, and coefficients of all allowed terms by least squares on smoothed rates; `smoothed`
-    are those states (and rates) of each object's trials, each of shape (n, D). `measured` counts the numbers that were
-    measured on each object. The noise of each state has shape (d,); it and other errors are those of all objects; the
-    `noise_estimate` is that before any law, which stays if it was given.
-    Coefficients that are known have shape (objects,
-    equations, terms), NaN where they are to be found; `points` are those of the meshes for each sampling step. The
-    `samples` say which of all are fitted, nothing if all are. Of latent states, coefficients that would
-    fit the first object about as well as its first guess are `equivalent_optima`, each of shape (equations, terms).
-    So many terms were to choose from `excluded_terms`, which the price of supports counts. Where terms are given, their
-    residuals may tell the noise that differences of few samples do not. The path of the solver lists the candidates
-    of each equation; it is None where the terms are given. Forecasts of laws estimate rates by the differentiation.
+    Parameters
+    ----------
+    trials
+        The fitted samples.
+    models
+        Of each object: terms, meshes with measurements, observation model.
+    starts
+        Initial estimates of each object, by default from `gradient_matching`.
+    smoothed
+        Smoothed states (and rates) of the trials of each object, each of shape (n, D).
+    measured
+        Measured numbers of each object.
+    noise, noise_reason
+        Noise standard deviations of the states, shape (d,), and the description of their estimator.
+    known
+        Fixed coefficients, shape (objects, equations, terms), NaN for free ones.
+    noise_estimate, noise_given
+        The noise before any law, and whether it is given, and so kept.
+    points
+        Mesh points for each sampling step.
+    errors
+        Levels of errors besides white noise.
+    samples
+        Description of the subsample, empty if all samples are fitted.
+    equivalent_optima
+        Coefficients, each of shape (equations, terms), that fit the first object about as well as its initial estimate,
+        with latent states.
+    excluded_terms
+        Number of candidate terms that were screened out before.
+    residuals_estimate_noise
+        Whether residuals estimate the noise of trials that are too short for difference-based estimates.
+    solver
+        Lists candidate supports; None for given terms.
+    differentiation
+        Estimates rates for forecasts.
     """
 
     trials: Trials
@@ -83,12 +108,12 @@ class SearchProblem:
 
     @property
     def order(self) -> Order:
-        """Of laws, or of each equation."""
+        """The order of the laws, or of each equation."""
         return self.models[0].order
 
     @property
     def law(self) -> Law:
-        """The law of these trials that has the coefficients that are known alone."""
+        """The law of these trials with the fixed coefficients alone."""
         return Law(
             self.terms,
             self.trials.schema,
@@ -100,7 +125,7 @@ class SearchProblem:
 
     @property
     def allowed(self) -> Bools:
-        """Which terms may enter which equation, shape (equations, terms)."""
+        """Candidate terms of each equation, shape (equations, terms)."""
         return np.asarray(np.isnan(self.known[0]))
 
     @cached_property
@@ -113,10 +138,10 @@ class SearchProblem:
 
     @property
     def most_terms(self) -> int:
-        """How many terms an equation may have.
+        """The largest number of terms of an equation.
 
-        Objects share the support, so that all of them together pay for its terms. What an object has of its own, the
-        initial states of its trials and its coefficients, takes as many measured numbers.
+        All objects have at least `MIN_SAMPLES_PER_TERM` measurements for each term of the shared support, and each one
+        as many as it has initial states and coefficients.
         """
         pairs = zip(self.models, self.trials.objects, strict=True)
         starts = [model.width * len(self.trials.of_object(name)) for model, name in pairs]
@@ -126,38 +151,35 @@ class SearchProblem:
 
     @property
     def noise_is_fixed(self) -> bool:
-        """Whether what a law leaves does not change the noise.
-
-        It was given, trials are too short to tell it, or more samples tell it than those that are fitted.
-        """
+        """Whether the noise is kept: given, estimated from more samples than are fitted, or not identifiable."""
         return (
             self.noise_given or bool(self.samples) or not (self.noise_is_identifiable or self.residuals_estimate_noise)
         )
 
     @property
     def noise_is_identifiable(self) -> bool:
-        """Whether differences of the samples of some trial tell the noise of a state, or repeated measurements do."""
+        """Whether replicates, or differences of the samples of some trial, estimate the noise of a state."""
         return bool(has_replicates(self.trials).any()) or any(
             np.isfinite(trial.states).sum(axis=0).max() >= settings.MIN_SAMPLES for trial in self.trials
         )
 
     def is_determined(self, coefficients: int) -> bool:
-        """Return whether the residuals of all objects, with so many coefficients, have enough degrees of freedom."""
+        """Return whether residuals have enough degrees of freedom with so many coefficients of all objects."""
         starts = sum(model.width * len(model.meshes) for model in self.models)
         return sum(self.measured) - starts - coefficients >= settings.MIN_FREEDOM
 
     def starts_with(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
-        """Return where fits start, with the coefficients of estimates, which may be on another mesh."""
+        """Return the initial states with the coefficients of estimates, which may be on another mesh."""
         pairs = zip(self.starts, estimates, strict=True)
         return tuple(replace(start, coefficients=estimate.coefficients) for start, estimate in pairs)
 
     def with_priors(self, priors: Sequence[Prior | None]) -> "SearchProblem":
-        """Return the problem with what the coefficients of each object are beforehand, if anything is known."""
+        """Return the problem with priors of the coefficients of each object."""
         pairs = zip(self.models, priors, strict=True)
         return replace(self, models=tuple(replace(model, prior=prior) for model, prior in pairs))
 
     def of_objects(self, indices: Sequence[int]) -> "SearchProblem":
-        """Return the problem of some of the objects alone, with the same errors."""
+        """Return the problem of some of the objects with the same error model."""
         names = [self.trials.objects[i] for i in indices]
         trials = self.trials.with_trials([trial for trial in self.trials if trial.object in names])
         return replace(
@@ -171,10 +193,9 @@ class SearchProblem:
         )
 
     def of_trials(self, trials: Sequence[Trial], known: Floats, guess: Floats) -> "SearchProblem":
-        """Return the problem of other trials of the same schema, with the same errors, and on as fine a mesh.
+        """Return the problem of other trials of the same schema, with the same error model and mesh level.
 
-        Coefficients that are known, and those that fits may begin with, both of shape (objects, equations, terms), are
-        those of the objects of these trials.
+        Fixed and initial coefficients of their objects have shape (objects, equations, terms).
         """
         model, some = self.models[0], self.trials.with_trials(trials)
         threshold = model.observation.huber_threshold
@@ -185,25 +206,27 @@ class SearchProblem:
         return replace(problem, models=models).with_errors(self.noise, self.errors, self.noise_reason)
 
     def with_scaled_noise(self, factor: Floats | float, reason: str) -> "SearchProblem":
-        """Return the same problem with the noise times a factor, of each state or of all, and the reason for it."""
+        """Return the problem with the noise times a factor, of each state or of all, and its description."""
         factors = np.broadcast_to(factor, self.noise.shape)
         units = np.concatenate([factors, factors[with_rates(self.models[0].order, len(factors))]])
         models = tuple(replace(model, unit=units * model.unit) for model in self.models)
         return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
 
     def with_huber_threshold(self, threshold: float) -> "SearchProblem":
-        """Return the same problem with other standard deviations beyond which a measurement counts as an outlier."""
+        """Return the problem with another Huber threshold."""
         models = (
             replace(model, observation=replace(model.observation, huber_threshold=threshold)) for model in self.models
         )
         return replace(self, models=tuple(models))
 
     def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
-        """Return the same problem with other noise, shape (d,), and other errors, and the reason for them."""
-        stds, models, starts = iter(self._by_mesh(self.measurements.white_std(noise, errors) / noise)), [], []
+        """Return the problem with other noise, shape (d,), other errors, and their description."""
+        lengths = [len(mesh) for model in self.models for mesh in model.meshes]
+        scales = iter(np.split(self.measurements.white_std(noise, errors) / noise, np.cumsum(lengths)[:-1]))
+        models, starts = [], []
         for model, start in zip(self.models, self.starts, strict=True):
             states = tuple(state[:, : model.width] for state in start.states)
-            meshes = [mesh.with_scale(next(stds)) for mesh in model.meshes]
+            meshes = [mesh.with_scale(next(scales)) for mesh in model.meshes]
             observation = replace(model.observation, noise=noise)
             changed = replace(model, meshes=meshes, observation=observation)
             changed, start = changed.with_latent(errors.latent, replace(start, states=states))
@@ -215,11 +238,11 @@ class SearchProblem:
 
     @property
     def under_white_noise(self) -> "SearchProblem":
-        """The same problem without other errors than white noise, of the level that was estimated first."""
+        """The problem with white noise alone, of its first estimate."""
         return self.with_errors(self.noise_estimate, NO_ERRORS, "of the first estimate") if self.errors else self
 
     def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
-        """Return the same problem that starts from the states of estimates, at which noise in proportion is taken."""
+        """Return the problem with the states of estimates, at which heteroscedastic noise is evaluated."""
         starts = tuple(
             replace(start, states=estimate.states) for start, estimate in zip(self.starts, estimates, strict=True)
         )
@@ -227,7 +250,7 @@ class SearchProblem:
 
     @cached_property
     def measurements(self) -> Measurements:
-        """What says how probable levels of errors are, whatever the law."""
+        """The measurements with the prior of error levels."""
         meshes = tuple(mesh for model in self.models for mesh in model.meshes)
         states = tuple(state for start in self.starts for state in start.states)
         return Measurements(
@@ -243,20 +266,17 @@ class SearchProblem:
 
     @cached_property
     def noise_scale(self) -> NoiseScale:
-        """How many numbers were measured, and how surely they tell the scale of the noise."""
+        """The posterior of the noise variance."""
         return self.measurements.noise_scale(self.noise, self.errors, self.white_std)
 
     @property
     def least_variance(self) -> float:
-        """What the variance of the noise that laws are fitted under is at least, in units of what it is."""
+        """The lower bound of the noise variance, in units of its present value."""
         return self.measurements.least_variance(self.noise)
 
     @cached_property
     def structure_prior(self) -> StructurePrior:
-        """What supports cost.
-
-        The origin of a state of second order is arbitrary, unless trials pass through its zero.
-        """
+        """The prior of supports; the origin of a state of second order is arbitrary unless trials pass through zero."""
         terms, states = self.models[0].terms, len(self.noise)
         given = ~self.allowed.any(axis=0) & np.any(np.nan_to_num(self.known) != 0, axis=(0, 1))
         origins = []
@@ -270,25 +290,20 @@ class SearchProblem:
 
     @cached_property
     def error_level_penalty(self) -> float:
-        """What the levels of errors cost, see `Measurements.level_penalty`."""
+        """Minus twice the log prior of the levels of errors, see `Measurements.level_penalty`."""
         return self.measurements.level_penalty(self.noise, self.errors, self.white_std)
 
     def std_of(self, mesh: Mesh) -> Floats:
-        """Return the white noise of each measurement at the state where it is, shape (n, d)."""
+        """Return the white-noise standard deviation of each measurement on a mesh, shape (n, d)."""
         return mesh.scale * self.noise
 
     @cached_property
     def white_std(self) -> Floats:
-        """The same of all meshes, one behind the other, shape (points, d)."""
+        """The same of all meshes in turn, shape (points, d)."""
         return np.concatenate([self.std_of(mesh) for model in self.models for mesh in model.meshes])
 
-    def _by_mesh(self, values: Floats) -> list[Floats]:
-        """Return values at the points of all meshes, one behind the other, mesh by mesh."""
-        lengths = [len(mesh) for model in self.models for mesh in model.meshes]
-        return np.split(values, np.cumsum(lengths)[:-1])
-
     def padded(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
-        """Return estimates with as many latent processes as the problem has, which begin at zero if they are new."""
+        """Return estimates with the latent processes of the problem, zero if they are new."""
         pairs = zip(self.models, estimates, strict=True)
         return tuple(
             estimate
@@ -298,7 +313,7 @@ class SearchProblem:
         )
 
     def finer(self) -> "SearchProblem":
-        """Return the same problem with twice as many points for each sampling step."""
+        """Return the problem with twice as many points for each sampling step."""
         points = 2 * self.points
         groups = [self.trials.of_object(name) for name in self.trials.objects]
         pairs = zip(self.models, groups, strict=True)
@@ -323,12 +338,22 @@ def prepare(
     most_samples: int = settings.MAX_SAMPLES,
     guess: Floats | None = None,
 ) -> SearchProblem:
-    """Return the problem of finding a law of these trials.
+    """Return the inference problem of these trials.
 
-    Coefficients that are known have the shape (objects, equations, terms), NaN where they are to be found. A guess of
-    that shape says what parameters inside terms begin with, and likely signs in equations of unmeasured states. The
-    noise of each state, shape (d,), see `known_noise`, is estimated by default, from all samples, of which
-    `most_samples` are fitted, see `subsample`; for the Huber threshold see `ObservationModel`.
+    Parameters
+    ----------
+    trials, terms
+        The measurements, and candidate terms.
+    known
+        Fixed coefficients, shape (objects, equations, terms), NaN for free ones.
+    noise
+        Standard deviation of each state, shape (d,), see `known_noise`. Default: estimated from all samples.
+    huber_threshold
+        See `ObservationModel`.
+    most_samples
+        Limit of fitted samples, see `subsample`.
+    guess
+        Initial nonlinear parameters, and signs of coefficients in equations of latent states, of the shape of `known`.
 
     Raises `CommonlawError` if a trial is too short, or a term is not finite on it; the message names the trial.
     """
@@ -394,7 +419,7 @@ def prepare(
 
 
 def _with_starts(mesh: Mesh, levels: Floats, started: Bools) -> Mesh:
-    """Return a mesh on which starts of latent states are as exact as they are."""
+    """Return a mesh with the standard deviations of the initial values of latent states."""
     if not started.any():
         return mesh
     return mesh.with_scale(
@@ -408,15 +433,14 @@ def _smoothed_estimates(
     curves: Sequence[Sequence[tuple[Floats, Floats]]],
     known: Floats,
 ) -> list[Estimate]:
-    """Return the smoothed states and rates of each object, and coefficients of all allowed terms by least squares."""
-    starts, own_laws, typical = [], [], typical_states(curves)
+    """Return the smoothed states of each object, with coefficients of all allowed terms by gradient matching."""
+    starts, matched, typical = [], list[list[Floats]](), typical_states(curves)
     for model, group, smoothed, fixed in zip(models, groups, curves, known, strict=True):
         usable = [pair for pair in zip(group, smoothed, strict=True) if np.isfinite(pair[1][0]).all()]
         coefficients = gradient_matching(model.terms, usable, fixed) if usable else np.nan_to_num(fixed)
         starts.append(Estimate(tuple(interpolate(filled_curves(smoothed, typical))), coefficients))
-        own_laws.append([coefficients] if usable else [])
-    others = [coefficients_ for own_law in own_laws for coefficients_ in own_law]
+        matched.append([coefficients] if usable else [])
     for o, smoothed in enumerate(curves):
         if any(np.isnan(states).any() for states, _ in smoothed):
-            starts[o] = begun(models[o], starts[o], own_laws[o] or others)
+            starts[o] = pooled_start(models[o], starts[o], matched[o] or [*chain.from_iterable(matched)])
     return starts

@@ -1,8 +1,12 @@
-"""What a latent state may be exchanged for without a change of what was measured.
+"""Structural identifiability of latent states by Lie symmetries of the equations (Yates, Evans and Chappell 2009).
 
-That is so if the exchange turns the law into one of the same terms: twice the state, say, with other coefficients,
-leaves what was measured as it is (a Lie symmetry of the equations; Yates, Evans and Chappell 2009). Of small changes it
-is a question of linear algebra: whether derivatives by coefficients make up for it.
+A transformation ``x -> x + eps xi(x)`` of latent states is a symmetry of ``x' = f(x, theta)`` if other coefficients
+undo it, to first order: if for some delta
+
+    xi' f - f' xi + (df/dtheta) delta = 0    at all x,
+
+which is tested for linear dependence at generic points. Scale (xi = x_i), origin (xi = 1) or mixture with another state
+(xi = x_j) of such a latent state are not identifiable.
 """
 
 from collections.abc import Sequence
@@ -20,40 +24,38 @@ from commonlaw.library.sizes import likely_sizes
 
 
 def has_scaling_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
-    """Return which of some states, shape (states,), could be counted in another unit with other coefficients.
-
-    Other states among these may change their units, too.
+    """Return the states with a scaling symmetry, shape (states,), alone or with others of them.
 
     Parameters
     ----------
     terms
         Over states of first order, and others with their rates.
     known
-        Coefficients that are known, shape (equations, terms), NaN where they are to be found.
+        Fixed coefficients, shape (equations, terms), NaN for free ones.
     states
-        Of these, each of which starts at zero, or anywhere.
+        The states to test, with initial values that are zero or free.
     sizes
-        How large measured variables are, shape (variables,), NaN where that follows from the equations: coefficients
-        are compared where all terms matter, whatever the units.
+        Sizes of measured variables, shape (variables,), NaN where they follow from the equations: generic points are
+        where all terms matter, whatever the units.
     """
     indices = np.flatnonzero(states).tolist()
     return _has_symmetry(terms, known, [(i, i) for i in indices], sizes)
 
 
 def has_translation_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
-    """Return which of some states with free initial values have an arbitrary origin, see `has_scaling_symmetry`."""
+    """Return the states, with free initial values, of arbitrary origin, see `has_scaling_symmetry`."""
     return _has_symmetry(terms, known, [(i, None) for i in np.flatnonzero(states).tolist()], sizes)
 
 
 def has_mixing_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
-    """Return which of some states, which start anywhere, could be taken together with shares of others."""
+    """Return the states, with free initial values, to which shares of others could be added."""
     count = len(terms.variables.states)
     mixed = [(i, by) for i in np.flatnonzero(states).tolist() for by in (None, *range(count))]
     return _has_symmetry(terms, known, mixed, sizes)
 
 
 def _has_symmetry(terms: Terms, known: Floats, changes: Sequence[tuple[int, int | None]], sizes: Floats) -> Bools:
-    """Return for which states coefficients make up for adding a share of a state, or a constant (None)."""
+    """Return the states for which coefficients undo the addition of a share of a state, or of a constant (None)."""
     free, width = np.isnan(known), len(terms.variables.states)
     invariant = np.zeros(len(known), dtype=np.bool_)
     if not changes:
@@ -77,9 +79,9 @@ def _has_symmetry(terms: Terms, known: Floats, changes: Sequence[tuple[int, int 
 
 
 def are_confounded(terms: Terms, known: Floats, sizes: Floats) -> Bools:
-    """Return which coefficients the equations have in a combination alone, shape (equations, terms), as f and k in f k.
+    """Return the coefficients that are identifiable in combination only, shape (equations, terms), as f and k in f k.
 
-    Derivatives of rates by them are linearly dependent at generic points.
+    They are those in null directions of the derivatives of the rates at generic points.
     """
     linear, points = _at_generic_points(terms, known, sizes)
     free = np.isnan(known)
@@ -91,9 +93,9 @@ def are_confounded(terms: Terms, known: Floats, sizes: Floats) -> Bools:
 
 
 def _at_generic_points(terms: Terms, known: Floats, sizes: Floats, changes: int = 0) -> tuple[LinearizedField, Floats]:
-    """Return the equations at random points where all terms matter, shape (n, variables), enough for all unknowns."""
+    """Return the equations, linearized at random points where all terms matter, and these, shape (n, variables)."""
     random, free = np.random.default_rng(0), np.isnan(known)
-    typical, values = _likely(terms, known, sizes)
+    typical, values = _typical_sizes(terms, known, sizes)
     coefficients = np.where(free, random.uniform(0.5, 1.5, known.shape) * typical, known)
     natural = replace(terms, variables=replace(terms.variables, logarithmic=()))
     field = VectorField(natural, coefficients, terms.variables.order_of(len(known)), free=free)
@@ -101,8 +103,8 @@ def _at_generic_points(terms: Terms, known: Floats, sizes: Floats, changes: int 
     return field.linearize(points), points
 
 
-def _likely(terms: Terms, known: Floats, sizes: Floats) -> tuple[Floats, Floats]:
-    """Return likely sizes of coefficients, shape (equations, terms), and of measured variables, shape (variables,)."""
+def _typical_sizes(terms: Terms, known: Floats, sizes: Floats) -> tuple[Floats, Floats]:
+    """Return typical sizes of coefficients, shape (equations, terms), and of measured variables, shape (variables,)."""
     first, count, states = len(sizes), len(terms.variables.names), len(known)
     order, names = terms.variables.order_of(states), [f"v{i}" for i in range(count)]
     free = np.isnan(known) & terms.is_factor
@@ -116,8 +118,8 @@ def _likely(terms: Terms, known: Floats, sizes: Floats) -> tuple[Floats, Floats]
     inside = known[:, list(terms.parameters)].sum(axis=0)
     given = dict(enumerate(np.abs([*sizes, *inside]).tolist()))
     usable = {i: size for i, size in given.items() if 0 < size < np.inf}
-    likely = likely_sizes(equations, usable, count + len(before), usable.get(first - 1, 1.0))
+    solved = likely_sizes(equations, usable, count + len(before), usable.get(first - 1, 1.0))
     typical = np.ones(known.shape)
-    typical[free] = likely[count:]
-    typical[:, list(terms.parameters)] = likely[first:count]
-    return typical, likely[:first]
+    typical[free] = solved[count:]
+    typical[:, list(terms.parameters)] = solved[first:count]
+    return typical, solved[:first]

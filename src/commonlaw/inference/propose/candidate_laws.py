@@ -14,7 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_supports, fit_with, rescale_noise
 from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_of
-from commonlaw.inference.fit.lack_of_fit import has_poles
+from commonlaw.inference.fit.lack_of_fit import has_pole
 from commonlaw.inference.fit.multistart import full_schedule, multistart, short_schedule, shrink_to_pooled
 from commonlaw.inference.fit.parameter_grid import frequencies_in_time
 from commonlaw.inference.fit.problem import SearchProblem
@@ -248,7 +248,8 @@ def _acceptable(fit: Fit) -> Fit:
         return fit.but(Status.NOT_CONVERGED)
     if not are_parameters_identifiable(fit):
         return fit.but(Status.NOT_IDENTIFIABLE)
-    return fit.but(Status.HAS_POLE) if has_poles(fit.problem, fit.estimates) else fit
+    has_poles = any(has_pole(fit.problem, o, estimate) for o, estimate in enumerate(fit.estimates))
+    return fit.but(Status.HAS_POLE) if has_poles else fit
 
 
 def max_joint_supports(equations: int) -> int:

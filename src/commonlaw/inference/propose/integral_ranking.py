@@ -16,7 +16,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats, Indices, evenly_spaced
 from commonlaw.inference import settings
-from commonlaw.inference.fit.integral_form import CurveData, IntegralRegression, gains
+from commonlaw.inference.fit.integral_form import CurveData, IntegralRegression, rss_reductions
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, Ratio
 from commonlaw.likelihood import Estimate
@@ -95,7 +95,7 @@ def rank_supports(
     """
     courses, found = object_curves(problem, estimates, others), dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
-        matches = [match for each in courses if len((match := each.match(equation)).target)]
+        matches = [match for each in courses if len((match := each.regression(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
         ranked = _Ranking(matches, plain, others, numbers, max_ratio)
         found[equation] = ranked.best(len(problem.models)) if matches else []
@@ -210,8 +210,8 @@ class _Ranking:
     def _with_at_most_one(self) -> list[_SumsOfSquares]:
         """Return sums of squares of plain terms with at most one of the others."""
         columns = [match.plain for match in self.matches]
-        repeated = np.all([match.banks.repeated for match in self.matches], axis=0)
-        repeated |= np.any([[match.repeats(a) for a in range(len(self.others))] for match in self.matches], axis=0)
+        repeated = np.all([match.grids.redundant for match in self.matches], axis=0)
+        repeated |= np.any([[match.is_collinear(a) for a in range(len(self.others))] for match in self.matches], axis=0)
         new = [(a,) for a in np.flatnonzero(~repeated).tolist()]
         return self._compared(columns, _subsets(self.plain, settings.MAX_SETS[0]), (), [(), *new])
 
@@ -226,7 +226,7 @@ class _Ranking:
         found, sets = list[_SumsOfSquares](), _subsets(self.plain, settings.MAX_SETS[1])
         for _, (plain, others) in sorted(best.values())[: settings.MAX_KEPT]:
             columns = [
-                np.column_stack([match.plain, match.columns_at(others, match.best_values(plain, others))])
+                np.column_stack([match.plain, match.columns_at(others, match.grid_search(plain, others))])
                 for match in self.matches
             ]
             found += self._compared(columns, sets, others, [each for each in best if each != others])
@@ -282,7 +282,7 @@ class _Ranking:
         """Return locally optimal parameters of each object, for the supports that are best to first order."""
 
         def nearby(match: IntegralRegression) -> list[tuple[float, tuple[int, ...]]]:
-            values = [match.best_values(*key) for key in keys]
+            values = [match.grid_search(*key) for key in keys]
             return [(match.linearized_rss(*key, each), each) for key, each in zip(keys, values, strict=True)]
 
         of_keys = list(zip(*in_parallel(nearby, self.matches), strict=True))
@@ -291,7 +291,7 @@ class _Ranking:
         for k in np.argsort(squares, kind="stable")[: settings.MAX_REFINED]:
             plain, others = keys[k]
             pairs = zip(self.matches, of_keys[k], strict=True)
-            found[keys[k]] = [match.closest(plain, others, indices) for match, (_, indices) in pairs]
+            found[keys[k]] = [match.refined(plain, others, indices) for match, (_, indices) in pairs]
         return found
 
     def _fitted(self, key: _Key, parameters: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:
@@ -326,14 +326,14 @@ def _residual_squares(sets: Indices, chosen: Sequence[int], match: IntegralRegre
     whiten = np.linalg.inv(np.linalg.cholesky(own))
     known = np.matmul(whiten, inner[sets][..., np.newaxis])
     alone = match.target @ match.target - np.sum(known[..., 0] ** 2, axis=1)
-    which, counts = match.places_of(chosen)
+    which, counts = match.columns_of_terms(chosen)
     others, squares, filled = match.others[:, which], match.squares[which], np.flatnonzero(counts)
     crossed, every, firsts = columns.T @ others, match.target @ others, np.cumsum([0, *counts[filled]])[:-1]
     gained = np.zeros((len(sets), len(chosen)))
     for part in np.array_split(np.arange(len(sets)), -(-len(sets) // 50)) if filled.size else ():
         inside = np.matmul(whiten[part], crossed[sets[part]])
         left = every - np.sum(known[part] * inside, axis=1)
-        each = gains(left, squares - np.sum(inside**2, axis=1))
+        each = rss_reductions(left, squares - np.sum(inside**2, axis=1))
         gained[np.ix_(part, filled)] = np.maximum.reduceat(each, firsts, axis=1)
     return np.asarray(np.maximum(np.column_stack([alone, alone[:, np.newaxis] - gained]), np.finfo(float).tiny))
 

@@ -18,10 +18,10 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
-from commonlaw.inference.fit.integral_form import Integrals, solved
+from commonlaw.inference.fit.integral_form import Integrals, least_squares
 from commonlaw.inference.fit.lack_of_fit import has_pole, values_along
 from commonlaw.inference.fit.multistart import best_estimate, full_schedule, multistart, shrink_to_pooled
-from commonlaw.inference.fit.parameter_grid import combined, divisors, factor_powers, parameter_values
+from commonlaw.inference.fit.parameter_grid import divisors, factor_powers, grid_product, parameter_values
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.structural_identifiability import are_confounded
 from commonlaw.inference.search.setup import FitSetup
@@ -113,7 +113,7 @@ class _Profile:
             given[bound] = False
             parts = [library[:, given] @ found[j, given], library[:, bound] * found[j, bound], library[:, free]]
             sides = regressors(np.column_stack(parts))
-            numbers = solved(sides[:, 1:], target - sides[:, 0])[0][: len(bound)]
+            numbers = least_squares(sides[:, 1:], target - sides[:, 0])[0][: len(bound)]
             weights = np.abs(numbers) * np.linalg.norm(sides[:, 1 : len(bound) + 1], axis=0)
             rows += list(powers[bound] * weights[:, np.newaxis])
             logarithms += (weights * np.log(np.abs(numbers) + np.finfo(float).tiny)).tolist()
@@ -138,7 +138,7 @@ class _Profile:
         for j, (target, regressors) in enumerate(zip(self.targets, self.regressors, strict=True)):
             free = np.isnan(self.known[j]) & factors
             columns = regressors(np.column_stack([library[:, factors] @ found[j, factors], library[:, free]]))
-            found[j, free], of_equation = solved(columns[:, 1:], target - columns[:, 0])
+            found[j, free], of_equation = least_squares(columns[:, 1:], target - columns[:, 0])
             residuals.append(of_equation)
         return found, residuals
 
@@ -282,7 +282,7 @@ class _Grid:
             if len(within) < settings.PER_CYCLE and np.isfinite(high - low):
                 within = np.concatenate([within, np.linspace(low, high, settings.PER_CYCLE + 2)[1:-1]])
             banks.append(np.array([guesses[name]]) if name in guesses else within)
-        values = combined(banks)
+        values = grid_product(banks)
         if not guesses:
             each = np.array([profile.by_factors() for profile in profiles])
             more = np.vstack([np.exp(np.log(each).mean(axis=0)), each])

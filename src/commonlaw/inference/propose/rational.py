@@ -16,7 +16,15 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference import settings
-from commonlaw.inference.fit.integral_form import CurveData, Integrals, closest, projected, solved, unit, with_steps
+from commonlaw.inference.fit.integral_form import (
+    CurveData,
+    Integrals,
+    forward_difference_points,
+    gauss_newton,
+    least_squares,
+    normalized,
+    variable_projection,
+)
 from commonlaw.inference.fit.lack_of_fit import with_chord_points
 from commonlaw.inference.fit.parameter_grid import log_grid
 from commonlaw.inference.fit.problem import SearchProblem
@@ -80,7 +88,7 @@ class _Sides:
     @classmethod
     def of(cls, course: CurveData, equation: int, offered: Ratios) -> "_Sides":
         """Return the terms of ratios for an equation of an object."""
-        match, values = course.match(equation), course.banks.values
+        match, values = course.regression(equation), course.grids.values
         variables = course.problem.models[course.index].terms.variables
         added, above, below = (Terms(variables, each) for each in (offered.added, offered.above, offered.below))
         return cls(
@@ -112,7 +120,7 @@ class _Sides:
 
         The sets of each size have the shape (sets, size).
         """
-        columns, _ = unit(self.columns(below, coefficients))
+        columns, _ = normalized(self.columns(below, coefficients))
         gram, inner = np.matmul(columns.transpose(0, 2, 1), columns), np.matmul(self.target, columns)
         gained = []
         for own in sets:
@@ -127,18 +135,18 @@ class _Sides:
         """Return coefficients of numerator and added terms, and residuals; the target if the denominator vanishes."""
         if not self.has_no_pole(below, coefficients[np.newaxis]).all():
             return np.zeros(len(terms)), self.target
-        return solved(self.columns(below, coefficients[np.newaxis])[0][:, terms], self.target)
+        return least_squares(self.columns(below, coefficients[np.newaxis])[0][:, terms], self.target)
 
     def closest(self, below: Sequence[int], begin: Floats, terms: Sequence[int]) -> Floats:
         """Return locally optimal coefficients of the denominator, starting from nonzero ones."""
 
         def linearized(values: Floats) -> tuple[Floats, Floats]:
-            several = np.column_stack([with_steps(values), np.full(len(begin), begin[-1])])
+            several = np.column_stack([forward_difference_points(values), np.full(len(begin), begin[-1])])
             if not self.has_no_pole(below, several[:1]).all():
                 return self.target, np.zeros((len(self.target), len(values)))
-            return projected(self.target, self.columns(below, several)[:, :, terms])
+            return variable_projection(self.target, self.columns(below, several)[:, :, terms])
 
-        return np.append(closest(linearized, begin[:-1]), begin[-1])
+        return np.append(gauss_newton(linearized, begin[:-1]), begin[-1])
 
 
 class _Shape(NamedTuple):

@@ -63,25 +63,25 @@ def expected(trials, effect):
 @pytest.mark.parametrize("std", [(0.1, 0.05), (3.0, 0.05), (3.0, 2.0)])
 def test_the_price_of_starts_is_that_of_their_normal_distribution(std):
     trials = falling(std)
-    found = InitialConditionPrior(fitted(trials, "1")).price(fitted(trials, "t"))
+    found = InitialConditionPrior(fitted(trials, "1")).correction(fitted(trials, "t"))
     wanted = expected(trials, lambda t: t**3) - expected(trials, np.square)
     assert found == pytest.approx(wanted, abs=0.1)
 
 
 def test_starts_far_apart_hardly_tell_laws_apart():
-    prices = []
+    corrections = []
     for std in (0.05, 20.0):
         right, wrong = (fitted(falling((std, std)), term) for term in "1t")
-        prices.append(InitialConditionPrior(right).price(wrong))
-    assert prices[0] > 3
-    assert abs(prices[1]) < 1
+        corrections.append(InitialConditionPrior(right).correction(wrong))
+    assert corrections[0] > 3
+    assert abs(corrections[1]) < 1
 
 
 def test_few_trials_say_nothing_of_starts():
     trials = falling((0.1, 0.1), trials=2)
     right, other = (fitted(trials, term) for term in "1t")
     starts = InitialConditionPrior(right)
-    assert starts.price(other) == 0
+    assert starts.correction(other) == 0
     assert starts.near(right)(other.supports) == 0
 
 
@@ -90,7 +90,7 @@ def test_what_is_promised_near_a_law_is_the_price_of_it_where_starts_scatter_ali
     starts = InitialConditionPrior(right)
     assert starts.near(right)(right.supports) == pytest.approx(0, abs=1e-6)
     more = starts.near(right)(np.array([[True, True]]))
-    assert more == pytest.approx(starts.price(fit_with(right.problem, np.array([[True, True]]), 0.0)), abs=0.5)
+    assert more == pytest.approx(starts.correction(fit_with(right.problem, np.array([[True, True]]), 0.0)), abs=0.5)
 
 
 def test_rows_with_starts_as_columns_are_those_with_starts_eliminated():
