@@ -1,4 +1,4 @@
-"""Integrating vector fields: initial value problems, back ends, events, trajectories, and divergence as an outcome."""
+"""Numerical integration of vector fields: initial value problems, events, trajectories, sensitivities, divergence."""
 
 from commonlaw.integration.problem import Event, InitialValueProblem, Occurrences, OutputOptions, Trajectory
 from commonlaw.integration.simulation import integrate, simulate, simulate_each

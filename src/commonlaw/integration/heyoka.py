@@ -1,4 +1,4 @@
-"""The back end of the library heyoka: Taylor series, compiled (Biscani and Izzo 2021)."""
+"""Integration by adaptive Taylor series, compiled by the library heyoka (Biscani and Izzo 2021)."""
 
 import math
 import operator
@@ -31,23 +31,23 @@ from commonlaw.library.grammar import Algebra, evaluate
 from commonlaw.outcomes import Outcome
 
 _FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")
-"""Functions that have Taylor series wherever they are defined, besides arctan; abs, sign and step have none at 0."""
+"""Functions that are analytic in their domain, besides arctan; abs, sign and step are not at 0."""
 
 
 class UnsupportedError(Exception):
-    """A law or an event that heyoka does not take; the text says why."""
+    """A law or an event that is not analytic; the text is the reason."""
 
 
 def translated(term: Term, variables: Sequence[Any]) -> Any:
     """Return a term as an expression of heyoka in these variables.
 
-    Raises `UnsupportedError` if it holds a function without Taylor series.
+    Raises `UnsupportedError` if it contains a function without Taylor series.
     """
     return evaluate(term.code, variables, _ALGEBRA)
 
 
 def _power(base: Any, exponent: Any) -> Any:
-    """Return a power; a whole one as products, since heyoka's own power divides by the base."""
+    """Return a power; an integer one as a product, since the power function of heyoka divides by the base."""
     try:  # Without variables an expression is written as a number
         number = float(str(exponent))
     except ValueError:
@@ -76,21 +76,36 @@ _OPERATIONS: Mapping[str, Callable[..., Any]] = {
 _ALGEBRA = Algebra(lambda number: heyoka.expression(float(number)), _OPERATIONS)
 
 
-# A home that cannot be written to costs heyoka its cache on disk, and is nothing to tell a user of each time.
+# No warning if the home directory, and so the disk cache of heyoka, is not writable
 heyoka.set_logger_level_error()
 
-Found = list[tuple[int, float, Floats]]
+Occurred = list[tuple[int, float, Floats]]
 
 
 @dataclass(frozen=True)
 class Structure:
-    """Everything that is compiled, and so nothing that differs between objects.
+    """The compiled part of a problem, the same for all objects of a law.
 
-    The terms that are in some equation; for each coefficient, in their order, its `pair`: the equation and the index of
-    the term; the indices of those that sensitivities are wanted of, if any (`free`), and of those that are the values
-    of parameters `inside` of terms, None for one that is zero; how many `inputs` there are, the indices of the states
-    that are `logarithmic`, and how many powers the polynomials of inputs have; each event's expression, direction and
-    whether it is terminal.
+    Parameters
+    ----------
+    terms
+        Terms of the equations.
+    pairs
+        Equation and term of each coefficient.
+    free
+        Coefficients with sensitivities.
+    inside
+        Coefficients that are the nonlinear parameters, None for one that is zero.
+    equations, second
+        Number of equations, and the indices of those of second order.
+    inputs, powers
+        Number of inputs, and of the coefficients of their polynomials.
+    logarithmic
+        Indices of log-scaled states.
+    events
+        Expression, direction and whether terminal.
+    tolerance, sensitivities
+        See `OutputOptions`.
     """
 
     terms: tuple[Term, ...]
@@ -108,7 +123,7 @@ class Structure:
 
     @property
     def width(self) -> int:
-        """How many states and rates there are."""
+        """Number of states and rates."""
         return self.equations + len(self.second)
 
     @classmethod
@@ -136,18 +151,18 @@ class Structure:
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """What heyoka made of a structure: its integrator, which holds parameters, state and time, for `width` states.
+    """A compiled integrator of `width` states, with parameters, state and time.
 
-    Its parameters are coefficients and levels of events, so many `constants`, and then the polynomials of the inputs.
-    `terminal` are the indices of the terminal events; the others write to `found`. Initial sensitivities are row by
-    row, empty without.
+    Its parameters are the `constants` (coefficients, then levels of events), and the polynomials of the inputs.
+    `terminal` are the indices of terminal events; others append to `occurred`. Initial sensitivities are flattened,
+    empty without.
     """
 
     stepper: Any
     width: int
     constants: int
     terminal: list[int]
-    found: Found
+    occurred: Occurred
     initial_sensitivities: Floats
 
     def start(self, problem: InitialValueProblem, levels: Floats) -> None:
@@ -156,15 +171,15 @@ class Compiled:
         self.reset(problem.start, np.concatenate([problem.initial, self.initial_sensitivities]))
 
     def reset(self, time: float, row: Floats) -> None:
-        """Set time and state, and forget what was found."""
+        """Set time and state, and clear events."""
         self.stepper.time = time
         self.stepper.state[:] = row
-        self.found.clear()
+        self.occurred.clear()
         if self.terminal:
             self.stepper.reset_cooldowns()
 
     def follow(self, problem: InitialValueProblem) -> float:
-        """Set the inputs to what holds from the present time on; return until when."""
+        """Set the polynomials of the inputs at the present time; return the time up to which they hold."""
         time, stops, inputs = self.stepper.time, problem.stops, problem.field.inputs
         if inputs is not None:
             piece = inputs.piece(time)
@@ -177,7 +192,7 @@ class Compiled:
 
 @lru_cache(maxsize=32)
 def compiled(structure: Structure, _thread: int) -> Compiled:
-    """Return what is compiled for a structure and one thread, as an integrator holds its own state."""
+    """Return the integrator of a structure, one for each thread, as it has state."""
     states = heyoka.make_vars(*[f"v{i}" for i in range(structure.width)], "unused")[:-1]
     parameters, constants = len(structure.pairs), len(structure.pairs) + len(structure.events)
     natural = [heyoka.exp(state) if j in structure.logarithmic else state for j, state in enumerate(states)]
@@ -214,7 +229,7 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
 
 
 def _inputs(structure: Structure, first: int) -> list[Any]:
-    """Return the inputs as polynomials, whose knot and coefficients are parameters from the index `first` on."""
+    """Return the inputs as polynomials with knot and coefficients as parameters from the index `first` on."""
     since, inputs = heyoka.time - heyoka.par[first], []
     for j in range(structure.inputs):
         value = heyoka.expression(0.0)
@@ -224,9 +239,9 @@ def _inputs(structure: Structure, first: int) -> list[Any]:
     return inputs
 
 
-def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Found, dict[str, list[Any]]]:
-    """Return the indices of terminal events, the list that others write to, and both as heyoka takes them."""
-    occurred: Found = []
+def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Occurred, dict[str, list[Any]]]:
+    """Return the indices of terminal events, the list to which others append, and the arguments of heyoka."""
+    occurred: Occurred = []
     width = structure.width
 
     def writer(index: int) -> Callable[[Any, float, int], None]:
@@ -255,7 +270,7 @@ _NOT_FINITE = "a state is not finite"
 
 @dataclass(frozen=True)
 class HeyokaIntegrator(AbstractIntegrator):
-    """The fast back end, compiled for all vector fields of one structure."""
+    """Taylor series, compiled for all vector fields of one structure."""
 
     options: OutputOptions
     compiled: Compiled
@@ -266,27 +281,27 @@ class HeyokaIntegrator(AbstractIntegrator):
         return cls(options, compiled(Structure.of(vector_field, options), threading.get_ident()))
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        """Return the trajectory of a problem; the outcome "not integrated" calls for another integrator."""
+        """Return the trajectory of a problem; with the outcome "not integrated" another integrator is needed."""
         width = len(problem.initial)
         with np.errstate(all="ignore"):
             self.compiled.start(problem, self._levels(problem))
             path = _propagate(self.compiled, problem, self.options)
             rows = np.full((len(problem.times), path.rows.shape[1]), np.nan)
-            reached = _before_runaway(problem, self.options, path.rows[:, :width])
+            reached = _within_limit(problem, self.options, path.rows[:, :width])
             rows[:reached] = path.rows[:reached]
             ended, outcome = path.ended, None
-            if path.broke or reached < len(path.rows):
+            if path.has_diverged or reached < len(path.rows):
                 last = rows[reached - 1], float(problem.times[reached - 1])
-                ended, outcome = _runaway(self.compiled, problem, self.options, *last)
+                ended, outcome = _divergence(self.compiled, problem, self.options, *last)
             elif ended is not None and path.failure:
                 outcome = not_integrated(ended, path.failure, problem.where)
-        occurred = [occurrence for occurrence in path.found if ended is None or occurrence[1] <= ended]
+        occurred = [occurrence for occurrence in path.occurred if ended is None or occurrence[1] <= ended]
         sensitivities = rows[:, width:].reshape(len(rows), width, -1) if self.options.sensitivities else None
         events = occurrences(self.options.events, occurred, width)
         return Trajectory(problem.times, rows[:, :width], outcome, ended, events, sensitivities, path.dense, "heyoka")
 
     def _levels(self, problem: InitialValueProblem) -> Floats:
-        """Return the levels of the events."""
+        """Return the levels of the events, shifted by rounding where the initial state is on one."""
         functions = EventFunctions(self.options.events, problem.field)
         if not functions.events:
             return functions.levels
@@ -299,22 +314,22 @@ class HeyokaIntegrator(AbstractIntegrator):
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """How far heyoka came: rows at the first times (at least at the first), what happened, and the states at any time.
+    """The integrated part: rows at the first times, at least one, the events, and dense output.
 
-    `ended` says when a terminal event or want of steps ended it early, `failure` why it is not integrated to the end,
-    `broke` whether a state was not finite, or ran away.
+    `ended` is the time of a terminal event or of the step limit, `failure` the reason why it is incomplete, `diverged`
+    whether a state was not finite or exceeded the limit.
     """
 
     rows: Floats
-    found: Found
+    occurred: Occurred
     dense: Dense | None
     ended: float | None = None
     failure: str = ""
-    broke: bool = False
+    has_diverged: bool = False
 
 
 def _propagate(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> _Path:
-    """Integrate over the times from where the law was placed."""
+    """Integrate over the times from the present state."""
     stepper, row, times, most = law.stepper, law.stepper.state.copy(), problem.times, step_limit(problem.stops)
     if len(times) == 1:
         return _Path(row[np.newaxis], [], _dense(None, row, law.width) if options.dense else None)
@@ -328,22 +343,22 @@ def _propagate(law: Compiled, problem: InitialValueProblem, options: OutputOptio
     else:
         result, rows = _rows(law, problem, options)
         states = None
-    # A state that is not finite at once leaves no row at all.
-    rows, occurred, time = rows if len(rows) else row[np.newaxis], list(law.found), float(stepper.time)
+    # Without a first finite step there is no row
+    rows, occurred, time = rows if len(rows) else row[np.newaxis], list(law.occurred), float(stepper.time)
     match result:
         case heyoka.taylor_outcome.time_limit:
             return _Path(rows, occurred, states)
         case heyoka.taylor_outcome.err_nf_state:
-            return _Path(rows, occurred, states, None, _NOT_FINITE, broke=True)
+            return _Path(rows, occurred, states, None, _NOT_FINITE, has_diverged=True)
         case heyoka.taylor_outcome.step_limit:
             failure = f"{most} steps were not enough"
-            return _Path(rows, occurred, states, time, failure, broke=_ran_away(law, problem, options))
+            return _Path(rows, occurred, states, time, failure, has_diverged=_has_diverged(law, problem, options))
     occurred.append((law.terminal[-1 - int(result)], time, stepper.state[: law.width].copy()))
     return _Path(rows, occurred, states, time)
 
 
 def _rows(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> tuple[Any, Floats]:
-    """Return how heyoka ended and the rows at the times, as far as it came; inputs change their course at stops."""
+    """Return the outcome of heyoka and the rows at the times reached, piece by piece between changes of inputs."""
     stepper, times, remaining = law.stepper, problem.times, step_limit(problem.stops)
     parts, reached = [law.stepper.state.copy()[np.newaxis]], 1
     while True:
@@ -351,34 +366,36 @@ def _rows(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -
         until = int(np.searchsorted(times, stop, side="right"))
         wanted = times[reached:until]
         grid = np.unique(np.concatenate([[stepper.time], wanted, [stop]]))
-        # On the way of a state to infinity steps may become shorter without end
+        # Steps may shrink without limit before a blow-up
         result, _, _, steps, _, rows = stepper.propagate_grid(grid, max_steps=max(1, min(remaining, 1000)))
         if result == heyoka.taylor_outcome.step_limit and stepper.time >= stop:  # But for a rounding error of the time
             result, rows = heyoka.taylor_outcome.time_limit, np.concatenate([rows, stepper.state[np.newaxis]])
         parts.append(rows[1 : 1 + len(wanted)])
         remaining, reached = remaining - steps, reached + len(parts[-1])
-        goes_on = remaining > 0 and result == heyoka.taylor_outcome.step_limit and not _ran_away(law, problem, options)
-        if not goes_on and (result != heyoka.taylor_outcome.time_limit or stop == times[-1]):
+        continues = (
+            remaining > 0 and result == heyoka.taylor_outcome.step_limit and not _has_diverged(law, problem, options)
+        )
+        if not continues and (result != heyoka.taylor_outcome.time_limit or stop == times[-1]):
             return result, np.concatenate(parts)
 
 
 def _dense(output: Any, row: Floats, width: int) -> Dense:
-    """Return the states at any time; heyoka gives no output where not even a first step was possible."""
+    """Return the dense output; the initial state if no step was possible."""
     if output is None:
         return lambda times: np.tile(row[:width], (len(times), 1))
-    # heyoka may write its next answer where this one is.
+    # heyoka may overwrite its result
     return lambda times: np.array(output(np.minimum(times, output.bounds[1]))[:, :width])
 
 
-def _ran_away(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> bool:
-    """Whether a state is too far, or no number any more."""
+def _has_diverged(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> bool:
+    """Return whether a state exceeds the limit, or is not finite."""
     return not np.max(np.abs(law.stepper.state[: law.width])) <= largest_state(problem, options)
 
 
-def _runaway(
+def _divergence(
     law: Compiled, problem: InitialValueProblem, options: OutputOptions, row: Floats, time: float
 ) -> tuple[float, Outcome]:
-    """Go on from a row, step by step; return when a state ran away, or where heyoka can go no further."""
+    """Return when a state exceeds the limit after a row, or where heyoka stops."""
     limit = largest_state(problem, options)
     law.reset(time, row)
     for _ in range(step_limit(problem.stops)):
@@ -392,9 +409,9 @@ def _runaway(
     return time, not_integrated(time, _NOT_FINITE, problem.where)
 
 
-def _before_runaway(problem: InitialValueProblem, options: OutputOptions, states: Floats) -> int:
-    """Return how many of the first rows are finite and not too far."""
-    # The largest state of most trajectories is not even far from the initial ones: then the rates need not be known.
+def _within_limit(problem: InitialValueProblem, options: OutputOptions, states: Floats) -> int:
+    """Return the number of first rows within the limit."""
+    # Most states are small relative to the initial ones: then rates are not needed
     if options.limit is None and np.max(np.abs(states)) <= FAR * np.max(np.abs(problem.initial)):
         return len(states)
     limit = largest_state(problem, options)

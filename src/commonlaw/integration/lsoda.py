@@ -1,8 +1,8 @@
-"""Integration by SciPy: LSODA (Petzold 1983), for stiff problems and others, and for any function of the states.
+"""Integration by LSODA (Petzold 1983) of SciPy, for stiff and nonstiff problems, and any function of the states.
 
-Derivatives of a trajectory by parameters and initial states are linear equations along it, solved for all steps at once
-by Radau IIA of order 5 (Hairer and Wanner 1996, Solving Ordinary Differential Equations II, table IV.5.6), which is
-stable for stiff laws; steps are halved until two halves do with the derivatives what the whole does.
+Sensitivities S solve the linear variational equations ``S' = J S + df/dp`` along a trajectory, by Radau IIA of order 5
+(Hairer and Wanner 1996, Solving Ordinary Differential Equations II, table IV.5.6), which is stable for stiff laws, for
+all steps at once; steps are halved until the two halves agree with the whole.
 """
 
 from collections.abc import Callable, Iterator
@@ -42,9 +42,10 @@ _WEIGHTS = np.array(
 
 
 class _Steps(NamedTuple):
-    """From `starts` to `ends`, shape (m,), derivatives are multiplied by (m, D, D) and have (m, D, p) added to them.
+    """Affine maps ``S -> by_states S + added`` of sensitivities over steps from `starts` to `ends`, shape (m,).
 
-    Each step is made in two halves; the last two say how far off it is if made at once.
+    `by_states` has shape (m, D, D), `added` (m, D, p). They are composed of two halves; `off_by_states` and `off_added`
+    are the differences to one step, the error estimate.
     """
 
     starts: Floats
@@ -71,7 +72,7 @@ def sensitivities(
         return slopes
     edges = np.unique(np.concatenate([times, problem.stops, knots]))
     edges = edges[(edges >= times[0]) & (edges <= times[-1])]
-    # What a parameter is worth changes the states by their size if it doubles
+    # Relative to the sizes of states and parameters
     sizes = np.abs(problem.field.parameters) / (np.max(np.abs(problem.initial)) or 1.0)
     scale = np.concatenate([np.where(sizes == 0, 1.0, sizes), np.ones(width)])
     steps = _halved(problem, path, edges[:-1], edges[1:])
@@ -91,7 +92,7 @@ def sensitivities(
 
 
 def _along(steps: _Steps, first: Floats) -> Floats:
-    """Return the first derivatives, shape (D, p + D), and those after each of m steps, shape (m + 1, D, p + D)."""
+    """Return the first sensitivities, shape (D, p + D), and those after each of m steps, shape (m + 1, D, p + D)."""
     slopes, size = np.empty((len(steps.starts) + 1, *first.shape)), steps.added.shape[2]
     slopes[0] = first
     with np.errstate(all="ignore"):
@@ -102,7 +103,7 @@ def _along(steps: _Steps, first: Floats) -> Floats:
 
 
 def _coarse(steps: _Steps, slopes: Floats, scale: Floats, tolerance: float) -> Bools:
-    """Return which steps are not exact enough for the derivatives that they start from, shape (m,)."""
+    """Return which steps have an error above the tolerance, given the sensitivities at their starts, shape (m,)."""
     with np.errstate(all="ignore"):
         residuals = steps.off_by_states @ slopes[:-1]
         residuals[:, :, : steps.off_added.shape[2]] += steps.off_added
@@ -111,7 +112,7 @@ def _coarse(steps: _Steps, slopes: Floats, scale: Floats, tolerance: float) -> B
 
 
 def _halved(problem: InitialValueProblem, path: Callable[[Floats], Floats], starts: Floats, ends: Floats) -> _Steps:
-    """Return steps between times."""
+    """Return steps between times, each composed of two halves."""
     parts, together = [], 20_000  # More would fill memory
     for first in range(0, len(starts), together):
         some, until = starts[first : first + together], ends[first : first + together]
@@ -127,7 +128,7 @@ def _halved(problem: InitialValueProblem, path: Callable[[Floats], Floats], star
 def _radau(
     problem: InitialValueProblem, path: Callable[[Floats], Floats], starts: Floats, ends: Floats
 ) -> tuple[Floats, Floats]:
-    """Return what one step multiplies derivatives by, and what it adds, where inputs do not change their course."""
+    """Return the affine maps of single Radau steps, without knots of inputs in between."""
     field, count, lengths = problem.field, len(starts), (ends - starts)[:, np.newaxis]
     # At the end itself the inputs are those before it
     times = np.minimum(starts[:, np.newaxis] + lengths * _NODES, np.nextafter(ends, starts)[:, np.newaxis]).ravel()
@@ -150,15 +151,15 @@ def _radau(
     return solved[:, :, :width], solved[:, :, width:]
 
 
-_MANY, _NOWHERE = 5000, 1e-6
-"""So many steps that together pass less than this share of the time are where the law does not lead out of."""
-_TOLERANCES = 1e-3
-"""The absolute tolerance by the relative one times the size of the states; a size wrong by more would hide them."""
+_STALLED_STEPS, _STALLED_SHARE = 5000, 1e-6
+"""Number of steps that must cover at least this share of the time span; else the integration ends."""
+_ABSOLUTE = 1e-3
+"""Absolute tolerance over the relative one, in scales of the states."""
 
 
 @dataclass(frozen=True)
 class LsodaIntegrator(AbstractIntegrator):
-    """The back end that is always there, and takes every law."""
+    """LSODA, for every law."""
 
     options: OutputOptions
 
@@ -182,11 +183,11 @@ class LsodaIntegrator(AbstractIntegrator):
             options.limit,
         )
         result = solve(RightHandSide(vector_field, vector_field.jacobian), *arguments)
-        events = occurrences(options.events, search.found if search else [], width)
+        events = occurrences(options.events, search.crossings if search else [], width)
         result = replace(result, events=events)
         if not options.sensitivities:
             return result
-        assert isinstance(result.dense, _Track)
+        assert isinstance(result.dense, _DenseOutput)
         # Derivatives begin anew after four steps of the states
         knots, reached = np.array(result.dense.knots[::4]), int(np.isfinite(result.states[:, 0]).sum())
         derivatives = sensitivities(problem, result.dense, knots, reached, options.tolerance)
@@ -195,13 +196,13 @@ class LsodaIntegrator(AbstractIntegrator):
 
 @dataclass(frozen=True)
 class RightHandSide:
-    """What LSODA integrates: derivatives, and their Jacobian or nothing."""
+    """Derivatives, and their Jacobian or None."""
 
     derivatives: Function
     jacobian: Function | None
 
     def until(self, last: float) -> "RightHandSide":
-        """Return the same with whatever depends on time as it is at the `last` one from there on."""
+        """Return the right-hand side with time limited to `last`."""
         derivatives, jacobian = self.derivatives, self.jacobian
         return RightHandSide(
             lambda t, y: derivatives(min(t, last), y),
@@ -211,17 +212,17 @@ class RightHandSide:
 
 @dataclass
 class _EventSearch:
-    """Looks for events along the steps, and keeps what it finds."""
+    """Root finding of event functions along the steps."""
 
     functions: EventFunctions
     time: float
     last: Floats
-    found: list[tuple[int, float, Floats]] = field(default_factory=list)
+    crossings: list[tuple[int, float, Floats]] = field(default_factory=list)
 
-    def look(self, interpolant: DenseOutput, until: float, width: int) -> float | None:
-        """Look at a step, given by its dense output; return when a terminal event ended the trajectory, if so."""
+    def append_events(self, interpolant: DenseOutput, until: float, width: int) -> float | None:
+        """Append the events in a step, given by its dense output; return the time of a terminal one, if any."""
         met: list[tuple[int, float, Floats]] = []
-        for t in np.linspace(self.time, until, 9)[1:]:  # Steps are short, and a pair of crossings in an eighth shorter
+        for t in np.linspace(self.time, until, 9)[1:]:  # Pairs of crossings within an eighth of a step are missed
             now = self.functions(t, interpolant(t)[:width])
             for i in np.flatnonzero(now * np.sign(self.last) < 0):
                 if self.functions.events[i].sign * now[i] >= 0:
@@ -229,7 +230,7 @@ class _EventSearch:
             self.last, self.time = np.where(now == 0, self.last, now), float(t)
         stops = [t for i, t, _ in met if self.functions.events[i].terminal]
         end = min(stops, default=None)
-        self.found += [crossing for crossing in met if end is None or crossing[1] <= end]
+        self.crossings += [crossing for crossing in met if end is None or crossing[1] <= end]
         return end
 
     def _crossing(self, interpolant: DenseOutput, i: int, until: float, width: int) -> tuple[float, Floats]:
@@ -237,7 +238,7 @@ class _EventSearch:
 
         def value(t: float) -> float:
             difference = float(self.functions(t, interpolant(t)[:width])[i])
-            # On the level itself, or off it by rounding, the side that it came from counts.
+            # On the level, up to rounding, the side before counts
             return sign * np.finfo(float).tiny if t == before and difference * sign <= 0 else difference
 
         t = float(brentq(value, before, until, xtol=4e-16 * max(abs(until), until - before), rtol=1e-15))
@@ -255,77 +256,79 @@ def solve(
     stops: Floats | None = None,
     limit: float | None = None,
 ) -> Trajectory:
-    """Integrate from `start`, checked before, shape (d,), and return what `integrate` describes.
+    """Return the trajectory from a valid `start`, shape (d,), see `integrate`.
 
-    The absolute tolerance is a thousandth of the relative one times the size of the states. No step goes past one of
-    the `stops`, the last of which is the last time. A state that is larger than the limit ran away.
+    The absolute tolerance is 1/1000 of the relative one times the scale of the states. No step passes one of the
+    `stops`, the last of which is the last time. A state above the limit diverges.
     """
     states, width = np.full((len(times), len(start)), np.nan), len(start)
     states[0] = start
-    track = _Track(start, [float(times[0])]) if dense else None
+    dense_output = _DenseOutput(start, [float(times[0])]) if dense else None
     if len(times) == 1:
-        return Trajectory(times, states, dense=track)
+        return Trajectory(times, states, dense=dense_output)
     with np.errstate(all="ignore"):
         if not np.all(np.isfinite(rhs.derivatives(times[0], start))):
             ended = float(times[0])
-            return Trajectory(times, states, diverged(ended, "the law is not finite there", where), ended, dense=track)
+            return Trajectory(
+                times, states, diverged(ended, "the law is not finite there", where), ended, dense=dense_output
+            )
         size = state_scale(start, rhs.derivatives, times)
-        # Not solve_ivp: it counts a start on the level of an event as a crossing, misses two crossings in one step,
-        # takes steps without end before a blow-up, and calls it a success where states have become infinite.
+        # Not solve_ivp: it counts an initial state on the level of an event as a crossing, misses two crossings in one
+        # step, has no limit of steps before a blow-up, and returns infinite states as a success
         stops = times[-1:] if stops is None else stops
-        scale = _TOLERANCES * _size_reached(rhs, start, times[0], min(times[1], stops[0]), tolerance, size)
+        scale = _ABSOLUTE * _size_reached(rhs, start, times[0], min(times[1], stops[0]), tolerance, size)
         steps = _steps(rhs, start, times[0], stops, tolerance, tolerance * scale)
         reached, stop, how, why = 1, None, "ends", f"{step_limit(stops)} steps were not enough"
-        least, mark = _NOWHERE * (times[-1] - times[0]), -np.inf
+        least, mark = _STALLED_SHARE * (times[-1] - times[0]), -np.inf
         for count, solver in enumerate(islice(steps, step_limit(stops))):
-            if count % _MANY == 0:
+            if count % _STALLED_STEPS == 0:
                 if solver.t - mark < least:
-                    why = f"{_MANY} steps lead nowhere"
+                    why = f"{_STALLED_STEPS} steps lead nowhere"
                     break
                 mark = solver.t
             before = solver.t
             with quiet(UserWarning):
-                bad = solver.step() or _runaway(solver.y, FAR * size if limit is None else limit)
+                bad = solver.step() or _divergence(solver.y, FAR * size if limit is None else limit)
             if bad:
                 how, why = "ran away", bad
                 break
             if search or dense or solver.t >= times[reached]:
                 interpolant = solver.dense_output()
-                stop = search.look(interpolant, solver.t, width) if search else None
+                stop = search.append_events(interpolant, solver.t, width) if search else None
                 until = int(np.searchsorted(times, solver.t if stop is None else stop, side="right"))
                 if until > reached:
                     states[reached:until] = interpolant(times[reached:until]).T
                     reached = until
-                if track is not None and solver.t > before:
-                    track.interpolants.append(interpolant)
-                    track.knots.append(float(solver.t))
+                if dense_output is not None and solver.t > before:
+                    dense_output.interpolants.append(interpolant)
+                    dense_output.knots.append(float(solver.t))
             if stop is not None:
-                return Trajectory(times, states, None, stop, dense=track)
+                return Trajectory(times, states, None, stop, dense=dense_output)
             if solver.t >= times[-1]:
-                return Trajectory(times, states, dense=track)
+                return Trajectory(times, states, dense=dense_output)
     ended = float(solver.t)
-    return Trajectory(times, states, diverged(ended, why, where, how), ended, dense=track)
+    return Trajectory(times, states, diverged(ended, why, where, how), ended, dense=dense_output)
 
 
 def _size_reached(rhs: RightHandSide, start: Floats, time: float, until: float, tolerance: float, size: float) -> float:
-    """Return the size of the states until the first sample, at most that which their first rates let expect."""
+    """Return the scale of the states up to the first sample, at most that from their initial rates."""
     reached = np.max(np.abs(start))
-    while size * _TOLERANCES > reached:
-        steps = _steps(rhs, start, time, np.array([until]), tolerance, _TOLERANCES * tolerance * size)
-        for solver in islice(steps, _MANY):
+    while size * _ABSOLUTE > reached:
+        steps = _steps(rhs, start, time, np.array([until]), tolerance, _ABSOLUTE * tolerance * size)
+        for solver in islice(steps, _STALLED_STEPS):
             with quiet(UserWarning):
                 solver.step()
             reached = np.fmax(reached, np.max(np.abs(solver.y)))
-        if not 0 < reached < size * _TOLERANCES:
+        if not 0 < reached < size * _ABSOLUTE:
             return size
         size, reached = reached, np.max(np.abs(start))
     return size
 
 
 def _steps(rhs: RightHandSide, states: Floats, time: float, stops: Floats, rtol: float, atol: float) -> Iterator[LSODA]:
-    """Yield the solver before each of its steps, a new one after each stop."""
+    """Yield the solver before each step, a new one after each stop."""
     for stop in stops:
-        # At the stop itself what follows it would hold
+        # At the stop itself, inputs are those after it
         piece = rhs.until(np.nextafter(stop, time)) if len(stops) > 1 else rhs
         solver = LSODA(piece.derivatives, time, states, stop, jac=piece.jacobian, rtol=rtol, atol=atol)
         while solver.status == "running":
@@ -334,22 +337,22 @@ def _steps(rhs: RightHandSide, states: Floats, time: float, stops: Floats, rtol:
 
 
 @dataclass
-class _Track:
-    """The steps of a trajectory, each with its interpolation; called with times, it gives the states."""
+class _DenseOutput:
+    """Dense output: the interpolants of all steps."""
 
     start: Floats
     knots: list[float]
     interpolants: list[DenseOutput] = field(default_factory=list)
 
     def __call__(self, times: Floats) -> Floats:
-        """Return the states, shape (m, d); after the last step those at its end."""
+        """Return the states at times, shape (m, d), constant after the last step."""
         if not self.interpolants:
             return np.tile(self.start, (len(times), 1))
         whole = OdeSolution(self.knots, self.interpolants)
         return np.asarray(whole(np.minimum(times, self.knots[-1])).T)
 
 
-def _runaway(states: Floats, limit: float) -> str | None:
+def _divergence(states: Floats, limit: float) -> str | None:
     largest = np.abs(states).max()
     if largest <= limit:
         return None

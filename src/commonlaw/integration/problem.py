@@ -1,4 +1,4 @@
-"""An initial value problem, its events, what every integrator makes of it, and the trajectory."""
+"""Initial value problems, events, output options, trajectories, and the interface of integrators."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -20,18 +20,18 @@ _ROUNDING = 4 * np.finfo(float).eps
 
 @dataclass(frozen=True)
 class Event:
-    """An expression in the law's variables crosses a level: a ball reaches the ground when its height falls to 0.
+    """The crossing of a level by an expression in the variables of a law, as a height falls to 0 at the ground.
 
-    A start on the level is not a crossing.
+    An initial state on the level is not a crossing.
 
     Raises `CommonlawError` if there is no such direction, or the level is not finite.
 
     Parameters
     ----------
     expression
-        As terms are written: ``"x"``, ``"x**2 + v**2"``.
+        In the syntax of terms: ``"x"``, ``"x**2 + v**2"``.
     level
-        The value that is crossed, in the unit of the expression.
+        The level, in the unit of the expression.
     direction
         ``"rising"``, ``"falling"`` or ``"any"``.
     terminal
@@ -62,16 +62,16 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Occurrences:
-    """When and where an event happened on one trajectory.
+    """The occurrences of an event on one trajectory.
 
     Parameters
     ----------
     event
-        What happened.
+        The event.
     times
         Increasing, shape (m,).
     states
-        The states (and rates) then, shape (m, d).
+        The states (and rates) at these, shape (m, d).
     """
 
     event: Event
@@ -80,10 +80,10 @@ class Occurrences:
 
 
 def occurrences(
-    events: Sequence[Event], found_: Sequence[tuple[int, float, Floats]], width: int
+    events: Sequence[Event], crossings: Sequence[tuple[int, float, Floats]], width: int
 ) -> tuple[Occurrences, ...]:
-    """Return what was found, (index of the event, time, states), by event and in order of time."""
-    ordered = sorted(found_, key=lambda occurrence: occurrence[1])
+    """Return occurrences (index of the event, time, states) by event, in order of time."""
+    ordered = sorted(crossings, key=lambda occurrence: occurrence[1])
     return tuple(
         Occurrences(
             event,
@@ -96,7 +96,7 @@ def occurrences(
 
 @dataclass(frozen=True, eq=False)
 class EventFunctions:
-    """The expressions of events minus their levels, as functions of time and state; an event is where one is zero."""
+    """The expressions of events less their levels, as functions of time and state, with roots at the events."""
 
     events: tuple[Event, ...]
     field: VectorField
@@ -118,9 +118,9 @@ class EventFunctions:
         return np.asarray(self.terms.evaluate(values)[0] - self.levels)
 
     def at_start(self, t: float, y: Floats, span: float) -> Floats:
-        """Return their values at the start, and for one that is zero to rounding the sign that it takes just after.
+        """Return their values at the initial state; zeros, up to rounding, have the sign after two short Euler steps.
 
-        Two steps of a millionth of the span are tried, so that a ball at rest on the ground counts as falling.
+        Two steps, of 1e-6 of the span, give the sign for an equation of second order at rest, too.
         """
         with np.errstate(all="ignore"):
             values = self(t, y)
@@ -134,20 +134,20 @@ class EventFunctions:
 
 @dataclass(frozen=True, eq=False)
 class InitialValueProblem:
-    """One object, from where it starts, at the times where its states are wanted.
+    """An initial value problem of one object.
 
     Raises `CommonlawError` if the initial states or the times are not finite, or the times do not increase.
 
     Parameters
     ----------
     field
-        Its right-hand side.
+        The right-hand side.
     initial
         States at the first time, shape (d,).
     times
-        Increasing, shape (n,).
+        Of the output, increasing, shape (n,).
     where
-        What is integrated, for outcomes and errors: ``"Golf Ball, trial 1"``.
+        Name of the trajectory in outcomes and errors: ``"Golf Ball, trial 1"``.
     """
 
     field: VectorField
@@ -167,14 +167,14 @@ class InitialValueProblem:
 
     @cached_property
     def stops(self) -> Floats:
-        """Where an input changes its course, in the span of the times, and the last time."""
+        """The knots of the inputs within the span of the times, and the last time."""
         knots = self.times[:0] if self.field.inputs is None else self.field.inputs.knots
         return np.append(knots[(knots > self.times[0]) & (knots < self.times[-1])], self.times[-1])
 
 
 @dataclass(frozen=True)
 class OutputOptions:
-    """What is asked of an integration; see `simulate`.
+    """Options of an integration, see `simulate`.
 
     Raises `CommonlawError` if the tolerance is not between 0 and 1.
     """
@@ -191,7 +191,7 @@ class OutputOptions:
 
 
 def check_start(initial: Floats, times: Floats, where: str) -> None:
-    """Refuse initial states and times that cannot be integrated."""
+    """Raise `CommonlawError` if initial states or times are not finite, or times do not increase."""
     index = f"{where}: " if where else ""
     if not np.all(np.isfinite(initial)):
         raise CommonlawError("initial-state-not-finite", index=index, initial=initial)
@@ -210,18 +210,18 @@ class Trajectory:
     states
         Followed by the rates of those of second order, shape (n, D); NaN after a divergence or a terminal event.
     outcome
-        None when the whole span was integrated, or all of it up to a terminal event.
+        None if the whole span was integrated, or that up to a terminal event.
     ended
-        When the trajectory diverged or a terminal event ended it; None when it went on to the last time.
+        Time of the divergence or of a terminal event; None if there is neither.
     events
-        What happened, one entry for each event that was asked for.
+        The occurrences of each requested event.
     sensitivities
-        Derivatives of the states by the parameters of the vector field, in its order, and then by the initial states,
-        shape (n, states, parameters + states), if they were asked for.
+        Derivatives of the states by the parameters of the vector field, and then by the initial states, shape (n,
+        states, parameters + states), if requested.
     dense
-        The states at any times within reach, from shape (m,) to shape (m, states), if they were asked for.
+        The dense output, from times, shape (m,), to states, shape (m, states), if requested.
     method
-        Which back end integrated it, and if it was not the first choice why: ``"heyoka"``,
+        The integrator, with the reason if it was not the first choice: ``"heyoka"``,
         ``"scipy (abs has no Taylor series at 0)"``.
     """
 
@@ -237,7 +237,7 @@ class Trajectory:
     def at(self, times: ArrayLike) -> Floats:
         """Return the states at any times of the span, shape (m, states); NaN after a divergence or terminal event.
 
-        Raises `CommonlawError` if dense output was not asked for, or a time is outside the span.
+        Raises `CommonlawError` without dense output, or if a time is outside the span.
         """
         wanted = np.atleast_1d(np.asarray(times, dtype=np.float64))
         if self.dense is None:
@@ -251,7 +251,7 @@ class Trajectory:
 
 
 def diverged(time: float, why: str, where: str, how: str = "ran away") -> Outcome:
-    """Return the outcome of a trajectory that ran away, or that no number of steps can follow on."""
+    """Return the outcome of a trajectory that diverged, or has no finite continuation."""
     return note("diverged", where, end=how, time=time, reason=why)
 
 
@@ -259,27 +259,26 @@ Function = Callable[[float, Floats], Floats]
 
 MAX_STEPS = 100_000
 FAR = 1e10
-"""A state this many times larger than the initial states and their change over the first sample counts as infinite."""
+"""Limit of states, relative to the initial states and their change over the first sample, beyond which they diverge."""
 
 
 class AbstractIntegrator(ABC):
-    """A back end: it integrates one initial value problem after another."""
+    """An integrator of initial value problems."""
 
     @abstractmethod
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        """Return the trajectory of a problem; a divergence is its outcome, and nothing but an outcome."""
+        """Return the trajectory of a problem; a divergence is its outcome, not an error."""
 
 
 def step_limit(stops: Floats) -> int:
-    """Return how many steps a trajectory may take: each stop, where inputs change their course, allows for more."""
+    """Return the limit of steps of a trajectory, with 100 more for each knot of the inputs."""
     return MAX_STEPS + 100 * (len(stops) - 1)
 
 
 def state_scale(initial: Floats, rates: Function, times: Floats) -> float:
-    """Return the size of the initial states and of their change over the first sample.
+    """Return the scale of the states: ``max|x(0)| + h max|x'(0)|`` for the first sampling step h.
 
-    What rests at zero has the size that it would get in the whole span by the rates at one of ten times in it, as
-    when an input sets it going.
+    At rest at zero, it is the span times the largest of the rates at ten times in it, as of an input.
     """
     span = times[-1] - times[0]
     size = np.max(np.abs(initial)) + np.max(np.abs(rates(times[0], initial))) * (times[1] - times[0])
@@ -289,12 +288,12 @@ def state_scale(initial: Floats, rates: Function, times: Floats) -> float:
 
 
 def largest_state(problem: InitialValueProblem, options: OutputOptions) -> float:
-    """Return what a state may reach before it counts as infinite."""
+    """Return the limit of states beyond which they diverge."""
     if options.limit is not None:
         return options.limit
     return FAR * state_scale(problem.initial, problem.field, problem.times)
 
 
 def not_integrated(time: float, why: str, where: str) -> Outcome:
-    """Return the outcome of a trajectory that did not run away, and that the integrator could not follow on."""
+    """Return the outcome of a trajectory that an integrator could not complete."""
     return note("not-integrated", where, time=time, reason=why)

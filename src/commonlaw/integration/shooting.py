@@ -1,7 +1,7 @@
-"""Initial value problems of given equations with derivatives by parameters and initial values, by the kernel or SciPy.
+"""Solutions of given equations with sensitivities to parameters and initial values, for single shooting.
 
-The kernel has Radau IIA of order 5 with the derivatives of its own steps (Hairer and Wanner 1996, IV.8); without it the
-states and their sensitivity equations, ``S' = J S + df/dp``, are integrated together by SciPy.
+The kernel has Radau IIA of order 5 with the derivatives of its steps (Hairer and Wanner 1996, IV.8); without it, states
+and their variational equations, ``S' = J S + df/dp``, are integrated together by SciPy.
 """
 
 import ctypes
@@ -20,11 +20,11 @@ from commonlaw.kernel import ProgramStructure, address, kernel
 from commonlaw.library.program import Program
 
 _ABSOLUTE = 1e-3
-"""The absolute tolerance by the relative one, in sizes of the states."""
+"""Absolute tolerance over the relative one, in scales of the states."""
 
 
 class Solution(NamedTuple):
-    """States at n times, shape (n, D), NaN where the solution was not reached, and their derivatives.
+    """States at n times, shape (n, D), NaN after the end of the solution, and their derivatives.
 
     Derivatives are by the parameters, and then by the initial values, shape (n, D, P + D).
     """
@@ -35,7 +35,7 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DelayedInputs:
-    """The inputs of equations: `column` says which one each is, `delay` by which parameter it comes later, or -1."""
+    """Delayed inputs: the `column` of each in the inputs, and the index of its `delay` among the parameters, or -1."""
 
     inputs: Inputs
     column: tuple[int, ...]
@@ -43,12 +43,12 @@ class DelayedInputs:
 
     @cached_property
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """Knots, polynomials, columns and delays as the kernel takes them."""
+        """Knots, polynomials, columns and delays, as arguments of the kernel."""
         numbers = (np.array(indices, dtype=np.int64) for indices in (self.column, self.delay))
         return *map(np.ascontiguousarray, (self.inputs.knots, self.inputs.coefficients)), *numbers
 
     def delays(self, parameters: Floats) -> Floats:
-        """Return how much later each input comes."""
+        """Return the delay of each input."""
         return np.array([0.0 if index < 0 else parameters[index] for index in self.delay])
 
     def at(self, times: Floats, parameters: Floats) -> Floats:
@@ -57,7 +57,7 @@ class DelayedInputs:
         return np.column_stack(columns) if columns else np.empty((len(times), 0))
 
     def rate(self, index: int, time: float, parameters: Floats) -> float:
-        """Return how fast an input changes at a time."""
+        """Return the derivative of an input by time."""
         since = time - self.delays(parameters)[index]
         piece = self.inputs.piece(since)
         polynomial = self.inputs.coefficients[piece, :, self.column[index]]
@@ -84,15 +84,14 @@ def shoot(
     Parameters
     ----------
     program
-        f over the variables states, inputs, time, parameters and K switches, followed by the values that decide these:
-        a switch is 1 where its value is above zero, and otherwise 0. Crossings of zero are found, and f is smooth
-        between them.
+        f over the variables states, inputs, time, parameters and K switches, followed by the K switching functions: a
+        switch is 1 where its function is positive, else 0. Their roots are located, and f is smooth between them.
     parameters, initial, sizes
-        Values of the P parameters, of the D states at the first time, and how large states get, for the tolerance.
+        Values of the P parameters, of the D states at the first time, and scales of the states, for the tolerance.
     times
         Increasing, shape (n,).
     inputs
-        What the inputs are, if there are any.
+        The inputs, if there are any.
     """
     states = np.full((len(times), len(initial)), np.nan)
     states[0] = initial
@@ -138,7 +137,7 @@ def _by_scipy(
     slopes: Floats | None,
     tolerance: float,
 ) -> Solution:
-    """Return the same by SciPy, piece by piece between the knots of inputs."""
+    """Return the solution by SciPy, piece by piece between the knots of inputs."""
     from scipy.integrate import solve_ivp
 
     count, width = len(sizes), len(sizes) + len(parameters)
@@ -150,7 +149,7 @@ def _by_scipy(
     def point(t: float, x: Floats) -> Floats:
         return np.concatenate([x, inputs.at(np.array([t]), parameters)[0], [t], parameters, switches])[np.newaxis]
 
-    def deciding(t: float, y: Floats) -> Floats:
+    def switching(t: float, y: Floats) -> Floats:
         return np.asarray(program.evaluate(point(t, y[:count]))[0, count:])
 
     def rates(t: float, y: Floats, first: float, last: float) -> Floats:
@@ -159,7 +158,7 @@ def _by_scipy(
         return np.asarray(derivatives) if slopes is None else np.concatenate([derivatives, total(t, y)[:count].ravel()])
 
     def total(t: float, y: Floats) -> Floats:
-        """Return the derivatives of f, and of what decides switches, by parameters and initial values."""
+        """Return the total derivatives of f and of the switching functions by parameters and initial values."""
         jacobian = program.jacobian(point(t, y[:count]))[0]
         first = count + len(inputs.column) + 1
         by = jacobian[:, first : first + len(parameters)].copy()
@@ -170,8 +169,8 @@ def _by_scipy(
         whole[:, : len(parameters)] += by
         return np.asarray(whole)
 
-    def speeds(t: float, y: Floats) -> Floats:
-        """Return how fast what decides switches changes."""
+    def switching_rates(t: float, y: Floats) -> Floats:
+        """Return the time derivatives of the switching functions."""
         at = point(t, y[:count])
         jacobian, moving = program.jacobian(at)[0, count:], np.zeros(at.shape[1])
         moving[:count] = program.evaluate(at)[0, :count]
@@ -180,16 +179,16 @@ def _by_scipy(
         return np.asarray(jacobian @ moving)
 
     def switch(k: int, t: float, y: Floats) -> None:
-        """Change a switch, and the derivatives by how the crossing moves."""
+        """Change a switch, with the saltation ``-(f_before - f_after) dt/dp`` of sensitivities at the crossing."""
         before = program.evaluate(point(t, y[:count]))[0, :count]
-        shift = None if slopes is None else total(t, y)[count + k] / (speeds(t, y)[k] or np.inf)
+        shift = None if slopes is None else total(t, y)[count + k] / (switching_rates(t, y)[k] or np.inf)
         switches[k] = 1 - switches[k]
         if shift is not None:
             after = program.evaluate(point(t, y[:count]))[0, :count]
             y[count:].reshape(count, width)[:] -= np.outer(before - after, shift)
 
-    def crossed(t: float, y: Floats, gap: float) -> None:
-        """Add what a stop that comes later with a delay does to the derivatives."""
+    def delayed_knot(t: float, y: Floats, gap: float) -> None:
+        """Add the jump of sensitivities to a delay at a delayed knot of the inputs."""
         for u, p in enumerate(inputs.delay):
             if p >= 0 and np.min(np.abs(inputs.inputs.knots + parameters[p] - t)) < gap:
                 before, after = (point(t + side * gap, y[:count]) for side in (-1, 1))
@@ -198,38 +197,38 @@ def _by_scipy(
                 jump = (program.evaluate(before) - program.evaluate(changed))[0, :count]
                 y[count:].reshape(count, width)[:, p] += jump
 
-    def near(_: float, y: Floats, *__: float) -> float:
-        return float(1 - np.max(np.abs(y[:count]) / sizes) / 1e12)  # It runs away
+    def diverged(_: float, y: Floats, *__: float) -> float:
+        return float(1 - np.max(np.abs(y[:count]) / sizes) / 1e12)  # Divergence
 
-    vars(near)["terminal"] = True
+    vars(diverged)["terminal"] = True
     y = states[0] if slopes is None else np.concatenate([states[0], np.eye(count, width, len(parameters)).ravel()])
     if slopes is not None:
         slopes[0] = np.eye(count, width, len(parameters))
     absolute = tolerance * _ABSOLUTE * (sizes if slopes is None else np.append(sizes, np.repeat(sizes, width)))
-    for _ in switches:  # What decides one may depend on others
-        value = deciding(times[0], y)
-        switches[:] = (value > 0) | ((value == 0) & (speeds(times[0], y) > 0))
+    for _ in switches:  # Switching functions may depend on other switches
+        value = switching(times[0], y)
+        switches[:] = (value > 0) | ((value == 0) & (switching_rates(times[0], y) > 0))
     pieces, crossings = [*pairwise(edges.tolist())][::-1], 0
     while pieces:
         first, last = pieces.pop()
         wanted = np.flatnonzero((times > first) & (times <= last))
         at = np.append(times[wanted], [] if len(wanted) and times[wanted[-1]] == last else [last])
-        events = [near, *(_crossing(deciding, k, on) for k, on in enumerate(switches.tolist()))]
+        events = [diverged, *(_crossing(switching, k, on) for k, on in enumerate(switches.tolist()))]
         with np.errstate(all="ignore"):
-            how: dict[str, Any] = {"rtol": tolerance, "atol": absolute, "args": (first, last), "events": events}
-            solution = solve_ivp(rates, (first, last), y, "LSODA", at, **how)
+            options: dict[str, Any] = {"rtol": tolerance, "atol": absolute, "args": (first, last), "events": events}
+            solution = solve_ivp(rates, (first, last), y, "LSODA", at, **options)
         reached = np.reshape(solution.y, (len(y), -1))  # A list where none of the times was
         inside = wanted[: reached.shape[1]]
         states[inside] = reached[:count, : len(inside)].T
         if slopes is not None:
             slopes[inside] = reached[count:, : len(inside)].T.reshape(-1, count, width)
-        moments = [*zip(solution.t_events or (), solution.y_events or (), strict=True)][1:]
-        changed = next((k for k, (when, _) in enumerate(moments) if solution.status == 1 and len(when)), None)
+        occurrences = [*zip(solution.t_events or (), solution.y_events or (), strict=True)][1:]
+        changed = next((k for k, (when, _) in enumerate(occurrences) if solution.status == 1 and len(when)), None)
         crossings += changed is not None
-        if solution.status < 0 or not np.isfinite(reached).all() or crossings > 2000:  # Or slides along a switch
+        if solution.status < 0 or not np.isfinite(reached).all() or crossings > 2000:  # Or a sliding mode
             break
         if changed is not None:
-            (when, *_), (y, *_) = moments[changed]
+            (when, *_), (y, *_) = occurrences[changed]
             switch(changed, float(when), y)
             pieces += [(float(when), last)] if when < last else []
             continue
@@ -237,15 +236,15 @@ def _by_scipy(
             break
         y = reached[:, -1].copy()
         if slopes is not None and last < times[-1]:
-            crossed(float(last), y, 1e-9 * float(last - first))
+            delayed_knot(float(last), y, 1e-9 * float(last - first))
     return Solution(states, slopes)
 
 
-def _crossing(deciding: Callable[[float, Floats], Floats], k: int, on: float) -> Callable[..., float]:
-    """Return the event that a switch, which is on or off, changes."""
+def _crossing(switching: Callable[[float, Floats], Floats], k: int, on: float) -> Callable[..., float]:
+    """Return the event in which a switch changes."""
 
     def event(t: float, y: Floats, *_: float) -> float:
-        return float(deciding(t, y)[k])
+        return float(switching(t, y)[k])
 
     vars(event).update(terminal=True, direction=-1 if on else 1)
     return event

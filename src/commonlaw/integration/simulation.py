@@ -1,4 +1,4 @@
-"""Integration of many objects at once, by whichever back end takes their law."""
+"""Simulation of many objects by Taylor series, LSODA, or iteration of maps."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ class Iteration(AbstractIntegrator):
             raise CommonlawError("discrete-without-dense-output")
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        """Return the trajectory of a problem; "diverged" says at which time a state ran away."""
+        """Return the trajectory of a problem."""
         vector_field, width = problem.field, len(problem.initial)
         states = np.full((len(problem.times), width), np.nan)
         states[0] = problem.initial
@@ -65,7 +65,7 @@ class Iteration(AbstractIntegrator):
 METHODS = ("auto", "heyoka", "scipy")
 
 _FEW_POINTS = 5000
-"""Points that LSODA gives sooner than heyoka is imported and has compiled the law."""
+"""Points up to which LSODA is faster than the import of heyoka and the compilation of a law."""
 
 
 def simulate(
@@ -78,37 +78,36 @@ def simulate(
     sensitivities: bool = False,
     limit: float | None = None,
 ) -> tuple[Trajectory, ...]:
-    """Integrate many objects, each from its own start; those of one law share what is compiled.
+    """Integrate initial value problems; those of one law share the compiled integrator.
 
-    Raises `CommonlawError` if there is no such method, heyoka is asked for and is not installed or does not take the
-    law, an event cannot be read, or events or dense output are asked of a law in discrete time.
+    Raises `CommonlawError` if there is no such method, heyoka is requested and is not installed or does not apply to
+    the law, an event cannot be parsed, or events or dense output are requested for a law in discrete time.
 
     Parameters
     ----------
     problems
-        What to integrate; all must be of one kind of law if there are events.
+        The problems; with events, all of the same variables.
     method
-        ``"heyoka"``: Taylor series, compiled (the extra ``fast``); laws with abs or sign are refused, and inputs with
-        dense output. ``"scipy"``: LSODA. ``"auto"``: heyoka where it is installed and there is enough to do (5000
-        points, 500 changes of inputs, or sensitivities); LSODA otherwise, for laws that heyoka does not take, and for
-        problems that it cannot finish: stiff ones, which need too many of its steps, and those through points where the
-        law has no derivatives. `Trajectory.method` says which one it was, and why.
+        ``"heyoka"``: compiled Taylor series (the extra ``fast``), not for laws with abs or sign, nor for inputs with
+        dense output. ``"scipy"``: LSODA. ``"auto"``: heyoka if it is installed and there are at least 5000 points, 500
+        changes of inputs, or sensitivities; LSODA otherwise, for laws to which heyoka does not apply, and for problems
+        that it does not complete: stiff ones, and those through singular points. `Trajectory.method` is the integrator
+        with the reason.
     tolerance
         Relative error of a step.
     events
-        What to look for on the way, see `Event`.
+        Events to locate, see `Event`.
     dense
-        Whether `Trajectory.at` is to give states at any time.
+        Whether `Trajectory.at` interpolates.
     sensitivities
-        Whether to integrate the derivatives by the coefficients and the initial states too.
+        Whether to integrate derivatives by coefficients and initial states.
     limit
-        A state larger than this ran away; by default 1e10 times the initial states and their change over the first
-        sample.
+        Limit beyond which states diverge. Default: 1e10 times the initial states and their change over a sample.
 
     Returns
     -------
     tuple of Trajectory
-        In the order of the problems. Where states ran away, they are NaN and the outcome is "diverged", with the time.
+        In the order of the problems. Diverged states are NaN, with the outcome "diverged" and the time.
     """
     options = OutputOptions(tolerance, tuple(events), dense, sensitivities, limit)
     return tuple(simulate_each(problems, options, method))
@@ -117,11 +116,11 @@ def simulate(
 def simulate_each(
     problems: Iterable[InitialValueProblem], options: OutputOptions, method: str = "auto"
 ) -> Iterator[Trajectory]:
-    """Yield the trajectories of `simulate`, each integrated when it is asked for."""
+    """Yield the trajectories of `simulate`, one after the other."""
     if method not in METHODS:
         raise unknown("method of integration", method, METHODS)
     problems = tuple(problems)
-    # A stop, where inputs change their course, takes LSODA as long as ten points
+    # A knot of the inputs costs LSODA as much as ten points
     points = sum(len(problem.times) + 10 * (len(problem.stops) - 1) for problem in problems)
     if method == "auto" and not options.sensitivities and points < _FEW_POINTS:
         method = "scipy"
@@ -159,19 +158,19 @@ def integrate(
     initial
         States at the first time, shape (d,).
     times
-        Where the states are wanted, increasing, shape (n,).
+        Of the output, increasing, shape (n,).
     jacobian
         Exact derivatives of the field by the states, shape (d, d); found by differences if not given.
     relative_tolerance
         Of each state; the absolute tolerance is a thousandth of it times the size of the initial states and of their
         change over the first sample.
     where
-        What is integrated, for the outcome.
+        Name of the trajectory in its outcome.
 
     Returns
     -------
     Trajectory
-        With the outcome "diverged" and NaN after it when the states ran away or no step was small enough.
+        With the outcome "diverged" and NaN after it if states diverged, or no step was small enough.
     """
     from commonlaw.integration.lsoda import RightHandSide, solve
 
@@ -182,7 +181,7 @@ def integrate(
 
 @dataclass(frozen=True)
 class _Choice:
-    """The integrator for a law, one for problems that it cannot finish, and why it is not the first choice."""
+    """The integrator of a law, a second one for incomplete problems, and why it is not the first choice."""
 
     first: AbstractIntegrator
     second: Callable[[], AbstractIntegrator] | None = None
@@ -197,12 +196,15 @@ class _Choice:
 
 
 def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _Choice:
-    """Return what integrates a law; refuse a method that cannot."""
+    """Return the integrator of a law.
+
+    Raises `CommonlawError` if the requested method does not apply.
+    """
     if vector_field.order == 0:
         return _Choice(Iteration(options))
 
     def lsoda() -> AbstractIntegrator:
-        # SciPy's integrators take longer to import than a law to compile
+        # The import of scipy.integrate takes longer than the compilation of a law
         from commonlaw.integration.lsoda import LsodaIntegrator
 
         return LsodaIntegrator(options)
@@ -216,7 +218,7 @@ def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _
 
 
 def _fast(vector_field: VectorField, options: OutputOptions) -> AbstractIntegrator | str:
-    """Return the compiled integrator of a law, or why there is none."""
+    """Return the compiled integrator of a law, or the reason why there is none."""
     if vector_field.terms.variables.inputs and options.dense:
         return "the law has inputs, and states between the times are wanted"
     if find_spec("heyoka") is None:

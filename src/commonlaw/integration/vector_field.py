@@ -1,4 +1,4 @@
-"""The right-hand side of a law for one object, with its derivatives, at many points at once."""
+"""The right-hand side of a law for one object with its exact derivatives, vectorized, and its inputs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from commonlaw.errors import unknown
 from commonlaw.library import Order, Terms, highest_columns, with_rates
 
 _NODES = (1 - np.cos(np.pi * (np.arange(8) + 0.5) / 8)) / 2
-"""Chebyshev points of a unit interval, inside of it, so that a function may jump at its ends."""
+"""Chebyshev nodes of the unit interval, interior, so that a function may jump at its ends."""
 _CHECKED = (0.03, 0.5, 0.97)
-"""Where in an interval a polynomial is compared with its function."""
+"""Points of the unit interval at which a polynomial is compared with its function."""
 _HALVINGS = 40
-"""Of an interval in which a function has a jump: as far as numbers resolve."""
+"""Halvings of an interval with a jump, down to rounding."""
 
 BETWEEN = ("held", "linear", "cubic")
-"""Between two samples an input keeps the earlier value, is on a straight line, or on a cubic spline (not-a-knot)."""
+"""Interpolation of inputs: zero-order hold, linear, or cubic spline (not-a-knot)."""
 
 InputFunction = Callable[[float], ArrayLike]
 """Inputs at a time: one number, or one for each."""
@@ -28,14 +28,14 @@ InputFunction = Callable[[float], ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Inputs as polynomials of the time since a knot, each until the next knot.
+    """Inputs as piecewise polynomials of the time since a knot.
 
     Parameters
     ----------
     knots
         Increasing, shape (n,).
     coefficients
-        From the constant to the highest power, shape (n, powers, inputs).
+        In order of increasing power, shape (n, powers, inputs).
     """
 
     knots: Floats
@@ -43,9 +43,9 @@ class Inputs:
 
     @classmethod
     def of(cls, times: Floats, values: Floats, between: str = "linear") -> "Inputs":
-        """Return inputs with these values, shape (n, inputs), at times of shape (n,); before and after constant.
+        """Return inputs that interpolate values, shape (n, inputs), at times of shape (n,), and are constant outside.
 
-        Raises `CommonlawError` if it is not known what `between` means.
+        Raises `CommonlawError` if `between` is not one of `BETWEEN`.
         """
         if between not in BETWEEN:
             raise unknown("interpolation of inputs between samples", between, BETWEEN)
@@ -58,17 +58,17 @@ class Inputs:
 
             coefficients[:-1] = CubicSpline(times, values).c[::-1].swapaxes(0, 1)
         powers = {"held": 1, "linear": 2, "cubic": 4}[between]
-        # An input that stays as it is needs no knot
+        # No knot where the polynomial does not change
         changes = np.any(np.diff(coefficients, axis=0), axis=(1, 2)) | np.any(coefficients[1:, 1:], axis=(1, 2))
         kept = np.concatenate([[True], changes])
         return cls(np.asarray(times[kept]), coefficients[kept, :powers])
 
     @classmethod
     def of_function(cls, function: Callable[[Floats], Floats], mesh: Floats, tolerance: float) -> "Inputs":
-        """Return inputs that are a function of time, from shape (m,) to (m, inputs), between the ends of a mesh.
+        """Return the piecewise Chebyshev interpolation of a function of time, from shape (m,) to (m, inputs).
 
-        They are polynomials of degree 7 at the Chebyshev points of the intervals of the mesh, which are halved until
-        these agree with the function within the tolerance, relative to its largest value; the last ends at a jump.
+        Polynomials have degree 7; intervals of the mesh are halved until the errors are below the tolerance, relative
+        to the largest value, or down to a jump.
         """
         if len(mesh) == 1:
             return cls.of(mesh, function(mesh), "held")
@@ -99,12 +99,12 @@ class Inputs:
 
     @property
     def held(self) -> bool:
-        """Whether they keep their values from a knot to the next, where they jump."""
+        """Whether they are piecewise constant."""
         return self.powers == 1
 
     @property
     def powers(self) -> int:
-        """The number of coefficients of a polynomial."""
+        """Number of coefficients of a polynomial."""
         return int(self.coefficients.shape[1])
 
     def at(self, times: Floats) -> Floats:
@@ -118,7 +118,7 @@ class Inputs:
         return self._values(max(time - self.knots[piece], 0.0), self.coefficients[piece])
 
     def piece(self, time: float) -> int:
-        """Return the index of the polynomial that holds at a time; a knot belongs to what follows it."""
+        """Return the index of the polynomial at a time; a knot belongs to the later one."""
         return max(int(self.knots.searchsorted(time, side="right")) - 1, 0)
 
     def _values(self, since: Floats | float, polynomials: Floats) -> Floats:
@@ -150,12 +150,11 @@ class LinearizedField(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class VectorField:
-    """``z' = f(z, u, t)`` with ``z`` the D states: the measured ones, and then the rates of those of second order.
+    """The vector field ``z' = f(z, u, t)`` of D states: the states of the law, then rates of those of second order.
 
-    Its methods take the values of the variables (states, inputs, time) at n points, shape (n, variables). Called with
-    one time and state, as integrators do, it gives what it gives at the one point. States that the variables call
-    logarithmic are given, and followed, by their logarithms: for x' = f(x) it is ``z' = f(exp(z)) / exp(z)``.
-    Parameters inside terms have the values of their coefficients, and are parameters like these.
+    Methods take the variables (states, inputs, time) at n points, shape (n, variables); a call takes one time and
+    state, as integrators do. Log-scaled states are z = log x: for x' = f(x), ``z' = f(exp(z)) / exp(z)``. Nonlinear
+    parameters have the values of their coefficients, and are parameters like these.
 
     Parameters
     ----------
@@ -167,11 +166,10 @@ class VectorField:
         1 or 2, or that of each equation; 0 for a law in discrete time, which gives the next states instead of
         derivatives.
     inputs
-        The inputs at any time; needed to integrate a law that has inputs.
+        The inputs as functions of time; required to integrate a law with inputs.
     free
-        Which coefficients are parameters, by which derivatives are taken, shape (equations, terms); without it those
-        that are not zero. What all objects share is worth giving: it keeps the meaning of derivatives when a
-        coefficient happens to be zero.
+        Coefficients by which derivatives are taken, shape (equations, terms). Default: those that are not zero; the
+        support of all objects keeps the parameters the same where a coefficient is zero.
     """
 
     terms: Terms
@@ -232,12 +230,12 @@ class VectorField:
 
     @cached_property
     def highest(self) -> Indices:
-        """Where the derivative that each equation gives stands among those of states and rates."""
+        """Index of the derivative of each equation among those of states and rates."""
         return highest_columns(self.order, len(self.coefficients))
 
     @cached_property
     def parameter_mask(self) -> Bools:
-        """Which coefficients are parameters, shape (equations, terms); they count in the order of `numpy.argwhere`."""
+        """Which coefficients are parameters, shape (equations, terms), in the order of `numpy.argwhere`."""
         return np.asarray(self.coefficients != 0) if self.free is None else self.free
 
     @property
@@ -247,17 +245,17 @@ class VectorField:
 
     @cached_property
     def kept(self) -> Bools:
-        """Which coefficients are parameters or not zero, shape (equations, terms)."""
+        """Coefficients that are parameters or not zero, shape (equations, terms)."""
         return np.asarray(self.parameter_mask | (self.coefficients != 0))
 
     @cached_property
     def _nonzero(self) -> tuple[Terms, Floats]:
-        """The terms with a coefficient other than zero, and those coefficients."""
+        """The terms with a nonzero coefficient, and these coefficients."""
         return self._taken(self.coefficients != 0)
 
     @cached_property
     def _kept(self) -> tuple[Terms, Floats]:
-        """The terms with a coefficient that is kept, and those coefficients."""
+        """The terms with a kept coefficient, and these coefficients."""
         return self._taken(self.kept)
 
     def _taken(self, mask: Bools) -> tuple[Terms, Floats]:
@@ -292,13 +290,13 @@ class VectorField:
         return jacobian
 
     def _relative(self, natural: Floats, derivatives: Floats) -> Floats:
-        """Return derivatives, shape (n, D, ...), of logarithms where these are followed; values are natural ones."""
+        """Return derivatives, shape (n, D, ...), with those of log-scaled states divided by the state."""
         for j in self.terms.variables.logarithmic_columns:
             derivatives[:, j] /= natural[:, j].reshape(-1, *(1,) * (derivatives.ndim - 2))
         return derivatives
 
     @cached_property
     def _of_parameters(self) -> tuple[Indices, Indices]:
-        """The state whose derivative each parameter is in, and the index of its term among those that are kept."""
+        """The state of each parameter, and the index of its term among the kept ones."""
         equations, columns = np.nonzero(self.parameter_mask[:, self.kept.any(axis=0)])
         return self.highest[equations], columns

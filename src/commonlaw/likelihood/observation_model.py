@@ -156,7 +156,7 @@ class ObservationModel:
     def deviance(self, residuals: Floats, scale: Floats | float = 1.0) -> float:
         """Return minus twice the log-likelihood of residuals, NaN if missing, of standard deviations noise times scale.
 
-        With the Huber threshold c it is the sum of ``u^2`` for standardized residuals ``|u| < c``, else ``2 c |u| - c^2``.
+        With the Huber threshold c it is the sum of ``u^2`` for standardized residuals up to c, else ``2 c |u| - c^2``.
         """
         sizes = np.abs(residuals / (self.noise * scale))
         sizes = sizes[~np.isnan(sizes)]

@@ -203,7 +203,7 @@ def fixed_at_pooled(problem: SearchProblem, index: int) -> Bools:
     measured = problem.measured_states[index]
     terms = problem.models[index].terms
     of_unmeasured = np.array([any(c in term.columns() for c in np.flatnonzero(~measured)) for term in terms.terms])
-    is_known = any(measured_.all() for measured_ in problem.measured_states)
+    is_known = any(states.all() for states in problem.measured_states)
     return np.asarray(measured[:, np.newaxis] & of_unmeasured & is_known)
 
 

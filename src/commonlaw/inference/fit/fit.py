@@ -101,9 +101,9 @@ class Fit:
         """Return the fit as failed."""
         return Fit.failed(self.problem, self.supports, status, self.model_error)
 
-    def __lt__(self, other: "Fit") -> bool:
+    def __lt__(self, reference: "Fit") -> bool:
         """Return whether the score is less, so that ``min`` is the best fit."""
-        return self.score < other.score
+        return self.score < reference.score
 
     @property
     def is_usable(self) -> bool:

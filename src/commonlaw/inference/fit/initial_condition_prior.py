@@ -111,10 +111,11 @@ class _InitialConditions:
             starts += [states[mesh.first] for mesh, states, _ in model.parts(estimate)]
             counts.append(len(rows))
             total += log_determinant
-        found, triangles_ = np.concatenate(starts), np.array(triangles)
-        found = found - found.mean(axis=0)
-        triangles_[:, :, -1] += np.matmul(triangles_[:, :, : found.shape[1]], found[:, :, np.newaxis])[:, :, 0]
-        return cls(fit, found, triangles_, tuple(counts), total)
+        deviations, stacked = np.concatenate(starts), np.array(triangles)
+        deviations = deviations - deviations.mean(axis=0)
+        changes = np.matmul(stacked[:, :, : deviations.shape[1]], deviations[:, :, np.newaxis])
+        stacked[:, :, -1] += changes[:, :, 0]
+        return cls(fit, deviations, stacked, tuple(counts), total)
 
     @property
     def are_exact(self) -> bool:

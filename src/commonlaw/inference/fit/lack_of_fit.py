@@ -127,7 +127,7 @@ def is_resolved(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
     Steps of collocation are compared with solutions from the same estimated states.
     """
     indices = evenly_spaced(len(estimates), settings.MAX_CHECKED_OBJECTS)
-    squares = [squares_ for i in indices for squares_ in _squared_errors(problem, i, estimates[i])]
+    squares = [errors for i in indices for errors in _squared_errors(problem, i, estimates[i])]
     return bool(np.mean(np.concatenate(squares)) < 1)
 
 

@@ -202,7 +202,7 @@ class SearchProblem:
         problem = prepare(some, model.terms, known, noise=self.noise_estimate, huber_threshold=threshold, guess=guess)
         while problem.points < self.points:
             problem = problem.finer()
-        models = tuple(replace(each, unit=model.unit) for each in problem.models)
+        models = tuple(replace(fine, unit=model.unit) for fine in problem.models)
         return replace(problem, models=models).with_errors(self.noise, self.errors, self.noise_reason)
 
     def with_scaled_noise(self, factor: Floats | float, reason: str) -> "SearchProblem":
