@@ -684,6 +684,29 @@ def test_laws_are_compared_through_their_observation_equations():
         cl.compare(laws, trials, errors="walk")
 
 
+def test_new_trials_update_the_parameters_of_an_object():
+    source, made = np.random.default_rng(41), []
+    for owner, k in {"A": 0.5, "B": 0.9}.items():
+        for i, start in enumerate((1.0, 1.5, 0.7)):
+            y = 2 * start * np.exp(-k * T) + 0.3 + 0.02 * source.standard_normal(len(T))
+            made.append(cl.Trial(owner, str(i), T, y))
+    trials = cl.Trials(tuple(made), cl.Schema(("y",)))
+    text, noise = "x' = -k x; y = 2 x + b", {"y": 0.02}
+    law = cl.fit(text, trials.select(trial=["0", "1"]), noise=noise)
+    updated, whole = (
+        law.update(trials.select(object="A", trial="2")),
+        cl.fit(text, trials.select(object="A"), noise=noise),
+    )
+    assert updated.objects == ("A",)
+    assert updated.params["estimate"].to_numpy() == pytest.approx(whole.params["estimate"].to_numpy(), rel=1e-3)
+    errors = updated.params["standard error"].to_numpy()
+    assert errors == pytest.approx(whole.params["standard error"].to_numpy(), rel=0.02)
+    assert (errors < 0.9 * law.params["standard error"].to_numpy()[: len(errors)]).all()
+    (initial,) = updated.observation.estimated
+    assert (initial.trial, initial.name) == ("2", "x(0)")
+    assert initial.value == pytest.approx(whole.observation.estimated[2].value, rel=1e-3)
+
+
 def test_absent_terms_are_limited_through_an_observation_equation():
     samples = {name: (t, 2 * y) for name, (t, y) in own_and_shared().items()}
     trials = trials_of(samples)
@@ -756,10 +779,9 @@ def test_the_command_line_compares_and_refines_laws_with_observation_equations(t
     [
         lambda law, trials: cl.discover(trials, known=law),
         lambda law, _: cl.design(law, {"x": "1..2", "duration": 3, "rate": 5}),
-        lambda law, trials: law.update(trials),
         lambda law, trials: law.discrepancy(trials),
     ],
-    ids=["discover", "design", "update", "discrepancy"],
+    ids=["discover", "design", "discrepancy"],
 )
 def test_what_takes_columns_for_states_refuses_a_law_with_an_observation(use):
     trials = trials_of({"A": (T, 5 * (1 - np.exp(-0.7 * T)) + 0.01 * np.sin(9 * T))})

@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.estimation.model import Model, ModelText, read_model
-from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
 from commonlaw.estimation.search import DRAWS, REACH, Bounds, Optimum, maximize
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise, measured_schema
@@ -150,12 +150,25 @@ def refit(
         If the objects do not share their equations, time is discrete, an object is not in the law, restrictions were
         not recorded, or the equations cannot be fitted to the trials.
     """
+    levels = matched_noise(law, trials, noise)
+    trials = matched(law, trials, inputs=inputs, observed=True, noise=False)
+    return _again(law, trials, equations, levels or {}, positive, input_between).fitted(seed, progress)
+
+
+def _again(
+    law: Law,
+    trials: Trials,
+    equations: Sequence[str] | None = None,
+    levels: Mapping[str, float] | None = None,
+    positive: Sequence[str] | None = None,
+    input_between: str | None = None,
+) -> "Beginning":
+    """Return how a fit of a law to trials in its units begins."""
     if law.order == 0:
         raise CommonlawError("discrete-not-refined")
     if not shares_terms(law):
         raise CommonlawError("refine-own-terms")
-    observation, levels = law.observation, matched_noise(law, trials, noise)
-    trials = matched(law, trials, inputs=inputs, observed=True, noise=False)
+    observation = law.observation
     between = input_between or measured_schema(law).input_between
     trials = replace(trials, schema=replace(trials.schema, input_between=between))
     written = equations or law.provenance.equations or law.structure
@@ -178,7 +191,50 @@ def refit(
         positive=measured_schema(law).logarithmic if positive is None else positive,
         noise={**groups, **(levels or {})},
     )
-    return replace(begun, first=_values_of(law, begun)).fitted(seed, progress)
+    return replace(begun, first=_values_of(law, begun))
+
+
+def updated(law: Law, trials: Trials) -> Law:
+    """Return a law whose parameters were updated by new trials, see `Law.update`.
+
+    Of each object the parameters p of the law, with their covariance, are the prior of the likelihood of its trials,
+    under the noise of the law. What differs between trials, and initial values, has the priors of the law's fit.
+    """
+    trials, parts = matched(law, trials, observed=True), list[Law]()
+    named, observation = named_parameters(law), law.observation
+    assert observation is not None
+    law.uncertainty.known_covariance()
+    known = np.any([each.known_noise for each in trials], axis=0)
+    levels = {name: observation.noise[name] for name in np.array(trials.schema.states)[~known]}
+    for owner in trials.objects:
+        begun, o = _again(law, trials.select(object=owner), levels=levels), object_index(law, owner)
+        names, problem = begun.unknowns.names, begun.problem
+        by = {name: begun.restrictions.universal.get(name, OBJECT) for name in named.names}
+        own = [i for i, name in enumerate(names) if name in by and not by_trial(by[name], trials.schema)]
+        at = [named.names.index(names[i]) for i in own]
+        prior = NormalPrior.joint(own, named.values[o, at], named.covariance[o][np.ix_(at, at)])
+        others = [each for each in problem.priors if not {*each.indices.tolist()} & {*own}]
+        guessed = begun.guessed.copy()
+        guessed[own] = True
+        begun = replace(begun, guessed=guessed, problem=replace(problem, priors=(*others, prior)))
+        parts.append(begun.fitted(0, lambda _: None).law(()))
+    coefficients = np.concatenate([each.coefficients for each in parts])
+    support = np.any(coefficients != 0, axis=0)
+    covariance = np.zeros((len(parts), support.sum(), support.sum()))
+    for whole, each in zip(covariance, parts, strict=True):
+        inner = np.flatnonzero(each.support[support])
+        whole[np.ix_(inner, inner)] = each.uncertainty.known_covariance()[0]
+    found = [each.observation for each in parts if each.observation is not None]
+    estimated = tuple(row for each in found for row in each.estimated)
+    likelihood = sum(each.log_likelihood for each in found)
+    return replace(
+        law,
+        objects=trials.objects,
+        coefficients=coefficients,
+        uncertainty=Uncertainty(covariance=covariance),
+        properties={owner: own for each in parts for owner, own in each.properties.items()},
+        observation=replace(observation, estimated=estimated, log_likelihood=likelihood),
+    )
 
 
 def _values_of(law: Law, begun: "Beginning") -> Floats:
@@ -389,7 +445,7 @@ def _problem(
             raise CommonlawError("prior-not-positive", name=name, std=std)
     logarithmic = np.array([name in trials.schema.logarithmic for name in model.observables])
     priors = {f"{model.variables.states[j]}(0)": prior for j, prior in model.expected.items()} | dict(priors)
-    own = {i: priors[name] for i, name in enumerate(unknowns.names) if name in priors}
+    own = tuple(NormalPrior.of(i, *priors[name]) for i, name in enumerate(unknowns.names) if name in priors)
     return Problem(model, tuple(data), len(unknowns.names), logarithmic, np.ones(model.width), own)
 
 
@@ -450,9 +506,10 @@ def _sizes(
         if not np.isfinite(value) or value == 0:
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
         known[columns[name]] = abs(value)
-    for name, (mean, std) in ((unknowns.names[i], prior) for i, prior in problem.priors.items()):
-        if name in columns:
-            known.setdefault(columns[name], abs(mean) or std)
+    for prior in problem.priors:
+        for name, mean, root in zip(np.array(unknowns.names)[prior.indices], prior.mean, prior.root, strict=True):
+            if name in columns:
+                known.setdefault(columns[name], abs(float(mean)) or 1 / float(np.linalg.norm(root)))
     for i, each in enumerate(model.initial):
         if i not in known and each is not None:
             try:
@@ -530,12 +587,14 @@ class Fitted:
         for data, own, initial in zip(problem.trials, unknowns.parameters, unknowns.initial, strict=True):
             used = np.unique([k for k in (*own, *initial) if k >= 0]).astype(int)
             counts[used] += data.trial.counts.sum() + np.isfinite(data.trial.below).sum()
-        inner = [k for k in problem.priors if not optimum.at_bound[k]]
+        inner = [k for each in problem.priors for k in each.indices if not optimum.at_bound[k]]
         costs = np.log(np.maximum(np.delete(counts, inner), 1.0)).sum()
         levels = problem.counts + sum(np.isfinite(each.trial.below).sum(axis=0) for each in problem.trials)
         costs += np.log(levels[~problem.known_noise & (levels > 0)]).sum()
-        costs += sum(((optimum.unknowns[k] - mean) / std) ** 2 for k, (mean, std) in problem.priors.items())
-        costs += sum(2 * np.log(problem.priors[k][1]) for k in inner)
+        for prior in problem.priors:
+            kept = ~optimum.at_bound[prior.indices]
+            costs += np.sum(prior.residuals(optimum.unknowns) ** 2)
+            costs -= float(np.linalg.slogdet((prior.root.T @ prior.root)[np.ix_(kept, kept)])[1])
         costs -= float(np.linalg.slogdet(optimum.covariance[np.ix_(inner, inner)])[1])
         return float(costs) - 2 * optimum.log_likelihood
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
-from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
 from commonlaw.estimation.search import Bounds, maximize, rough_noise
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.integration import Trajectory
@@ -149,7 +149,8 @@ class _Curve:
         given = restrictions.priors
         known = {i: given[name] for i, name in enumerate(model.parameters) if name in given}
         known |= {count + j: prior for j, prior in model.expected.items()}
-        priors = {place[index]: prior for index, prior in known.items() if index in place}
+        known = {index: prior for index, prior in known.items() if index in place}
+        priors = tuple(NormalPrior.of(place[index], *prior) for index, prior in known.items())
         problem = Problem(model, (seen,), len(free), logarithmic, sizes, priors)
         rough = rough_noise(problem)
         noise = np.array([observation.noise.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
@@ -161,7 +162,7 @@ class _Curve:
             found = maximize(problem, first, guessed, Bounds(*limits.T), noise, 0, lambda _: None)
             unknowns[free] = found.unknowns
         others = np.setdiff1d(np.arange(count), own)
-        shifted = {free[k]: prior for k, prior in priors.items()}
+        shifted = tuple(NormalPrior.of(index, *prior) for index, prior in known.items())
         initial = np.where(seen.initial < 0, -1, np.arange(model.width) + count)
         both = replace(seen, parameter=np.arange(count), initial=initial)
         problem = replace(problem, trials=(both,), unknowns=len(unknowns), priors=shifted)

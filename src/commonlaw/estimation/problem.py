@@ -1,6 +1,6 @@
 """The likelihood of a model's parameters and initial values, with its derivatives."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,6 +15,8 @@ from commonlaw.integration.vector_field import Inputs
 from commonlaw.trials import Trial
 
 _TINY = 1e-300
+_FIXED = 1e-6
+"""Standard deviation of what a prior fixes, in its size."""
 _STEADY_ROUNDS = 200
 _STEADY_TOLERANCE = 1e-9
 """Change of a state, in its size, at which the steady state is found."""
@@ -85,6 +87,33 @@ class Predicted(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class NormalPrior:
+    """Unknowns, by index, that are jointly normal: ``root (p - mean)`` is standard normal, root of shape (k, k)."""
+
+    indices: Indices
+    mean: Floats
+    root: Floats
+
+    @classmethod
+    def of(cls, index: int, mean: float, std: float) -> "NormalPrior":
+        """Return the prior of one unknown."""
+        return cls(np.array([index]), np.array([mean]), np.array([[1 / std]]))
+
+    @classmethod
+    def joint(cls, indices: Sequence[int], mean: Floats, covariance: Floats) -> "NormalPrior":
+        """Return the prior of some unknowns; what the covariance fixes keeps to it to rounding."""
+        sizes = np.sqrt(np.diagonal(covariance)) + np.abs(mean) * _FIXED
+        sizes = np.where(sizes > 0, sizes, 1.0)
+        values, vectors = np.linalg.eigh(covariance / sizes / sizes[:, np.newaxis])
+        root = (vectors / np.sqrt(np.maximum(values, _FIXED**2))).T / sizes
+        return cls(np.array(indices, dtype=np.int64), mean, root)
+
+    def residuals(self, unknowns: Floats) -> Floats:
+        """Return what is standard normal beforehand, shape (k,)."""
+        return np.asarray(self.root @ (unknowns[self.indices] - self.mean))
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
     """A model and its trials.
 
@@ -97,7 +126,7 @@ class Problem:
     sizes
         How large states and rates get, shape (D,).
     priors
-        Mean and standard deviation of unknowns by index.
+        Of unknowns, no two of the same one.
     tolerance
         Relative error of a step of a solution.
     """
@@ -107,7 +136,7 @@ class Problem:
     unknowns: int
     logarithmic: Bools
     sizes: Floats
-    priors: Mapping[int, tuple[float, float]]
+    priors: tuple[NormalPrior, ...]
     tolerance: float = 1e-8
 
     def predicted(self, data: TrialData, unknowns: Floats, slopes: bool = True) -> Predicted:
@@ -246,9 +275,9 @@ class Problem:
                 parts.append(root)
                 if own.slopes is not None:
                     rows.append((own.slopes / std[:, :, np.newaxis])[under] * (_mills(z) / root)[:, np.newaxis])
-        for index, (mean, deviation) in self.priors.items():
-            parts.append(np.array([(unknowns[index] - mean) / deviation]))
-            rows.append(np.eye(self.unknowns)[index : index + 1] / deviation)
+        for prior in self.priors:
+            parts.append(prior.residuals(unknowns))
+            rows.append(prior.root @ np.eye(self.unknowns)[prior.indices])
         return np.concatenate(parts), np.concatenate(rows) if slopes else None
 
     def information(self, unknowns: Floats, noise: Floats) -> Floats:
@@ -279,8 +308,8 @@ class Problem:
                 own[k] += 2 * z @ z + np.sum(m * (m + u) * u**2 - m * u)
                 if trial.repeats is not None:
                     own[k] += 2 * float((trial.repeats.squares[seen, k] / noise[k] ** 2).sum())
-        for prior, (_, deviation) in self.priors.items():
-            total[prior, prior] += 1 / deviation**2
+        for prior in self.priors:
+            total[np.ix_(prior.indices, prior.indices)] += prior.root.T @ prior.root
         for k in np.flatnonzero(self.censored & ~self.known_noise).tolist():
             total -= np.outer(mixed[k], mixed[k]) / own[k]
         sizes, directions = np.linalg.eigh(total)

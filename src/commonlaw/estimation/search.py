@@ -345,7 +345,7 @@ def _score(problem: Problem, unknowns: Floats, noise: Floats, fixed: bool) -> tu
     """Return the negative log-likelihood with priors, and the noise of maximum likelihood."""
     levels = noise if fixed else problem.noise_levels(unknowns, noise)
     levels = np.maximum(levels, _EXACT * rough_noise(problem))
-    priors = sum(0.5 * ((unknowns[i] - mean) / std) ** 2 for i, (mean, std) in problem.priors.items())
+    priors = sum(0.5 * float(np.sum(each.residuals(unknowns) ** 2)) for each in problem.priors)
     score = priors - problem.log_likelihood(unknowns, levels)
     return (float(score) if np.isfinite(score) else np.inf), levels
 

@@ -605,7 +605,8 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
 
         The prior of an object's coefficients is what `predict` would take: its own, or those that follow from its
         properties or are typical, with their covariance. The likelihood of the trials, with free initial states,
-        updates it to first order. Trials that the law was learned from would count twice.
+        updates it to first order. Trials that the law was learned from would count twice. Of laws with observation
+        equations the parameters are updated, with those of the law, of its own objects, as a normal prior.
 
         Raises `CommonlawError` if covariance or noise is not known, the law has errors other than white noise or is of
         discrete time; or the trials cannot be used.

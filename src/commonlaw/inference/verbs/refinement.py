@@ -9,7 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import check_white, refit
+from commonlaw.estimation.fitting import check_white, refit, updated
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -32,7 +32,7 @@ from commonlaw.inference.search.law_search import choose_interpolation, fit_term
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.law import Law, Step, pool_objects
-from commonlaw.law.alignment import matched, refuse_observation
+from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
@@ -234,7 +234,14 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
 
 def adapt(law: Law, trials: Trials) -> Law:
     """Return the law of the objects of these trials, their coefficients updated by them, see `Law.update`."""
-    refuse_observation(law)
+    step = Step(
+        "adaptation",
+        f"{len(trials)} trials",
+        "coefficients estimated from these trials, with the other objects as prior",
+    )
+    if law.observation is not None:
+        found = updated(law, trials)
+        return replace(found, provenance=replace(law.provenance, history=(*law.history, step)))
     law.uncertainty.known_covariance()
     if law.uncertainty.noise is None or law.uncertainty.error_model:
         lacks = "has errors other than white noise" if law.uncertainty.noise is not None else "has no noise estimate"
@@ -248,11 +255,6 @@ def adapt(law: Law, trials: Trials) -> Law:
         coefficients[o][law.support], covariances[o] = _posterior(model, start, before, o)
     uncertainty = replace(
         before.uncertainty, covariance=covariances, shared_factor=None, unpooled=None, explanation=None, other_laws=()
-    )
-    step = Step(
-        "adaptation",
-        f"{len(trials)} trials",
-        "coefficients estimated from these trials, with the other objects as prior",
     )
     return replace(
         before,
