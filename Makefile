@@ -23,7 +23,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 SUITABLE := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery bench-bound bench-coverage bench-fits bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-choice bench-confounding bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-trajectory bench-unmeasured release-check kernel clean
+.PHONY: help demo study layers pictures docs fuzz test lint types contracts unit slow bench bench-discovery scores bench-bound bench-coverage bench-fits bench-errors bench-universal bench-discrepancy bench-cluster bench-cost bench-choice bench-confounding bench-next bench-unseen bench-symbolic bench-ratios bench-orders bench-trajectory bench-unmeasured release-check kernel clean
 .DEFAULT_GOAL := help
 
 help: ## List the targets
@@ -79,6 +79,9 @@ bench: $(BENCH_STAMP) ## Measure commonlaw beside PySINDy: about ten minutes
 
 bench-discovery: $(STAMP) ## Laws of a collection of problems, beside baselines: hours; less with ARGS="--noise 0.01"
 	$(BIN)/python -m benchmarks.discovery $(ARGS)
+
+scores: $(STAMP) ## Write the tables of scores of the README and the documentation; ARGS=FILE of bench-discovery --out FILE replaces them first
+	$(BIN)/python -m benchmarks.published $(ARGS)
 
 bench-bound: $(STAMP) ## Errors of coefficients over the Cramer-Rao bound: hours; less with ARGS="--draws 5"
 	$(BIN)/python -m benchmarks.cramer_rao $(ARGS)

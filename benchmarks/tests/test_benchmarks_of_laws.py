@@ -10,9 +10,11 @@ from scipy.optimize import curve_fit
 
 import commonlaw as cl
 from benchmarks import choice, cost, coverage, cramer_rao, discovery, discrepancy, orders, small_problems, universal
+from benchmarks.discovery import LEVELS, ROWS
 from benchmarks.draws import Stated, plain_regression
 from benchmarks.families import FAMILIES, experiment
 from benchmarks.mixed_orders import MIXED
+from benchmarks.published import shares, table
 from benchmarks.variational import cramer_rao as bounds_of, solve
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.library import Variables
@@ -255,3 +257,18 @@ def test_systems_of_mixed_orders_measure_the_states_that_they_say_the_orders_of(
     assert trials.schema.inputs == (("u",) if MIXED[name].driven else ())
     assert len(trials.objects) == 3
     assert not np.array_equal(trials[0].states, MIXED[name].measured(0.01, seed=2)[0].states)
+
+
+def test_published_shares_are_means_over_problems_and_need_a_whole_run():
+    scores = [
+        {"bench": row.bench, "trials": row.trials, "noise": level, "all_exact": i < 3, "r2_ok": i < 1}
+        for row in ROWS
+        for level in LEVELS
+        for i in range(4)
+    ]
+    found = shares(scores)
+    assert found["chaotic, 1 trial, every support right"] == [0.75] * 5
+    assert found["grouped, R2 > 0.9 from a fresh start"] == [0.25] * 5
+    assert "| half | commonlaw | 0.75 |" in table({"chaotic, 1 trial, every support right": "half"}, found)
+    with pytest.raises(ValueError, match="no scores at some level"):
+        shares([each for each in scores if each["noise"] > 0])

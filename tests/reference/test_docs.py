@@ -6,6 +6,8 @@ from pathlib import Path
 from pkgutil import resolve_name
 from xml.etree import ElementTree
 
+from benchmarks.published import published
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -86,6 +88,7 @@ def test_every_link_of_the_sources_leads_to_a_file():
 
 
 def test_scores_are_the_same_on_every_page():
+    assert {path: path.read_text() for path in published()} == published()
     scores = (ROOT / "docs/scores.md").read_text()
     assert scores in (ROOT / "README.md").read_text()
     for name in ("compare", "benchmarks"):
