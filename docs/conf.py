@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from collections.abc import Sequence
 from functools import cached_property
 from html import unescape
 from importlib import metadata
@@ -31,7 +32,7 @@ author = "the maintainers of commonlaw"
 version = release = metadata.version("commonlaw")
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "myst-nb", ".rst": "restructuredtext"}
-exclude_patterns = ["_build", "scores.md"]  # Which is part of other pages
+exclude_patterns = ["_build", "scores.md", "more-scores.md"]  # Which are parts of other pages
 default_role = "code"
 language = "en"
 
@@ -109,19 +110,26 @@ _MAX_USES = 8
 
 def _used_in(name: str) -> list[str]:
     """Return links to the pages for users whose code has a public name, as lines of reStructuredText."""
-    folder, uses = Path(__file__).parent, re.compile(rf"\bcl\.(\w+\.)*{name}\b")
+    folder, uses = Path(__file__).parent, re.compile(rf"\b(?:cl|methods)\.(\w+\.)*{name}\b")
     pages = [each for kind in ("howto/*.md", "tutorials/*.md", "*.md") for each in sorted(folder.glob(kind))]
-    code = {each: re.findall(r"^```.*?^```", each.read_text(), re.DOTALL | re.MULTILINE) for each in pages}
+    blocks = re.compile(r"^```.*?^```|`[^`\n]+`", re.DOTALL | re.MULTILINE)
+    code = {each: blocks.findall(each.read_text()) for each in pages}
     named = [each for each in pages if each.stem != "index" and any(map(uses.search, code[each]))]
     used = [each.relative_to(folder).with_suffix("") for each in named]
     links = [f":doc:`/{each.as_posix()}`" for each in used[:_MAX_USES]]
     return [f"Examples: {', '.join(links)}", ""] if links else []
 
 
-def _page(module: str, name: str) -> str:
-    """Return the page of a public name."""
+_MAX_RELATED = 12
+"""Names that a page refers to."""
+
+
+def _page(module: str, name: str, others: Sequence[str]) -> str:
+    """Return the page of a public name, which refers to the others that are listed beside it."""
     found, full = resolve_name(f"{module}:{name}"), f"{module}.{name}"
     lines = [name, "=" * len(name), "", *_used_in(name)]
+    related = [each for each in others if each != name][:_MAX_RELATED]
+    lines += [f"See also: {', '.join(f':doc:`{each} </api/{each}>`' for each in related)}", ""] if related else []
     if not isinstance(found, type):
         return "\n".join([*lines, f".. autofunction:: {full}", ""])
     if len(members := _members(found)) > 3:
@@ -135,7 +143,8 @@ def _write_pages(app: Sphinx) -> None:
     folder = Path(app.srcdir, "api")
     folder.mkdir(exist_ok=True)
     blocks = re.findall(r"public-names:: (\S+)\n((?: +\S.*\n)+)", Path(app.srcdir, "api.rst").read_text())
-    pages = {folder / f"{name}.rst": _page(module, name) for module, names in blocks for name in names.split()}
+    groups = [(module, names.split()) for module, names in blocks]
+    pages = {folder / f"{name}.rst": _page(module, name, names) for module, names in groups for name in names}
     for old in {*folder.glob("*.rst")} - {*pages}:
         old.unlink()
     for file, text in pages.items():
@@ -270,6 +279,23 @@ def _displayed_math(translator: Any, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+_SHORT, _MANY_COLUMNS, _LONGEST_LINE = 28, 4, 100
+"""Letters up to which a cell stays on one line, and columns of tables whose cells do; letters of a line of columns."""
+_COLUMNS = re.compile(r"\S {2,}\S")
+
+
+def _for_phones(_: Sphinx, doctree: nodes.document, __: str) -> None:
+    """Mark short cells of wide tables, and printed columns, so that they scroll in place of being broken."""
+    for group in doctree.findall(nodes.tgroup):
+        if group["cols"] >= _MANY_COLUMNS:
+            for cell in group.findall(nodes.entry):
+                cell["classes"].append("short" if len(cell.astext()) <= _SHORT else "prose")
+    for block in doctree.findall(nodes.literal_block):
+        lines = block.astext().splitlines()
+        if sum(map(bool, map(_COLUMNS.search, lines))) > 1 and max(map(len, lines)) <= _LONGEST_LINE:
+            block["classes"].append("columns")
+
+
 def _check_links(app: Sphinx, failed: Exception | None) -> None:
     """Fail if a page leads to what is not there, or loads anything from elsewhere."""
     if failed or app.builder.name != "html":
@@ -301,5 +327,6 @@ def setup(app: Sphinx) -> None:
     app.add_directive("fit-options", FitSettings)
     app.connect("builder-inited", _check_names)
     app.connect("builder-inited", _write_pages)
+    app.connect("doctree-resolved", _for_phones)
     app.connect("build-finished", _check_links)
     app.add_html_math_renderer("mathml", (_inline_math, None), (_displayed_math, None))
