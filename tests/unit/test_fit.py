@@ -186,3 +186,12 @@ def test_coefficients_keep_to_bounds_as_in_bounded_least_squares():
     assert (outcome.where, "95 %: down to 0.39" in outcome.text) == ("p", True)
     with refused("estimate-out-of-bounds", parameter="T", bound="5 < T < 6"):
         cl.fit("x' = -k (x - T); 5 < T < 6", trials, **white)
+
+
+def test_a_parameter_that_is_divided_by_is_refused_where_its_best_value_is_below_zero():
+    times, noise = np.linspace(0, 10, 60), np.random.default_rng(0)
+    driven = np.exp(-0.3 * times) - 0.5 * np.where(times > 3, 1 - np.exp(-0.3 * (times - 3)), 0)
+    table = {"t": times, "x": driven + 0.01 * noise.standard_normal(60), "u": (times > 3).astype(float)}
+    trials = cl.Trials.from_frame(table, time="t", states=["x"], inputs=["u"])
+    with refused("estimate-out-of-bounds", parameter="V", bound="V > 0"):
+        cl.fit("x' = -k x + u/V; V > 0", trials)

@@ -461,7 +461,16 @@ def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[
     for bound in bounds:
         value, name = values[bound.name], bound.name
         if name not in held and len(letters[name].parts) == 1 and not bound.holds(np.array(value)):
-            found.append((bound, bound.low if value < bound.low else bound.high))
+            end = bound.low if value < bound.low else bound.high
+            if end == 0 and letters[name].parts[0].power < 0:  # It is divided by: zero has no best fit
+                raise CommonlawError(
+                    "estimate-out-of-bounds",
+                    name=law.objects[0],
+                    parameter=name,
+                    value=f"{value:.3g}",
+                    bound=bound.text,
+                )
+            found.append((bound, end))
     return found
 
 

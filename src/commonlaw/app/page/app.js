@@ -67,6 +67,7 @@ const kept = new URLSearchParams(location.hash.slice(1)), last = kept.size ? Obj
 await trying("failure", async () => {
   await makeSettings();
   await offerSessions();
+  if (state.table) return;  // A file was opened meanwhile
   Object.assign(state, { table: last.table ?? null, search: last.search ?? null });
   const asked = state.search && await ask(`searches/${state.search}/question`);
   if (asked) Object.assign(state, { table: asked.table, columns: asked.columns });
