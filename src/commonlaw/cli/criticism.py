@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from commonlaw.discrepancy.residual_tests import Pattern
-    from commonlaw.law import Law
 
 
 _STRANGEST = 10
@@ -50,15 +49,36 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
       commonlaw check 'runs/*.parquet' law.parquet --save objects.csv --cluster local:4
     """
     from commonlaw.law import Law
+    from commonlaw.law.tables import letter_values
+    from commonlaw.stream import check_stream
 
     law = Law.load(law_path)
+    later = Artifacts()
     if cluster or source.is_stream:
-        _check_stream(law, source, save, as_json, cluster)
+        source.check_streams()
+        if figures := [each for each in save if is_of_kind(each, "figure")]:
+            raise click.UsageError(f"--save {figures[0]} with a stream of files: leave it out, or check single files")
+        with working("Checking ...") as show, on_cluster_at(cluster, show):
+            of_files = check_stream(law, source.select(stream_of(source, law.schema)), progress=show)
+            later.save(save, table=lambda: of_files.objects)
+        if as_json:
+            objects = of_files.objects.to_dict(orient="records")
+            print_json({"patterns": _patterns_document(of_files.patterns), "objects": objects})
+        else:
+            say(f"{of_files}\n")
+            print_frame(_readable(of_files.tests()), {"adjusted": "adjusted p-value"})
+            columns = ("RMS over noise", "autocorrelation")
+            for state, own in of_files.objects.groupby("state", sort=False):
+                say(f"\nResiduals of {state}, by object:\n")
+                print_frame(letter_values({name: own[name].to_numpy() for name in columns}, "object"))
+            say("\nThe largest:\n")
+            largest = of_files.objects.sort_values("RMS over noise", ascending=False, kind="stable")
+            print_frame(largest[:_STRANGEST])
+        later.end(silent=as_json)
         return
     with working("Checking ..."):
         trials = source.chosen(columns_of(law))
         found = law.residuals(trials)
-        later = Artifacts()
         later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_residuals(found))
     if as_json:
         print_json({"patterns": _patterns_document(found.patterns)})
@@ -66,34 +86,6 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
         say(f"{found}\n")
         print_frame(_readable(found.tests()), {"adjusted": "adjusted p-value"})
     later.end(found.trials.notes, silent=as_json)
-
-
-def _check_stream(law: "Law", source: Source, save: Sequence[str], as_json: bool, cluster: str | None) -> None:
-    """Check the trials of files, one file after the other or by workers."""
-    from commonlaw.stream import check_stream
-
-    source.check_streams()
-    if figures := [each for each in save if is_of_kind(each, "figure")]:
-        raise click.UsageError(f"--save {figures[0]} with a stream of files: leave it out, or check single files")
-    later = Artifacts()
-    with working("Checking ...") as show, on_cluster_at(cluster, show):
-        found = check_stream(law, source.select(stream_of(source, law.schema)), progress=show)
-        later.save(save, table=lambda: found.objects)
-    if as_json:
-        objects = found.objects.to_dict(orient="records")
-        print_json({"patterns": _patterns_document(found.patterns), "objects": objects})
-    else:
-        from commonlaw.law.tables import letter_values
-
-        say(f"{found}\n")
-        print_frame(_readable(found.tests()), {"adjusted": "adjusted p-value"})
-        columns = ("RMS over noise", "autocorrelation")
-        for state, own in found.objects.groupby("state", sort=False):
-            say(f"\nResiduals of {state}, by object:\n")
-            print_frame(letter_values({name: own[name].to_numpy() for name in columns}, "object"))
-        say("\nThe largest:\n")
-        print_frame(found.objects.sort_values("RMS over noise", ascending=False, kind="stable")[:_STRANGEST])
-    later.end(silent=as_json)
 
 
 def _readable(tests: "pd.DataFrame") -> "pd.DataFrame":

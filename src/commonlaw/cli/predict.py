@@ -1,6 +1,5 @@
 """`commonlaw predict`: forecast trials with a saved law."""
 
-from collections.abc import Sequence
 from contextlib import suppress
 from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any, Literal
@@ -105,6 +104,9 @@ def predict(
       commonlaw predict 'runs/*.parquet' law.json --folder forecasts --save errors.parquet --cluster local:4
     """
     from commonlaw.law import Law
+    from commonlaw.law.alignment import has_bands
+    from commonlaw.law.tables import letter_values
+    from commonlaw.stream import forecast_stream
 
     law = Law.load(law_path)
     if cluster or source.is_stream:
@@ -115,15 +117,30 @@ def predict(
         if refused := [name for name, value in given.items() if value]:
             names = ", ".join(refused)
             raise click.UsageError(f"{names} with a stream of files: leave it out, or forecast single files")
-        how = {"start": start, "from_time": from_time}
-        _forecast_stream(law, source, folder, save, as_json, cluster, how)
+        later = Artifacts()
+        with working("Forecasting ...") as show, on_cluster_at(cluster, show):
+            stream = source.select(stream_of(source, law.schema))
+            how: dict[str, Any] = {"start": start, "from_time": from_time}
+            errors = forecast_stream(law, stream, folder=folder, progress=show, **how)
+            later.save(save, table=lambda: errors)
+        finite = errors.replace([np.inf, -np.inf], np.nan)
+        if as_json:
+            print_json({"errors": finite.to_dict(orient="records")})
+        else:
+            for state, own in finite.groupby("state", sort=False):
+                known = own.dropna(subset="rms error")
+                if len(known):
+                    say(f"Errors of forecasts of {state}, by trial:\n")
+                    print_frame(letter_values({name: known[name].to_numpy() for name in _ERRORS}, "trial"))
+            worst = errors.sort_values("rms error", ascending=False, kind="stable")[:_WORST]
+            say("\nThe worst:\n")
+            print_frame(worst.dropna(axis=1, how="all"))
+        later.end(silent=as_json)
         return
     if folder:
         raise click.UsageError("--folder is for a folder or a pattern of Parquet files: use --save")
     with working("Forecasting ..."):
         trials = source.select(_with_properties(source, law))
-        from commonlaw.law.alignment import has_bands
-
         return_std = bool(save) and has_bands(law)
         times = _times(trials, from_time, **grid)
         forecast = law.predict(
@@ -144,39 +161,6 @@ def predict(
         say(f"{counted(len(forecast.trials), 'forecast')}, {begin}: {r_squared(forecast.score())}\n")
         print_frame(errors.dropna(axis=1, how="all"))
     later.end((*forecast.trials.notes, *forecast.outcomes), silent=as_json)
-
-
-def _forecast_stream(
-    law: "Law",
-    source: Source,
-    folder: str | None,
-    save: Sequence[str],
-    as_json: bool,
-    cluster: str | None,
-    how: dict[str, Any],
-) -> None:
-    """Forecast the trials of files, one file after the other or by workers, and say how far off that is."""
-    from commonlaw.law.tables import letter_values
-    from commonlaw.stream import forecast_stream
-
-    later = Artifacts()
-    with working("Forecasting ...") as show, on_cluster_at(cluster, show):
-        errors = forecast_stream(law, source.select(stream_of(source, law.schema)), folder=folder, progress=show, **how)
-        later.save(save, table=lambda: errors)
-    finite = errors.replace([np.inf, -np.inf], np.nan)
-    if as_json:
-        print_json({"errors": finite.to_dict(orient="records")})
-    else:
-        for state, own in finite.groupby("state", sort=False):
-            known = own.dropna(subset="rms error")
-            if not len(known):
-                continue
-            say(f"Errors of forecasts of {state}, by trial:\n")
-            print_frame(letter_values({name: known[name].to_numpy() for name in _ERRORS}, "trial"))
-        worst = errors.sort_values("rms error", ascending=False, kind="stable")[:_WORST]
-        say("\nThe worst:\n")
-        print_frame(worst.dropna(axis=1, how="all"))
-    later.end(silent=as_json)
 
 
 def _with_properties(source: Source, law: "Law") -> Trials:

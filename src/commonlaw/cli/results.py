@@ -283,7 +283,14 @@ class Learned:
                 and 0 < len(law.objects) * len(parameters.names) <= MANY
                 and law.uncertainty.covariance is not None
             ):
-                self._show_parameters()
+                columns = parameter_columns(law)
+                if self.truth is not None:
+                    true = np.array([self._true_values(each) for each in parameters.definitions])
+                    columns["true"] = [float(each) for each in true.T.flat]
+                print_table(list(columns), zip(*columns.values(), strict=True))
+                if self.findings.shown is not None and len(law.objects) > 1:
+                    say("")
+                    print_columns(self._error_columns())
             else:
                 self._show_coefficients()
             for line in said_within_errors(within_errors(law)):
@@ -369,20 +376,6 @@ class Learned:
         outcomes = found.forecast.outcomes if found.forecast else ()
         return [*found.training.notes, *self.law.diagnostics, *found.lacking, *outcomes]
 
-    def _show_parameters(self) -> None:
-        """Print a line for each letter of given equations, then the RMS residuals of several objects."""
-        from commonlaw.law.parameters import named_parameters
-
-        law = self.law
-        columns = parameter_columns(law)
-        if self.truth is not None:
-            true = np.array([self._true_values(each) for each in named_parameters(law).definitions])
-            columns["true"] = [float(each) for each in true.T.flat]
-        print_table(list(columns), zip(*columns.values(), strict=True))
-        if self.findings.shown is not None and len(law.objects) > 1:
-            say("")
-            print_columns(self._error_columns())
-
     def _show_coefficients(self) -> None:
         """Print what the letters of the law stand for, of many objects how they are spread."""
         from commonlaw.law.parameters import named_parameters
@@ -399,24 +392,17 @@ class Learned:
                 names = [f"of {term}{f' in {state}' * (len(law.schema.states) > 1)}" for term, state in parts]
             print_spread(law, [_with_unit(*each) for each in zip(names, named_parameters(law).units, strict=True)])
         else:
-            print_columns(self._coefficient_columns())
-
-    def _coefficient_columns(self) -> dict[str, list[object]]:
-        """Return coefficients, with standard errors where they are known and true ones beside, and RMS residuals."""
-        from commonlaw.law.parameters import named_parameters
-
-        law, truth = self.law, self.truth
-        columns = {law.schema.object: list[object](law.objects)}
-        parameters = named_parameters(law)
-        values, errors = parameters.values, parameters.errors
-        letters = zip(parameters.definitions, parameters.units, values.T, np.nan_to_num(errors.T), strict=True)
-        for each, unit, own, deviations in letters:
-            head = _with_unit(each.name, unit)
-            pairs = zip(own.tolist(), deviations.tolist(), strict=True)
-            columns[head] = [(value, error) if error else value for value, error in pairs]
-            if truth is not None:
-                columns[f"true {each.name}"] = self._true_values(each).tolist()
-        return columns | self._error_columns()
+            # With standard errors where they are known, true ones beside, and RMS residuals
+            law, parameters = self.law, named_parameters(self.law)
+            columns = {law.schema.object: list[object](law.objects)}
+            deviations = np.nan_to_num(parameters.errors.T)
+            letters = zip(parameters.definitions, parameters.units, parameters.values.T, deviations, strict=True)
+            for each, unit, own, errors in letters:
+                pairs = zip(own.tolist(), errors.tolist(), strict=True)
+                columns[_with_unit(each.name, unit)] = [(value, error) if error else value for value, error in pairs]
+                if self.truth is not None:
+                    columns[f"true {each.name}"] = self._true_values(each).tolist()
+            print_columns(columns | self._error_columns())
 
     def _true_values(self, coefficient: "Coefficient") -> Floats:
         """Return what a letter stands for in the true law, shape (objects,)."""

@@ -106,7 +106,8 @@ def _load_pairs(
         If an option cannot be, such as a negative rate.
     """
     times = sample_times(samples, rate)
-    pairs = _pairs(growth=growth, predation=predation, decline=decline, reproduction=reproduction)
+    rates_of = {"growth": growth, "predation": predation, "decline": decline, "reproduction": reproduction}
+    pairs = objects("Pair", positive=True, **rates_of)
     paths = {
         name: exact_path(_derivatives_of_pairs, _start_of_pairs, rates, times, name) for name, rates in pairs.items()
     }
@@ -115,7 +116,8 @@ def _load_pairs(
 
 def _truth_of_pairs(growth: PerObject, predation: PerObject, decline: PerObject, reproduction: PerObject) -> "Law":
     """Return the law of these pairs of species."""
-    pairs = _pairs(growth=growth, predation=predation, decline=decline, reproduction=reproduction)
+    rates_of = {"growth": growth, "predation": predation, "decline": decline, "reproduction": reproduction}
+    pairs = objects("Pair", positive=True, **rates_of)
     rows = {name: [[a, 0.0, -b], [0.0, -c, d]] for name, (a, b, c, d) in pairs.items()}
     return exact_law(_PLANE, ["x", "y", "x*y"], rows)
 
@@ -128,10 +130,6 @@ def _derivatives_of_pairs(rates: tuple[float, ...], y: Floats) -> list[float]:
 def _start_of_pairs(rates: tuple[float, ...], source: NormalSource) -> Floats:
     a, b, c, d = rates
     return np.array([c / d, a / b]) * np.exp(source.standard_normal((2,)) / 2)
-
-
-def _pairs(**rates: PerObject) -> dict[str, tuple[float, ...]]:
-    return objects("Pair", positive=True, **rates)
 
 
 lotka_volterra = Dataset(

@@ -71,21 +71,6 @@ class Visited:
         found = abs(np.diff(values))
         return np.delete(found, np.array(self.begins[1:], dtype=int) - 1)
 
-    def rate_size(self, column: int) -> float:
-        """Return the root mean square of the derivative of a smoothed state, or of its rate, by differences."""
-        parts = np.split(self.values[:, [column, -1]], self.begins[1:])
-        rates = np.concatenate([np.gradient(part[:, 0], part[:, 1]) for part in parts])
-        return float(np.sqrt(np.mean(rates**2)))
-
-
-def basis_of(visited: Visited, coordinate: str, times: str) -> SmoothBasis:
-    """Return the smooth functions of a coordinate over what was visited; it must change."""
-    values = visited.evaluate(coordinate)
-    low, high = float(values.min()), float(values.max())
-    if not high - low > 1e-9 * max(abs(low), abs(high)):
-        raise CommonlawError("coordinate-constant", coordinate=coordinate, value=low)
-    return SmoothBasis(coordinate, times, low, high)
-
 
 def zero_in(basis: SmoothBasis, zero_at: float | str | None, time: str) -> float | None:
     """Return where a function is to be zero, see `Law.discrepancy`, None if nowhere."""
@@ -107,17 +92,6 @@ def with_properties_in(texts: Sequence[str], law: Law, trials: Trials) -> tuple[
     trials = with_property_inputs(trials, taken)
     wider = replace(law.schema, inputs=(*law.schema.inputs, *taken))
     return written_alike(law, wider), trials
-
-
-def expression(text: str, names: Sequence[str]) -> str:
-    """Return a text as terms are written, so that it can stand in one."""
-    return with_names(write(read(text, names)), [quoted(name) for name in names])
-
-
-def with_known_properties(trials: Trials, law: Law) -> Trials:
-    """Return trials with the properties of their objects, their own and those in the law."""
-    known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
-    return replace(trials, properties=known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +134,9 @@ class Setting:
         samples = [Samples(values[own], times[own], matrix[own]) for own in visited.objects]
         kept = meaning(basis, samples, zero_in(basis, zero_at, law.schema.time))
         column = highest_columns(law.order, len(law.schema.states))[equation]
-        size = visited.rate_size(column) / np.sqrt(np.mean(times**2))
+        parts = np.split(visited.values[:, [column, -1]], visited.begins[1:])
+        rates = np.concatenate([np.gradient(part[:, 0], part[:, 1]) for part in parts])
+        size = float(np.sqrt(np.mean(rates**2))) / np.sqrt(np.mean(times**2))
         return FunctionModel(
             terms,
             np.column_stack([self.own, np.zeros(shape, dtype=np.bool_)]),
@@ -195,7 +171,11 @@ def candidates(
     found, reasons = [], []
     for coordinate in coordinates:
         try:
-            basis = basis_of(setting.visited, coordinate, times)
+            values = setting.visited.evaluate(coordinate)
+            low, high = float(values.min()), float(values.max())
+            if not high - low > 1e-9 * max(abs(low), abs(high)):
+                raise CommonlawError("coordinate-constant", coordinate=coordinate, value=low)
+            basis = SmoothBasis(coordinate, times, low, high)
         except CommonlawError as error:
             reasons.append(error)
             continue
@@ -218,15 +198,6 @@ def _value(setting: Setting, alone: FunctionFit, candidate: CandidateFunction, z
         with suppress(NotPositiveError):
             found.append(fit_about(setting.problem, model, estimates, model_error).value)
     return min(found)
-
-
-def equations_of(setting: Setting, equation: str | None) -> list[int]:
-    """Return the equations that a function may stand in: the given one, or those with coefficients to be found."""
-    states = setting.law.schema.states
-    if equation is not None:
-        check_choice("equation", equation, states)
-        return [states.index(equation)]
-    return np.flatnonzero(setting.own.any(axis=1)).tolist() or list(range(len(states)))
 
 
 _FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (
@@ -324,12 +295,18 @@ def discrepancy(
     if law.terms.parameters:
         inside = ", ".join(law.terms.variables.parameters)
         raise CommonlawError("discrepancy-with-parameters", parameters=inside)
-    trials = with_known_properties(trials, law)
+    known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
+    trials = replace(trials, properties=known)
     setting = Setting.of(law, trials, [times, *([of] if of else [])], noise, huber_threshold)
     names = setting.law.terms.variables.names
     own = [of] if of else [quoted(name) for name in law.terms.variables.names]
-    coordinates = [expression(each, names) for each in own]
-    listed = candidates(setting, coordinates, expression(times, names), equations_of(setting, equation), zero_at)
+    # As terms are written, so that they can stand in one
+    written = [with_names(write(read(each, names)), [*map(quoted, names)]) for each in (times, *own)]
+    if equation is not None:
+        check_choice("equation", equation, setting.law.schema.states)
+    able = np.flatnonzero(setting.own.any(axis=1)).tolist() or list(range(len(setting.law.schema.states)))
+    places = able if equation is None else [setting.law.schema.states.index(equation)]
+    listed = candidates(setting, written[1:], written[0], places, zero_at)
     first = listed[0]
     setting = setting.resolving(first.basis)
     model = setting.with_function(first.basis, first.equation, zero_at)

@@ -134,7 +134,13 @@ def design(
         if name not in first.terms.variables.states:
             raise unknown("state", name, first.terms.variables.states)
         check_amount(f"the start of {name} is off by", value)
-    limits = _limits(within or {}, first)
+    limits = dict[str, Range]()
+    for name, wanted in (within or {}).items():
+        if name not in first.terms.variables.states:
+            raise unknown("state", name, first.terms.variables.states)
+        if not isinstance(own := read(name, wanted), Range):
+            raise CommonlawError("design-range", name=name, value=wanted)
+        limits[name] = own
     if trials is not None:
         visited, found = (
             first.provenance.domain.visited or Domain.of(trials, state_rates(first)).visited,
@@ -180,18 +186,6 @@ def _gains(law: Law, hypotheses: Sequence[Hypothesis], prior: Floats, evidence: 
         for each, unit in zip(coefficients(hypotheses), units, strict=True)
     ]
     return tuple(sorted(found, key=lambda each: each.then / each.now if each.now > 0 else 1.0))
-
-
-def _limits(within: Mapping[str, object], law: Law) -> dict[str, Range]:
-    found, states = {}, law.terms.variables.states
-    for name, value in within.items():
-        own = read(name, value)
-        if name not in states:
-            raise unknown("state", name, states)
-        if not isinstance(own, Range):
-            raise CommonlawError("design-range", name=name, value=value)
-        found[name] = own
-    return found
 
 
 def usual(law: Law, trials: Trials) -> dict[str, Options]:

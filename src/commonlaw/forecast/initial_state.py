@@ -1,6 +1,5 @@
 """Where the forecast of a trial starts, by its samples and the law, and how far the law's own error carries it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -252,7 +251,13 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     trial = trial.cut(count)
     if trial.absent.any():  # A species that is absent is exactly zero, with next to no noise
         trial = replace(trial, noise=np.where(trial.absent, _ZERO_NOISE * noise, trial.noise))
-    _check_measured(law, trial, unmeasured)
+    orders = order_of_each(law.order, len(law.schema.states))
+    for name, column, order in zip(law.schema.states, trial.states.T, orders, strict=True):
+        count = int(np.isfinite(column).sum())
+        if count < order and name not in unmeasured:
+            raise CommonlawError(
+                "initial-values-too-few", where=trial.label, name=name, measured=count, samples=len(trial), least=order
+            )
     # An unmeasured state begins in the middle of its range in the training data
     states, visited = trial.states.copy(), law.provenance.domain.visited
     for name in unmeasured:
@@ -313,21 +318,6 @@ def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
     pairs = zip(measured.T, states.T, strict=True)
     lines = np.column_stack([np.interp(times, times[own], column[own]) for own, column in pairs])
     return np.column_stack([lines, *(np.gradient(lines[:, j], times) for j in second)])
-
-
-def _check_measured(law: Law, trial: Trial, unmeasured: Sequence[str]) -> None:
-    orders = order_of_each(law.order, len(law.schema.states))
-    for name, column, order in zip(law.schema.states, trial.states.T, orders, strict=True):
-        measured = int(np.isfinite(column).sum())
-        if measured < order and name not in unmeasured:
-            raise CommonlawError(
-                "initial-values-too-few",
-                where=trial.label,
-                name=name,
-                measured=measured,
-                samples=len(trial),
-                least=order,
-            )
 
 
 _DRAWS = 200

@@ -123,20 +123,21 @@ def _drawn(law: Law, name: str, trials: Trials) -> Population:
         lacking = _lacking(law, name, trials)
         why = f", as its {' and '.join(lacking)} is not known" if lacking else ""
         return _typical(law, f"{name} is not in the law: it has the mean coefficients of the others{why}")
-    assert law.uncertainty.explanation is not None
-    values = trials.properties.get(name, {})
-    given = {
-        each: _in_unit(each, values[each], trials.schema, law.schema) for each in law.uncertainty.explanation.properties
-    }
-    assert law.uncertainty.explanation is not None
+    explanation, values = law.uncertainty.explanation, trials.properties.get(name, {})
+    assert explanation is not None
+    given = {each: _in_unit(each, values[each], trials.schema, law.schema) for each in explanation.properties}
     coefficients, indices = law.coefficients[0].copy(), np.argwhere(law.support)
-    covariance = law.uncertainty.explanation.covariance
+    covariance = explanation.covariance
     turn, scatter = np.zeros((len(indices), len(covariance))), np.zeros(len(indices))
     first = 0
-    for i, relation in enumerate(law.uncertainty.explanation.relations):
+    for i, relation in enumerate(explanation.relations):
         if relation is not None:
             part = slice(first, first + len(relation.factors))
-            columns = _columns(relation, name, given)
+            own = [given[each] for each in relation.properties]
+            for each, value in zip(relation.properties, own, strict=True):
+                if relation.exponents and not value > 0:
+                    raise CommonlawError("property-not-positive", property=each, object=name, value=value)
+            columns = relation.columns(np.array([own]).reshape(1, -1))[0]
             mean, share, scatter[i] = _moments(relation, float(columns @ relation.factors))
             coefficients[tuple(indices[i])], turn[i, part], first = mean, share * columns, part.stop
     followed = f"that follow from its {' and '.join(given)}" if given else "of the typical object"
@@ -193,14 +194,6 @@ def _spread(relation: Relation) -> float:
     scales = relation.scatter * np.exp(np.sqrt(2) * deviation * nodes)
     _, high = mixture_interval(weights / weights.sum(), np.zeros(_NODES), scales, np.inf, 0.95)
     return float(high / two_sided(0.95))
-
-
-def _columns(relation: Relation, name: str, given: dict[str, float]) -> Floats:
-    values = [given[each] for each in relation.properties]
-    for each, value in zip(relation.properties, values, strict=True):
-        if relation.exponents and not value > 0:
-            raise CommonlawError("property-not-positive", property=each, object=name, value=value)
-    return np.asarray(relation.columns(np.array([values]).reshape(1, -1))[0])
 
 
 def _typical(law: Law, note: str) -> Population:

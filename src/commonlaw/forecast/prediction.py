@@ -33,24 +33,6 @@ from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import MOMENT, with_logarithms, with_property_inputs
 
 
-def with_remarks(law: Law, forecast: Forecast) -> Forecast:
-    """Return a forecast whose trials say where it leaves what the law was learned from, see `Domain`."""
-    domain, left, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
-    for trial, trajectory in zip(forecast.trials, forecast.trajectories, strict=True):
-        for name, values in _values(law, forecast, trial, trajectory.states):
-            farthest = domain.left_by(name, values)
-            if farthest is not None:
-                left.setdefault(name, {})[trial.label] = farthest
-        known = trial.times[np.isfinite(trial.states).any(axis=1)][-1]
-        since = known if forecast.from_time is None else min(known, forecast.from_time)
-        ahead = max(ahead, float(trial.times[-1] - since))
-    unit = forecast.trials.schema.units.get(forecast.trials.schema.time, "")
-    remarks = tuple(domain.remarks(left, unit, ahead))
-    if not remarks:
-        return forecast
-    return replace(forecast, trials=replace(forecast.trials, notes=(*forecast.trials.notes, *remarks)))
-
-
 def _values(law: Law, forecast: Forecast, trial: Trial, states: Floats) -> Iterator[tuple[str, Floats]]:
     """Yield the values that a forecast has of every variable and property."""
     names = (*law.schema.states, *rate_names(law))
@@ -201,7 +183,21 @@ def predict(
     if said := remarks_on(found):
         found = replace(found, trials=replace(found.trials, notes=(*found.trials.notes, *said)))
     found = found if trials.schema.logarithmic == law.schema.logarithmic else found.as_measured(trials)
-    return with_remarks(law, found)
+    # Where it leaves what the law was learned from
+    domain, left, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
+    for trial, trajectory in zip(found.trials, found.trajectories, strict=True):
+        for name, values in _values(law, found, trial, trajectory.states):
+            farthest = domain.left_by(name, values)
+            if farthest is not None:
+                left.setdefault(name, {})[trial.label] = farthest
+        known = trial.times[np.isfinite(trial.states).any(axis=1)][-1]
+        since = known if found.from_time is None else min(known, found.from_time)
+        ahead = max(ahead, float(trial.times[-1] - since))
+    unit = found.trials.schema.units.get(found.trials.schema.time, "")
+    remarks = tuple(domain.remarks(left, unit, ahead))
+    if not remarks:
+        return found
+    return replace(found, trials=replace(found.trials, notes=(*found.trials.notes, *remarks)))
 
 
 def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: float | None = None) -> Forecast:

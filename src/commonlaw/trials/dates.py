@@ -129,6 +129,11 @@ def is_time(cell: object) -> bool:
     return not isinstance(cell, str) or not cell.strip() or cell.strip()[0] in "+-.0123456789" or _is_date(cell.strip())
 
 
+def first_time(table: Table, name: str) -> int:
+    """Return the index of the first row with a time."""
+    return next((i for i, cell in enumerate(table.columns[name]) if is_time(cell)), 0)
+
+
 def refuse_dates(table: Table, name: str) -> None:
     """Refuse a table whose rows are not all there, so that the earliest date is unknown."""
     if holds_dates(table.columns[name]):

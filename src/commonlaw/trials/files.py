@@ -112,7 +112,11 @@ def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:
     if sheet is not None:
         raise CommonlawError("sheet-of-text", name=name, sheet=sheet)
     if content.startswith(b"PAR1"):
-        return parquet_table(name, content)
+        with _whole(name):
+            file, data = _unpacked(name, content)
+            kept = _kept(name, file.schema_arrow.metadata)
+            roles: dict[str, Any] = dict(kept.get("roles", {}))
+            return replace(frame_table(data, name), roles=roles, notes=kept.get("notes", ()))
     return text_table(name, content)
 
 
@@ -149,15 +153,6 @@ class _Kept(TypedDict, total=False):
 
     roles: _Roles
     notes: tuple[str, ...]
-
-
-def parquet_table(source: str, content: bytes) -> Table:
-    """Return the table in a Parquet file, without columns of lists and bytes."""
-    with _whole(source):
-        file, data = _unpacked(source, content)
-        kept = _kept(source, file.schema_arrow.metadata)
-        roles: dict[str, Any] = dict(kept.get("roles", {}))
-        return replace(frame_table(data, source), roles=roles, notes=kept.get("notes", ()))
 
 
 def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, Any]]:

@@ -214,15 +214,13 @@ class ColumnRoles:
         return "; ".join(f"{role}: {names}" for role, names in self._by_role.items())
 
     @property
-    def _remedy(self) -> str:
-        """The options that change these roles."""
-        options = [f"`{_OPTIONS[role]}=...`" for role in _OPTIONS if role in self._by_role or role == "input"]
-        return f"Correct them by {', '.join(options)}{', `wide=...`' if self.wide else ''}"
-
-    @property
     def lines(self) -> tuple[str, ...]:
         """The notes, and if something was guessed, what it was and how to change it."""
-        return (f"{GUESSED}{self.sentence}. {self._remedy}", *self.notes) if self.guessed else self.notes
+        if not self.guessed:
+            return self.notes
+        options = [f"`{_OPTIONS[role]}=...`" for role in _OPTIONS if role in self._by_role or role == "input"]
+        remedy = f"Correct them by {', '.join(options)}{', `wide=...`' if self.wide else ''}"
+        return (f"{GUESSED}{self.sentence}. {remedy}", *self.notes)
 
 
 def time_of(table: Table, roles: Roles) -> str:

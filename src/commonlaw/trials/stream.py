@@ -109,10 +109,11 @@ class TrialStream:
         Raises `CommonlawError` if no trial begins by then.
         """
         parts = self.parts or (self,)
-        begun = done_in_parts(partial(_begins, time), parts, "looking for trials", on_terminal())
+        kept = [TrialStream(self.schema, _Kept(each, Until(time))) for each in parts]
+        begun = done_in_parts(_has_trials, kept, "looking for trials", on_terminal())
         if not any(begun):
             raise CommonlawError("trials-begin-later", time_name=self.schema.time, time=time)
-        return self._of([TrialStream(self.schema, _Kept(each, Until(time))) for each in compress(parts, begun)])
+        return self._of([*compress(kept, begun)])
 
     def joined(self, other: "TrialStream") -> "TrialStream":
         """Return the stream of the trials of this one and then of another with the same variables."""
@@ -199,9 +200,8 @@ def _looked_for(wanted: Named, part: TrialStream) -> _Looked:
     return _Looked(seen, True in fit, False in fit)
 
 
-def _begins(time: float, part: TrialStream) -> bool:
-    """Return whether a part has a trial that begins by a time."""
-    return any(each.times[0] <= time for each in part)
+def _has_trials(part: TrialStream) -> bool:
+    return any(True for _ in part)
 
 
 @dataclass(frozen=True)

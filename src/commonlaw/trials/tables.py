@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from commonlaw.errors import CommonlawError
 from commonlaw.text import shown
 from commonlaw.trials.columns import Codes, Table, with_numbers, with_unit
-from commonlaw.trials.dates import Elapsed, elapsed, is_time, with_dates_as_times
+from commonlaw.trials.dates import Elapsed, elapsed, first_time, with_dates_as_times
 from commonlaw.trials.grouping import are_used, groups_of, inputs_before, read_cells, repeats_in_words, trials_of
 from commonlaw.trials.headers import joined_units, known_unit, label
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
@@ -39,7 +39,7 @@ def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows
     said = cast(Reading, {**table.roles, **checked(roles, Reading)})
     table, said, origin = _prepared(table, said)
     time = time_of(table, said)
-    samples = _samples(table, said, time)
+    samples = _with_times(table, said, time, first_time(table, time))  # Ahead of it may be conditions
     columns = column_roles(samples, said, time)
     if columns.wide:
         rows = _long_rows(table, default_object, said, columns)
@@ -59,7 +59,8 @@ def column_roles_of(table: Table, roles: Reading) -> ColumnRoles:
     """Return which column is what, also where the rows make no trials."""
     said = cast(Reading, {**table.roles, **checked(roles, Reading)})
     table, said, _ = _prepared(table, said)
-    return column_roles(_samples(table, said, time := time_of(table, said)), said, time)
+    time = time_of(table, said)
+    return column_roles(_with_times(table, said, time, first_time(table, time)), said, time)
 
 
 def _prepared(table: Table, roles: Reading) -> tuple[Table, Reading, Codes | None]:
@@ -73,14 +74,10 @@ def _prepared(table: Table, roles: Reading) -> tuple[Table, Reading, Codes | Non
     return table, cast(Reading, {**table.roles, **roles, "wide": None}), origin
 
 
-def _samples(table: Table, roles: Reading, time: str) -> Table:
-    """Return the rows from the first time on, as ahead of it may be conditions, with times as numbers."""
-    first = next((i for i, cell in enumerate(table.columns[time]) if is_time(cell)), 0)
-    return _with_times(table.taken(np.arange(first, len(table))) if first else table, roles, time)
-
-
-def _with_times(table: Table, roles: Reading, time: str) -> Table:
-    return with_dates_as_times(table, time, roles.get("dates"), free_columns(table, roles))
+def _with_times(table: Table, roles: Reading, time: str, first: int = 0) -> Table:
+    """Return the rows from the first one on with times as numbers."""
+    rows = table.taken(np.arange(first, len(table))) if first else table
+    return with_dates_as_times(rows, time, roles.get("dates"), free_columns(rows, roles))
 
 
 def _long_rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles) -> Rows:

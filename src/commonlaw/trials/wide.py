@@ -11,7 +11,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Column, Table, column_of
-from commonlaw.trials.dates import holds_dates, is_time, years_of
+from commonlaw.trials.dates import first_time, holds_dates, years_of
 from commonlaw.trials.headers import split_header
 from commonlaw.trials.recognition import QUANTITIES, SEPARATE, is_called, readable, words
 
@@ -114,7 +114,7 @@ def long_table(
         raise CommonlawError("wide-name-taken", where=table.source, name=name)
     if not columns:
         raise CommonlawError("wide-without-objects", where=table.source)
-    first = next((i for i, cell in enumerate(table.columns[time]) if is_time(cell)), 0)
+    first = first_time(table, time)
     rows, count = np.arange(first, len(table)), len(columns)
     measured = table.taken(rows)
     made: dict[str, Column] = {"object": np.repeat(np.array(columns, dtype=object), len(rows))}

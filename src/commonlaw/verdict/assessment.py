@@ -145,13 +145,9 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
         held = (low <= measured) & (measured <= high)
         inside = np.where(np.isfinite(high - low) & np.isfinite(errors), held, np.nan)
     leads = trial.times[first:] - trial.times[origin - 1]
-    return SegmentErrors(leads, errors, _last(trial.states[:origin]) - measured, inside, noise, diverged)
-
-
-def _last(states: Floats) -> Floats:
-    """Return the last measured value of each state, shape (states,); NaN where there is none."""
-    found = [column[np.isfinite(column)] for column in states.T]
-    return np.array([column[-1] if len(column) else np.nan for column in found])
+    before = [column[np.isfinite(column)] for column in trial.states[:origin].T]
+    last = np.array([column[-1] if len(column) else np.nan for column in before])
+    return SegmentErrors(leads, errors, last - measured, inside, noise, diverged)
 
 
 _PARTS, _MEASURED_IN_PART = 10, 3
@@ -262,14 +258,10 @@ def _spread(trials: Sequence[Trial], states: int) -> Floats:
 def _joined(found: Sequence[SegmentErrors], spread: Floats) -> SegmentErrors:
     """Return the errors of all segments, those of states without a spread left out."""
     kept, none = np.where(np.isnan(spread), np.nan, 1.0), np.empty((0, len(spread)))
-    return SegmentErrors(
-        np.concatenate([np.empty(0), *(each.leads for each in found)]),
-        kept * np.concatenate([none, *(each.errors for each in found)]),
-        kept * np.concatenate([none, *(each.persistence for each in found)]),
-        kept * np.concatenate([none, *(each.inside for each in found)]),
-        kept * np.concatenate([none, *(each.noise for each in found)]),
-        any(each.diverged for each in found),
-    )
+    leads = np.concatenate([np.empty(0), *(each.leads for each in found)])
+    names = ("errors", "persistence", "inside", "noise")
+    parts = {name: kept * np.concatenate([none, *(getattr(each, name) for each in found)]) for name in names}
+    return SegmentErrors(leads, **parts, diverged=any(each.diverged for each in found))
 
 
 def _horizon(leads: Floats, scaled: Floats) -> float:
