@@ -70,9 +70,6 @@ def cell_text(cell: Any) -> str:
     return "" if cell is None or cell != cell else str(cell)
 
 
-_ROWS, _TRIALS, _SAMPLES, _POINTS = 8, 60, 400, 600
-"""Rows that are shown, trials and samples of a trial that are drawn, and points of a curve."""
-
 SAMPLES = {
     "linear-drag": {"noise": 0.05},
     "nonlinear-oscillator": {"noise": 0.01},
@@ -113,7 +110,7 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
     Where columns do not make trials, the reason stands in place of these, beside the roles that are clear.
     """
     held = table.cells()
-    shown = [[cell_text(each) for each in column[:_ROWS]] for column in held.columns.values()]
+    shown = [[cell_text(each) for each in column[:8]] for column in held.columns.values()]
     found: dict[str, Any] = {
         "name": table.name,
         "columns": list(held.columns),
@@ -164,13 +161,13 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
                 "t": each.times[:: _every(len(each))].tolist(),
                 "states": [numbers(column[:: _every(len(each))]) for column in each.states.T],
             }
-            for each in trials.trials[:_TRIALS]
+            for each in trials.trials[:60]
         ],
     }
 
 
 def _every(samples: int) -> int:
-    return -(-samples // _SAMPLES)
+    return -(-samples // 400)
 
 
 def simulated(found: Found, asked: Sample) -> dict[str, Any]:
@@ -185,7 +182,7 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
         trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})
         law = with_objects_of(law, trials)[0]
     object_index(law, asked.object)
-    times = np.linspace(0.0, asked.duration, _POINTS)
+    times = np.linspace(0.0, asked.duration, 600)
     forecast = forecast_from(law, asked.object, times, np.array(asked.start))
     (trajectory,) = forecast.trajectories
     ends = () if forecast.std is None else forecast.bands(measured=True)[0]

@@ -47,8 +47,6 @@ ASSETS = {each: get_data("commonlaw.app", f"page/{each}") or b"" for each in _NA
 _AT_ONCE = 4
 """Requests that take time and memory, tables that are sent among them; others wait for their turn."""
 
-_NUMBER = re.compile("[0-9]{1,6}")
-
 
 class _Recognised(msgspec.Struct, forbid_unknown_fields=True):
     table: str
@@ -192,7 +190,7 @@ def _figure_file(call: _Call) -> Response:
 
 def _number_in(text: str) -> int:
     """Return the number of a candidate in an address."""
-    if not _NUMBER.fullmatch(text):
+    if not re.fullmatch("[0-9]{1,6}", text):
         raise CommonlawError("candidate-name", text=text[:20])
     return int(text)
 

@@ -19,8 +19,6 @@ from commonlaw.runtime.reading import read_file, read_json
 FOLDER = "COMMONLAW_SESSIONS"
 """Environment variable that names the folder of sessions; by default that of the user's data."""
 _KEY = re.compile("[0-9a-f]{16}")
-_STATES = 20
-"""Earlier states of a session, to which an undo returns."""
 
 
 class State(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -95,7 +93,8 @@ class SavedSessions:
         key = asked.key or token_hex(8)
         states = () if asked.key is None else self._read(key).states
         is_same = bool(states) and (states[-1].columns, states[-1].question) == (state.columns, question)
-        states = (*states[:-1], state) if is_same else (*states, state)[-_STATES:]
+        # An undo returns to the states before, of which 20 are kept
+        states = (*states[:-1], state) if is_same else (*states, state)[-20:]
         now = datetime.now(UTC).isoformat(timespec="seconds")
         return self._write(key, Session(name, now, sessions.tables.get(asked.table), states))
 

@@ -17,8 +17,6 @@ from commonlaw.runtime.reading import read_file
 from commonlaw.runtime.shutdown import put_away_first
 
 _HERE = "127.0.0.1"
-_TURN = 0.2
-"""Seconds between looks at whether the server has ended."""
 
 
 def serve(
@@ -86,7 +84,7 @@ def serve(
                     Thread(target=webbrowser.open_new_tab, args=(page.as_uri(),), daemon=True).start()
                 with ending.waiting():
                     while serving.is_alive():
-                        serving.join(_TURN)
+                        serving.join(0.2)
             except KeyboardInterrupt:
                 server.should_exit = server.force_exit = True
             finally:

@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from commonlaw.discrepancy.residual_tests import Pattern
 
 
-_STRANGEST = 10
-"""Objects that are shown themselves."""
-
-
 @command
 @with_table(*WITH_LAW)
 @LAW_ARGUMENT
@@ -73,7 +69,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
                 print_frame(letter_values({name: own[name].to_numpy() for name in columns}, "object"))
             say("\nThe largest:\n")
             largest = of_files.objects.sort_values("RMS over noise", ascending=False, kind="stable")
-            print_frame(largest[:_STRANGEST])
+            print_frame(largest[:10])
         later.end(silent=as_json)
         return
     with working("Checking ..."):

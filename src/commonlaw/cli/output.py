@@ -176,9 +176,6 @@ def changing_line(words: Callable[[], str]) -> Iterator[None]:
         yield
 
 
-_STREAMS = {"stdin": "r", "stdout": "w", "stderr": "w"}
-"""Names and modes, by number."""
-
 _TAKES_NOTHING = {errno.EBADF, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC}
 """Errors of a stream that is closed, or that goes to where there is no space."""
 
@@ -195,7 +192,7 @@ def standard_streams() -> Iterator[None]:
         If standard output is closed, or what it goes to is full.
     """
     # Closed streams are opened, so that no file gets their numbers; nothing can be written to them
-    for name, mode in _STREAMS.items():
+    for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDONLY), mode))
     register_error("commonlaw", _shown)

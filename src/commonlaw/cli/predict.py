@@ -20,12 +20,6 @@ from commonlaw.trials import Trials
 if TYPE_CHECKING:
     from commonlaw.law import Law
 
-_ERRORS, _WORST = ("rms error", "largest error", "last error"), 10
-"""What is shown of the errors of a stream by letter values, and trials that are shown themselves."""
-
-_BYTES_A_VALUE = 200
-"""Of a forecast, with what is made of it on the way."""
-
 
 class _FirstSamples(click.types.IntParamType):
     """A number of first samples, or all."""
@@ -131,8 +125,9 @@ def predict(
                 known = own.dropna(subset="rms error")
                 if len(known):
                     say(f"Errors of forecasts of {state}, by trial:\n")
-                    print_frame(letter_values({name: known[name].to_numpy() for name in _ERRORS}, "trial"))
-            worst = errors.sort_values("rms error", ascending=False, kind="stable")[:_WORST]
+                    kinds = ("rms error", "largest error", "last error")
+                    print_frame(letter_values({name: known[name].to_numpy() for name in kinds}, "trial"))
+            worst = errors.sort_values("rms error", ascending=False, kind="stable")[:10]
             say("\nThe worst:\n")
             print_frame(worst.dropna(axis=1, how="all"))
         later.end(silent=as_json)
@@ -190,6 +185,7 @@ def _times(trials: Trials, first: float | None, until: float | None, step: float
     if until is step is None or span <= 0:
         return []
     step = step or span / 100
-    size = _BYTES_A_VALUE * span / step * len(trials) * len(trials.schema.states)
+    # Bytes of a forecast value, with what is made of it on the way
+    size = 200 * span / step * len(trials) * len(trials.schema.states)
     check_memory(f"forecasts at {span / step:.0f} times of {len(trials)} trials", size, "give a larger --step")
     return [first + i * step for i in range(ceil(span / step))] + [first + span]

@@ -25,6 +25,7 @@ from commonlaw.cli.output import (
 from commonlaw.cli.source import Source, columns_of, few_trials, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
+from commonlaw.runtime.fit_options import FitOptions, settings_of
 from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import as_text, counted, in_line, r_squared
 from commonlaw.trials import Trials, TrialStream
@@ -66,15 +67,12 @@ def print_spread(law: "Law", heads: list[str]) -> None:
     print_table([law.schema.object, *heads, "farthest in", "by"], rows)
 
 
-_SETTINGS = ("noise", "errors", "huber_threshold", "n_jobs")
-"""Settings of a fit that a comparison shares."""
-
-
 def compared(laws: "Mapping[str, Law]", training: "Trials", settings: Mapping[str, Any]) -> "pd.DataFrame":
     """Return the evidence of laws beside each other, under the settings that they were fitted with."""
     from commonlaw.inference import compare
 
-    return compare(laws, training, **{name: settings[name] for name in _SETTINGS if name in settings})
+    shared = settings.keys() & settings_of(FitOptions, "compare")
+    return compare(laws, training, **{name: settings[name] for name in shared})
 
 
 def print_compared(frame: "pd.DataFrame") -> None:

@@ -33,9 +33,6 @@ from commonlaw.law import average_law, relations_frame, to_json, to_latex
 from commonlaw.runtime.progress import part
 from commonlaw.text import in_line
 
-_KINDS = {"universal": "shared", "own": "object-specific"}
-"""How kinds of relations are printed."""
-
 
 @command
 @LAW_ARGUMENT
@@ -144,7 +141,8 @@ def explain(
         say(to_latex(law))
     else:
         say(f"{law}\n")
-        shown = relations_frame(law).dropna(axis=1, how="all").replace({"kind": _KINDS})
+        kinds = {"universal": "shared", "own": "object-specific"}
+        shown = relations_frame(law).dropna(axis=1, how="all").replace({"kind": kinds})
         print_frame(shown, {"scatter": "SD between objects", "scatter error": "its standard error"})
         if law.provenance.equations and named_parameters(law).names:
             columns = parameter_columns(law)

@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", Trials, TrialStream)
 
-MAX_SCHEMA_BYTES = 2**20
 
 _table = partial(partial, option, "Table")
 _column = partial(_table, metavar="COLUMN")
@@ -155,7 +154,6 @@ _HELD_OUT = {
 _READING = ("object_name", "wide", "restarts", "missing", "below", "decimal", "dates")
 """Arguments of `Trials.read` that tables of text take alone."""
 
-_EVERYDAY = ("schema", "object", "trial", "time", "states", "where")
 
 _INSTEAD = (
     "describe the table by `commonlaw data check TABLE {option} ... --save schema.toml`, and give --schema schema.toml"
@@ -170,7 +168,8 @@ def with_table(*names: str, training: bool = False) -> Decorator:
     a table are in its schema; as options of each command they are deprecated.
     """
     argument = click.argument("path", required=False, metavar="TABLE", type=ReadTable())
-    shown = [made(everyday=name in _EVERYDAY) for name, made in _OPTIONS.items() if name in names]
+    everyday = ("schema", "object", "trial", "time", "states", "where")
+    shown = [made(everyday=name in everyday) for name, made in _OPTIONS.items() if name in names]
     others = [made(replaced_by=_INSTEAD) for name, made in _OPTIONS.items() if name not in names]
     options = [argument, *shown, *others, *(_HELD_OUT.values() if training else ())]
 
@@ -397,7 +396,7 @@ def read_schema(path: str) -> dict[str, Any]:
         If it is not TOML, or has other keys or values.
     """
     try:
-        document = tomllib.loads(read_file(checked_file(path, MAX_SCHEMA_BYTES)).decode())
+        document = tomllib.loads(read_file(checked_file(path, 2**20)).decode())
         schema = msgspec.convert(document, _TableSchema)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, msgspec.ValidationError) as error:
         raise CommonlawError("table-schema", path=path, problem=error) from None
@@ -477,8 +476,6 @@ def _parts(text: str, present: Collection[object]) -> list[str]:
 T = TypeVar("T")
 R = TypeVar("R")
 
-_TRIALS, _SAMPLES = 10, 2000
-"""Trials that a law is checked by, and samples of each, from its start."""
 
 with_cluster = option(
     "Cluster",
@@ -529,4 +526,4 @@ def _by_a_worker(function: Callable[[T], R], item: T) -> R:
 
 
 def _first_trials(stream: TrialStream) -> tuple[Trial, ...]:
-    return tuple(trial.cut(_SAMPLES) for trial in islice(stream, _TRIALS))
+    return tuple(trial.cut(2000) for trial in islice(stream, 10))

@@ -23,8 +23,6 @@ _SHA256 = {
     _BALLS: "7cc282a6559ef636ce30cad53aae5bf825ce6200a94dd54f668af9797c584585",
 }
 _VARIABLE = "COMMONLAW_DATA"
-_PATIENCE = 10.0
-"""Seconds that a server has to answer."""
 
 _OUNCE = 0.028349523125
 """Avoirdupois, kg."""
@@ -113,7 +111,7 @@ def _downloaded(name: str) -> Path:
     """Return the path of a file in the user's cache, downloaded if it is not there yet."""
     import pooch
 
-    cache, patient = pooch.os_cache("commonlaw"), pooch.HTTPDownloader(timeout=_PATIENCE)
+    cache, patient = pooch.os_cache("commonlaw"), pooch.HTTPDownloader(timeout=10.0)
     try:
         with put_away_first() as ending, ending.waiting():
             return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache, downloader=patient))

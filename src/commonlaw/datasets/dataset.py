@@ -85,10 +85,6 @@ class NormalSource(Protocol):
 PerObject = float | Sequence[float]
 """A number of each object, or one that serves all."""
 
-_MOST_SAMPLES = 10_000_000
-"""Of a trial."""
-
-_BYTES_A_TRIAL, _BYTES_A_VALUE = 2000, 32
 
 Seed = int | NormalSource
 Path = Callable[[NormalSource], Floats]
@@ -114,7 +110,8 @@ def measure(
         raise CommonlawError("noise-negative", noise=noise)
     if not hasattr(seed, "standard_normal"):
         check_whole_number("seed", seed, 0)
-    size = trials * len(paths) * (_BYTES_A_TRIAL + _BYTES_A_VALUE * len(times) * len(schema.states))
+    # Bytes: 2000 a trial, 32 a value
+    size = trials * len(paths) * (2000 + 32 * len(times) * len(schema.states))
     check_memory(
         f"{counted(trials, 'trial')} of {counted(len(paths), 'object')}, {counted(len(times), 'sample')} each,",
         size,
@@ -138,7 +135,7 @@ def fixed(states: Floats) -> Path:
 
 def sample_times(samples: int, rate: float) -> Floats:
     """Return the times of samples taken at a rate (samples for each unit of time) from 0 on, shape (samples,)."""
-    check_whole_number("samples", samples, 2, _MOST_SAMPLES)
+    check_whole_number("samples", samples, 2, 10_000_000)
     return np.arange(samples) / numbers("rate", rate, positive=True)[0]
 
 
@@ -170,14 +167,11 @@ def objects(kind: str, *, positive: bool = False, **coefficients: PerObject) -> 
     return {f"{kind} {i}": row for i, row in enumerate(rows, 1)}
 
 
-_TOLERANCE = 1e-11
-
-
 def exact_trajectory(field: Callable[[float, Floats], Floats], initial: ArrayLike, times: Floats, name: str) -> Floats:
     """Return the states at `times`, shape (n, d), of the object `name` that moves by ``y' = field(t, y)``."""
     from commonlaw.integration import integrate
 
-    result = integrate(field, np.asarray(initial, dtype=np.float64), times, relative_tolerance=_TOLERANCE, where=name)
+    result = integrate(field, np.asarray(initial, dtype=np.float64), times, relative_tolerance=1e-11, where=name)
     if result.outcome is not None:
         raise CommonlawError("simulation-failed", name=name, reason=result.outcome.text)
     return result.states

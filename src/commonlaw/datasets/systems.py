@@ -30,7 +30,6 @@ _SPACE = Schema(("x", "y", "z"))
 
 _NAME = "Oscillator"
 _MATRIX = np.array([[-0.1, 2.0], [-2.0, -0.1]])
-_START_OF_OSCILLATOR = (2.0, 0.0)
 
 
 def _load_oscillator(samples: int = 500, step: float = 0.01, noise: float = 0.0, seed: Seed = 0) -> Trials:
@@ -55,7 +54,7 @@ def _load_oscillator(samples: int = 500, step: float = 0.01, noise: float = 0.0,
         If an option cannot be, such as a negative noise.
     """
     times = sample_times(samples, 1 / numbers("step", step, positive=True)[0])
-    path = fixed(exact_trajectory(lambda _, y: np.asarray(_MATRIX @ y**3), _START_OF_OSCILLATOR, times, _NAME))
+    path = fixed(exact_trajectory(lambda _, y: np.asarray(_MATRIX @ y**3), (2.0, 0.0), times, _NAME))
     return measure({_NAME: path}, _PLANE, times, 1, noise, seed)
 
 
@@ -141,8 +140,6 @@ lotka_volterra = Dataset(
     _truth_of_pairs,
 )
 
-_START_OF_LORENZ = np.array([-8.0, 8.0, 27.0])
-
 
 def _load_lorenz(
     sigma: PerObject = 10.0,
@@ -198,7 +195,7 @@ def _derivatives_of_lorenz(coefficients: tuple[float, ...], y: Floats) -> list[f
 
 
 def _start_of_lorenz(_: tuple[float, ...], source: NormalSource) -> Floats:
-    return _START_OF_LORENZ + source.standard_normal((3,))
+    return np.array([-8.0, 8.0, 27.0]) + source.standard_normal((3,))
 
 
 lorenz = Dataset(

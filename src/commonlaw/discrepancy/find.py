@@ -213,8 +213,6 @@ _FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (
 _MIN_NEW_SHARE = 1e-3
 """Share of a function that the law's own terms do not say, nor a simpler function; less says nothing new."""
 
-_MAX_DESCRIPTIONS = 5
-
 
 def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tuple[Description, ...]:
     """Return simple functions of the visited coordinate, shape (n,), and pairs of these, the largest evidence first."""
@@ -233,7 +231,7 @@ def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tu
         _described(fitted, basis, [names[i] for i in group], np.array([columns[i] for i in group]).T)
         for group in groups
     ]
-    return tuple(sorted(found, key=lambda each: -each.evidence)[:_MAX_DESCRIPTIONS])
+    return tuple(sorted(found, key=lambda each: -each.evidence)[:5])
 
 
 def _described(fitted: FunctionFit, basis: SmoothBasis, names: list[str], columns: Floats) -> Description:

@@ -254,10 +254,6 @@ def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
     return tuple(PlausibleLaw(share * own.probability, own.law) for each in laws for own in each.models)
 
 
-_POINTS = 64
-"""Experiments that are looked at, as they are sought unasked."""
-
-
 @dataclass(frozen=True, eq=False)
 class Suggestion:
     """Experiments for one purpose, in words, and what is to be expected of them."""
@@ -282,7 +278,7 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
     vary: dict[str, Options] = {**usual(law, trials), **ranges}
     found = []
     for purpose, about in _purposes(law):
-        settings: dict[str, Any] = {"experiments": most, "about": about, "points": _POINTS}
+        settings: dict[str, Any] = {"experiments": most, "about": about, "points": POINTS // 4}
         try:
             made = design(law, vary, within=ranges, progress=lambda _: None, **settings)
         except CommonlawError:  # Forecasts may diverge from everywhere

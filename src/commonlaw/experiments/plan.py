@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-_MAX_LISTED = 3
-"""Coefficients whose gain is named."""
-
-
 @dataclass(frozen=True, eq=False)
 class Forecasts:
     """Each plausible law's forecast of the first trial of an experiment, from the initial conditions that are set.
@@ -155,7 +151,7 @@ class Design(ShownInNotebooks):
                 f"{self.aim.quantity.name} is {with_error(value, now)} now; its standard error is then {then:.2g}."
             )
         elif not self.aim.of_law:
-            gains = [each for each in self.gains if each.then < (1 - MIN_RELATIVE_GAIN) * each.now][:_MAX_LISTED]
+            gains = [each for each in self.gains if each.then < (1 - MIN_RELATIVE_GAIN) * each.now][:3]
             parts = [f"{each.name} from {each.now:.2g} to {each.then:.2g} {each.unit}".rstrip() for each in gains]
             sentences += [f"Expected standard errors: {', '.join(parts)}."] if parts else []
             sentences.append(f"Information gain on all coefficients: {self.experiments[-1].bits:.1f} bits.")

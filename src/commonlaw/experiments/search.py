@@ -33,8 +33,6 @@ MIN_RELATIVE_GAIN = 0.01
 _PATIENCE = 6
 """Experiments that are simulated one after the other, and none tells more than the best so far, before no more are."""
 
-_KEPT = 32
-"""Experiments of which what simulated measurements tell is kept."""
 
 _EXCHANGES = 2
 """How often each of several experiments may be exchanged for another."""
@@ -211,7 +209,7 @@ class Search:
     @cached_property
     def _simulated(self) -> Callable[[Experiment, int, int], Evidence]:
         """The evidence of an experiment, with laws fitted to measurements that each of them makes."""
-        return lru_cache(_KEPT)(self._simulate)
+        return lru_cache(32)(self._simulate)
 
     def _simulate(self, experiment: Experiment, count: int, place: int) -> Evidence:
         draws, laws, limit = self._draws(count, place), self.hypotheses, self._farthest

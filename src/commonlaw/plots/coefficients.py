@@ -259,9 +259,6 @@ def _print_value(panel: Axes, height: int, each: Coefficient) -> None:
 _NAMED = 50
 """Objects with a line and a name each; more are drawn in order of their coefficients, without names."""
 
-_DRAWN = 1000
-"""Objects that are drawn, evenly by rank, of more: there are no more points across a page."""
-
 
 @styled()
 def plot_intervals(law: Law) -> Figure:
@@ -316,7 +313,8 @@ class IntervalPanels:
 
 def _draw_in_order(panel: Axes, each: Coefficient) -> None:
     order = np.argsort(each.learned)
-    ranks = np.array(evenly_spaced(len(order), _DRAWN))
+    # There are no more points across a page
+    ranks = np.array(evenly_spaced(len(order), 1000))
     values, low, high = (own[order[ranks]] for own in (each.learned, each.low, each.high))
     panel.fill_betweenx(ranks, low, high, color=COLORS[0], alpha=0.25, linewidth=0)
     panel.plot(values, ranks, color=COLORS[0], linewidth=2)

@@ -10,11 +10,6 @@ from commonlaw.library import Terms
 from commonlaw.library.notation import latex_name
 from commonlaw.plots.style import math
 
-_LINE = 90
-"""Characters of a line of an equation, as mathtext; printed it is about half as long."""
-
-_LINES = 2
-
 
 def term_labels(terms: Terms) -> list[str]:
     """Return every term as a label."""
@@ -92,9 +87,9 @@ def _broken(left: str, summands: list[tuple[str, str]]) -> list[str]:
     lines = [left if summands else f"{left} 0"]
     for i, (sign, text) in enumerate(summands):
         part = f" {sign} {text}" if i else f" {sign.replace('$+$', '')}{text}"
-        if len(lines[-1]) + len(part) <= _LINE:
+        if len(lines[-1]) + len(part) <= 90:
             lines[-1] += part
-        elif len(lines) < _LINES:
+        elif len(lines) < 2:
             lines.append(part)
         else:
             lines[-1] += " …"

@@ -20,9 +20,6 @@ from commonlaw.plots.forecast import (
 from commonlaw.plots.style import add_legend, fitting, frozen_layout, styled
 from commonlaw.trials import Trials
 
-_MAX_DOTS = 12
-"""More coefficients than these, or none, are drawn as heat maps."""
-
 
 @styled()
 def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> Figure:
@@ -54,7 +51,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     true = () if truth is None else [truth.terms.names[k] for k in np.flatnonzero(truth.support.any(axis=0))]
     dots = DotPlot(law, truth)
     maps = HeatMaps(law, law.support.any(axis=0) | np.isin(law.terms.names, true), truth)
-    coefficients = dots if 0 < len(dots.coefficients) <= _MAX_DOTS else maps
+    coefficients = dots if 0 < len(dots.coefficients) <= 12 else maps
     columns, lines = forecast_grid(shown)
     equations = equation_lines(law)
     heights = (ROW_HEIGHT * lines, 0.4 + coefficients.height)

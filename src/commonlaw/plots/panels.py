@@ -21,8 +21,6 @@ from commonlaw.trials import Trials
 _WIDTH, _HEIGHT, _FOOT = 3.6, 2.3, 0.5
 """Of a figure, of the panels of a state, and of what stands below all of them, in inches."""
 
-_MAX_TIMES, _MAX_POINTS = 60, 40
-"""Of a curve, and measurements of a trial: small figures need no more."""
 
 _CELLS, _CELL, _MAX_CELL_POINTS = 3, 0.75, 15
 """Cells side by side in an overview, the height of each in inches, and measurements of a trial in it."""
@@ -47,7 +45,7 @@ class ForecastPanels:
         figure.subplots_adjust(left=0.225, right=0.98, top=1 - 0.08 / height, bottom=_FOOT / height, hspace=0.18)
         for j, state in enumerate(states):
             pair = Pair(panels[2 * j], panels[2 * j + 1], self._curves[name, j])
-            draw_pair(pair, _MAX_POINTS)
+            draw_pair(pair, 40)
             for panel, limits, what in zip((pair.above, pair.below), self._limits[j], (state, lower), strict=True):
                 panel.set_ylim(*limits)
                 panel.set_ylabel(axis_label(what, schema.units.get(state, "")))
@@ -87,7 +85,7 @@ class ForecastPanels:
 
     @cached_property
     def _curves(self) -> dict[tuple[str, int], list[Curve]]:
-        return curves_of(self.forecast, self.forecast.smooth(_MAX_TIMES))
+        return curves_of(self.forecast, self.forecast.smooth(60))
 
     @cached_property
     def _limits(self) -> list[tuple[Limits, Limits]]:

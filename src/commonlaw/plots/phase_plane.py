@@ -17,9 +17,6 @@ from commonlaw.library.notation import latex_name
 from commonlaw.plots.style import COLORS, GREY, add_legend, frozen_layout, key, math, plain, styled, unit_text
 from commonlaw.trials import Trials
 
-_FINE, _ARROWS = 240, 1.1
-"""Cells along an axis in which nullclines are drawn, and density of the flow."""
-_MARGIN = 0.15
 _MARKS: Mapping[str, Mapping[str, object]] = {
     "stable": {"markerfacecolor": "black"},
     "unstable": {"markerfacecolor": "white"},
@@ -70,11 +67,11 @@ def plot_phase_plane(
 
     figure = Figure(figsize=(6.4, 5.6), layout="constrained")
     panel = figure.add_subplot()
-    across, up = np.linspace(low, high, _FINE + 1).T
+    across, up = np.linspace(low, high, 240 + 1).T
     grid = np.stack(np.meshgrid(across, up), axis=-1)
     rates = field(grid.reshape(-1, 2)).reshape(grid.shape)
     panel.streamplot(
-        across, up, rates[..., 0], rates[..., 1], color="#c9c9c9", density=_ARROWS, linewidth=0.7, arrowsize=0.8
+        across, up, rates[..., 0], rates[..., 1], color="#c9c9c9", density=1.1, linewidth=0.7, arrowsize=0.8
     )
     keys = []
     for j, (label, color) in enumerate(zip(labels, (COLORS[1], COLORS[2]), strict=True)):
@@ -127,7 +124,7 @@ def _window(points: Floats) -> tuple[Floats, Floats]:
     """Return the corners of what is shown, a margin about the points."""
     seen = points[np.isfinite(points).all(axis=1)]
     low, high = seen.min(axis=0), seen.max(axis=0)
-    margin = _MARGIN * np.where(high > low, high - low, np.maximum(np.abs(high), 1.0))
+    margin = 0.15 * np.where(high > low, high - low, np.maximum(np.abs(high), 1.0))
     # States that are nowhere negative have a boundary at zero, where fixed points often are
     low = np.where((low >= 0) & (low < high), np.minimum(low - margin, -0.25 * margin), low - margin)
     return low, high + margin

@@ -18,21 +18,12 @@ from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.forecast import Curve, curves_of
 from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, fitting, frozen_layout, key, plain, styled
 
-_MAX_TICKS = 6
-"""Of an axis of a small panel."""
-
 _MAX_POINTS = 1500
 """Residuals that are drawn in a panel."""
 
-_PARTS, _IN_PART = 10, 4
-"""Means are of so many parts of what was visited, each of so many residuals at least."""
 
 _AT_ENDS = 50
 """Of the largest and smallest residuals."""
-
-_LAGS = 20
-_COLUMNS = 4
-"""Panels side by side."""
 
 
 @styled()
@@ -44,7 +35,7 @@ def plot_residuals(residuals: Residuals) -> Figure:
     """
     states = residuals.trials.schema.states
     rows = [_panels(residuals, j) for j in range(len(states))]
-    columns = min(len(rows[0]), _COLUMNS)
+    columns = min(len(rows[0]), 4)
     lines = -(-len(rows[0]) // columns)
     figure = Figure(figsize=fitting(1.2 + 2.3 * columns, 0.6 + 2.2 * len(states) * lines), layout="constrained")
     grid = figure.add_gridspec(len(states) * lines, columns)
@@ -100,12 +91,12 @@ def _panels(residuals: Residuals, j: int) -> list[tuple[str, Callable[[Axes], No
 
 def _against(panel: Axes, values: Floats, own: Floats, label: str) -> None:
     panel.set_xlabel(label)
-    panel.locator_params(axis="x", nbins=_MAX_TICKS)
+    panel.locator_params(axis="x", nbins=6)
     seen = np.flatnonzero(np.isfinite(own) & np.isfinite(values))
     some = seen[:: -(-len(seen) // _MAX_POINTS) or 1]
     panel.plot(values[some], own[some], ".", color=GREY, markersize=2)
     panel.axhline(0.0, color="black", linewidth=0.8)
-    count = min(_PARTS, max(1, len(seen) // _IN_PART))
+    count = min(10, max(1, len(seen) // 4))
     parts = [part for part in np.array_split(seen[np.argsort(values[seen])], count) if len(part)]
     means = [[values[part].mean(), own[part].mean(), own[part].std() / np.sqrt(len(part))] for part in parts]
     middle, mean, error = np.array(means).reshape(-1, 3).T
@@ -114,7 +105,7 @@ def _against(panel: Axes, values: Floats, own: Floats, label: str) -> None:
 
 def _memory(panel: Axes, residuals: Residuals, j: int) -> None:
     # Farther apart there are too few pairs to tell
-    lags = min(_LAGS, max(1, max(map(len, residuals.trials)) // 2))
+    lags = min(20, max(1, max(map(len, residuals.trials)) // 2))
     count = np.isfinite(np.concatenate(residuals.standardized)[:, j]).sum()
     panel.bar(np.arange(1, lags + 1), residuals.correlations(j, lags), color=COLORS[0], width=0.6)
     panel.axhspan(-1.96 / np.sqrt(max(count, 1)), 1.96 / np.sqrt(max(count, 1)), color=GREY, alpha=0.25)
@@ -134,13 +125,6 @@ def _quantiles(panel: Axes, own: Floats) -> None:
     panel.set_ylabel("residual / noise")
 
 
-_MAX_ERROR_POINTS = 1500
-"""Of a panel; of more, each but every so many is drawn."""
-
-_OUTLIER_RATIO = 3
-"""Times the errors that all but a hundredth are below; those farther off are not shown."""
-
-
 @styled()
 def plot_errors(forecast: Forecast) -> Figure:
     """Plot forecast minus measured states against time, a panel for each state, all trials together.
@@ -156,13 +140,13 @@ def plot_errors(forecast: Forecast) -> Figure:
         own = [curve for name in forecast.trials.objects for curve in curves[name, j]]
         times, errors, outside = np.concatenate([_errors(each) for each in own], axis=1)
         some_outside |= bool(outside.any())
-        every = -(-len(times) // _MAX_ERROR_POINTS) or 1
+        every = -(-len(times) // 1500) or 1
         panel.axhline(0, color=GREY, linewidth=0.8)
         for kind, color in ((outside == 0, COLORS[0]), (outside == 1, COLORS[1])):
             panel.plot(times[kind][::every], errors[kind][::every], "o", color=color, markersize=3, alpha=0.5, mew=0)
         if len(errors):
             usual, largest = np.quantile(np.abs(errors), [0.99, 1.0])
-            bound = 1.1 * min(_OUTLIER_RATIO * usual, largest) or 1.0
+            bound = 1.1 * min(3 * usual, largest) or 1.0
             panel.set_ylim(-bound, bound)
         panel.set_ylabel(axis_label(f"error of {state}", schema.units.get(state, "")))
     panels[-1].set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
@@ -181,20 +165,14 @@ def _errors(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return curve.compared, curve.error, outside.astype(np.float64)
 
 
-_POINTS = 200
-_BINS = 40
-_BEYOND = 0.15
-"""Share of the visited range that is drawn on both sides of it."""
-
-
 @styled()
 def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     """Plot the function of a discrepancy with its 95 % band, and below it the density of samples.
 
     Beyond what was visited, between the dotted lines, the band is that of a forecast.
     """
-    basis, more = found.basis, _BEYOND * found.basis.range
-    along = np.linspace(basis.low - more, basis.high + more, _POINTS)
+    basis, more = found.basis, 0.15 * found.basis.range
+    along = np.linspace(basis.low - more, basis.high + more, 200)
     function, half = found(along), two_sided(0.95) * found.std(along)
     figure = Figure(figsize=(5.4, 4.4), layout="constrained")
     grid = figure.add_gridspec(2, 1, height_ratios=(4, 1))
@@ -209,7 +187,7 @@ def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     left = found.equation if basis.times == "1" else f"{found.equation} over {basis.times}"
     upper.set_ylabel(plain(f"discrepancy of {left}", 40))
     upper.set_title(plain(f"2 log B = {found.evidence:.1f} relative to the law alone", 60), loc="left")
-    lower.hist(found.visited, bins=_BINS, color=GREY)
+    lower.hist(found.visited, bins=40, color=GREY)
     lower.set_ylabel("samples")
     lower.set_xlabel(plain(basis.coordinate, 60))
     keys = [key("function", color=COLORS[0]), key("95 % band", color=COLORS[0], linewidth=6, alpha=0.3)]

@@ -31,8 +31,6 @@ COLORS = (
 )  # fmt: skip
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p")
 DASHES = ("-", "--", ":", "-.")
-_KEY = 1.55
-"""Width of a key with its text, in inches."""
 
 SETTINGS: Mapping[str, Any] = {
     "figure.dpi": 100,
@@ -200,7 +198,7 @@ def add_legend(
     if place == "right":
         figure.legend(handles=list(keys), loc="outside right upper", ncols=ceil(len(keys) / 25), title=title or None)
         return
-    columns = min(len(keys), 5, max(1, int(figure.get_figwidth() / _KEY)))
+    columns = min(len(keys), 5, max(1, int(figure.get_figwidth() / 1.55)))
     figure.legend(handles=list(keys), loc=_OUTSIDE[place], ncols=columns, title=title or None)
 
 

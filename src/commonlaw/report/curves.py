@@ -15,12 +15,6 @@ from commonlaw.report.law_sections import LawCase, folded, listed
 from commonlaw.report.markup import literal
 from commonlaw.text import counted, r_squared
 
-_NEGLIGIBLE = 1e-3
-"""Mean residuals, relative to the RMS residual, below which they are zero."""
-
-_DRAWN, _IN_OVERVIEW = 50, 36
-"""Objects left out of a figure up to which the others are drawn as large; of more, objects in one overview."""
-
 
 def fit(case: LawCase) -> Section:
     """Return the part on trials as measured, with solutions of the law through them."""
@@ -132,7 +126,7 @@ class Curves:
             }
             if len(seen):
                 mean, rms = float(np.mean(seen)), float(np.sqrt(np.mean(seen**2)))
-                row |= {f"mean {what}": mean if abs(mean) > _NEGLIGIBLE * rms else 0.0, f"RMS {what}": rms}
+                row |= {f"mean {what}": mean if abs(mean) > 1e-3 * rms else 0.0, f"RMS {what}": rms}
             if f"{state} measured low" in frame and len(seen):
                 low, high = frame[f"{state} measured low"], frame[f"{state} measured high"]
                 inside = ((low <= frame[state]) & (frame[state] <= high))[np.isfinite(errors)]
@@ -160,9 +154,9 @@ class Curves:
 
     def _others(self, ranked: Sequence[str], size: int) -> Iterator[Block]:
         """Yield figures of some objects, so many in each; of very many few lines of each."""
-        few = len(ranked) <= _DRAWN
+        few = len(ranked) <= 50
         draw = partial(plot_forecast, self.forecast) if few else ForecastPanels(self.forecast).overview
-        size = size if few else _IN_OVERVIEW
+        size = size if few else 36
         parts = [ranked[i : i + size] for i in range(0, len(ranked), size)]
         pictures = tuple(
             Picture(f"{self.kind}-{i + 1}", f"{self._ends(part)}.", partial(draw, part)) for i, part in enumerate(parts)

@@ -31,9 +31,6 @@ from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.verdict import Findings
 
-_LONG = 12
-"""Rows from which on a table is folded."""
-
 
 @dataclass(frozen=True, eq=False)
 class LawCase:
@@ -74,16 +71,12 @@ class LawCase:
 
 def folded(table: Table, title: str) -> Block:
     """Return a table, behind a line that opens it if it is long."""
-    return table if len(table.frame) <= _LONG else Fold(f"{title} ({len(table.frame)} rows)", (table,))
+    return table if len(table.frame) <= 12 else Fold(f"{title} ({len(table.frame)} rows)", (table,))
 
 
 def listed(lines: "list[str] | tuple[str, ...]") -> str:
     """Return a Markdown list."""
     return "\n\n" + "\n".join(f"- {line}" for line in lines) + "\n\n"
-
-
-_SPOKEN = {"median_step": "median step", "largest_deviation": "largest deviation"}
-_PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "heyoka")
 
 
 def data_checks(case: LawCase) -> Section:
@@ -96,8 +89,9 @@ def data_checks(case: LawCase) -> Section:
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
     learned, some = sum(map(len, case.findings.training)), counted(len(case.findings.training), "trial")
     held_out = "" if case.findings.training is trials else f" Training data: {learned} samples of {some}."
+    titles = {"median_step": "median step", "largest_deviation": "largest deviation"}
     frame = found.to_frame().drop(columns="clipped")
-    frame.columns = [_SPOKEN.get(name, name) for name in frame.columns]
+    frame.columns = [titles.get(name, name) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
     return Section("data-checks", "Data checks", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))
 
@@ -157,15 +151,12 @@ def again(case: LawCase, command: str, table: str | Source) -> Section:
         some = "" if is_whole else ", which uses all trials of the table"
         text += f"In Python{some}:{code(to_script(case.law, table), 'python')}"
     versions = [f"Python {platform.python_version()}", f"commonlaw {__version__}"]
-    for name in _PACKAGES:
+    for name in ("numpy", "scipy", "pandas", "matplotlib", "heyoka"):
         with suppress(PackageNotFoundError):
             versions.append(f"{name} {version(name)}")
     made_with = ", ".join(versions)
     return Section("again", "Reproduction", (Text(f"{text}Made with {made_with}."),))
 
-
-_MAX_OBJECTS = 100
-"""Objects up to which a discrepancy is looked for, as it takes long."""
 
 _FAILURES = (CommonlawError, ArithmeticError, np.linalg.LinAlgError)
 
@@ -205,7 +196,7 @@ def _patterns(case: LawCase) -> Iterator[Block]:
 
 def _discrepancy(case: LawCase) -> Iterator[Block]:
     """Yield what the law leaves as a function that objects share."""
-    if len(case.law.objects) > _MAX_OBJECTS:
+    if len(case.law.objects) > 100:
         yield Text("A discrepancy shared by all objects was not estimated: there are many objects.")
         return
     try:
@@ -242,9 +233,6 @@ def _errors(case: LawCase) -> Iterator[Block]:
         yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
 
 
-_MIN_OBJECTS = 2
-"""Coefficients of several objects in one figure."""
-
 _MEASURES = {
     "held-out error": "Held-out error is the mean squared error on held-out data.",
     "BIC": "BIC penalizes the misfit by the number of terms; lower is better.",
@@ -252,9 +240,6 @@ _MEASURES = {
     **{name: f"{text}." for name, text in MEANINGS.items()},
 }
 """What measures of candidates mean."""
-
-_REFITTED = 100
-"""Objects up to which candidates are fitted again, as it takes long."""
 
 
 def coefficients(case: LawCase) -> Section:
@@ -308,7 +293,7 @@ def values(law: Law) -> tuple[Block, ...]:
 def _intervals(law: Law, caption: str) -> Block:
     """Return a figure of all coefficients; of many coefficients of several objects one each, as a phone is narrow."""
     panels = IntervalPanels(law)
-    if len(law.objects) == 1 or len(panels.captions) <= _MIN_OBJECTS:
+    if len(law.objects) == 1 or len(panels.captions) <= 2:
         return Picture("intervals", caption, partial(plot_intervals, law))
     intervals = "" if law.uncertainty.covariance is None else ", with 95 % intervals"
     pictures = [
@@ -356,7 +341,7 @@ def candidates(case: LawCase) -> Section:
     if not law.provenance.alternatives:
         text = "The terms were given; no other law was compared."
         return Section("candidates", "Candidate laws", (Text(text),))
-    if case.rivals or len(law.objects) <= _REFITTED:
+    if case.rivals or len(law.objects) <= 100:  # Of more, fits take long
         blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
     listed = case.law.provenance.alternatives
     caption = "Candidates of each equation (* chosen)."

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from markdown_it.token import Token
 
 
-_LINE = 40
-"""Characters of a line of an equation, if its terms are not longer."""
-
 _MAX_OBJECTS = 6
 """Objects with terms of their own whose equations are shown."""
 
@@ -108,7 +105,7 @@ def _rows(line: str) -> list[str]:
     """Return an equation as rows, none much longer than a line of text is."""
     rows = [""]
     for part in _parts(line):
-        if rows[-1] and len(re.sub(r"\\[a-zA-Z]+|[{}\\ ]", "", (rows[-1] + part))) > _LINE:
+        if rows[-1] and len(re.sub(r"\\[a-zA-Z]+|[{}\\ ]", "", (rows[-1] + part))) > 40:
             rows.append("")
         rows[-1] += part
     return [rows[0], *(rf"&\quad {row.strip()}" for row in rows[1:])]
@@ -135,10 +132,7 @@ def _displayed(latex: str, text: tuple[str, ...]) -> str:
 
 
 _NEED = "making a report"
-_SIGNS = {"mfrac": "/", "msup": "^", "msub": "_"}
 _ALOUD = {"aloud": True}
-_DOTS, _DOT_SIZE = "˙¨", "150%"
-"""Of derivatives, which are hard to see at the size that fonts draw them in."""
 _ATTRIBUTES = {
     "accent", "align", "columnalign", "columnlines", "columnspacing", "depth", "display", "displaystyle", "fence",
     "form", "height", "largeop", "linebreak", "linethickness", "lspace", "mathbackground", "mathcolor", "mathsize",
@@ -208,8 +202,9 @@ def formula(latex: str, display: str = "inline") -> str:
             raise CommonlawError("formula-forbidden", latex=latex, command=min(more))
         if unread := re.search(r"\\\w+", element.text):
             raise CommonlawError("formula-unread", command=unread[0], latex=latex)
-        if element.tag.endswith("mo") and element.text and element.text in _DOTS:
-            element.set("mathsize", _DOT_SIZE)
+        # Dots of derivatives are hard to see at the size that fonts draw them in
+        if element.tag.endswith("mo") and element.text and element.text in "˙¨":
+            element.set("mathsize", "150%")
     return tostring(tree, encoding="unicode")
 
 
@@ -222,7 +217,7 @@ def _show(_: object, tokens: "Sequence[Token]", index: int, __: object, env: Map
 
 def _read(element: Element) -> str:
     """Return a formula as one would read it out."""
-    sign = _SIGNS.get(element.tag.rpartition("}")[2], "")
+    sign = {"mfrac": "/", "msup": "^", "msub": "_"}.get(element.tag.rpartition("}")[2], "")
     return sign.join(_read(each) for each in element) or element.text or ""
 
 

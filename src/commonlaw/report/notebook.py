@@ -30,9 +30,6 @@ _STYLE = (
 )
 """Equations stand to the left, line below line, and what is wider than the page is scrolled by itself."""
 
-_STEPS = ["stage", "choice", "reason"]
-"""Columns of a history."""
-
 
 def notebook_html(
     value: Law | Trials | Forecast | History | LawVerdict | Residuals | Discrepancy[Law] | Bounds | Design,
@@ -40,7 +37,8 @@ def notebook_html(
     """Return a value as HTML for a notebook; figures of many objects show the first ones."""
     match value:
         case History():
-            steps = pd.DataFrame([(each.stage, each.choice, each.reason) for each in value], columns=_STEPS)
+            rows = [(each.stage, each.choice, each.reason) for each in value]
+            steps = pd.DataFrame(rows, columns=["stage", "choice", "reason"])
             return visible(str(steps.to_html(index=False, border=0, justify="left")))
         case LawVerdict():
             names = ("state", "law", "persistence", "unit")

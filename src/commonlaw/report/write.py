@@ -31,12 +31,6 @@ from commonlaw.runtime.files import make_folder, write_all
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import visible
 
-_LONG = 28
-"""Letters from which on a cell may have several lines."""
-
-_MIN_WIDTH = 0.64
-"""Share of its own width that a drawing has at least."""
-
 
 def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) -> bytes:
     """Return the page; one that stands `alone` holds the drawings, SVG by name, and tables as data."""
@@ -113,7 +107,7 @@ def within(svg: bytes, name: str) -> str:
             {"href": f"#{name}-{each.attrib[_LINK].removeprefix('#')}"} if _LINK in each.attrib else {}
         )
     width = float(root.attrib["width"].removesuffix("pt"))
-    root.attrib = {"style": f"min-width: {_MIN_WIDTH * width:.0f}pt"} | root.attrib  # Narrower, its text cannot be read
+    root.attrib = {"style": f"min-width: {0.64 * width:.0f}pt"} | root.attrib  # Narrower, its text cannot be read
     return ElementTree.tostring(root, encoding="unicode")
 
 
@@ -158,7 +152,7 @@ def _look(column: Sequence[str]) -> str:
     """Return how a column is set: its class in the style sheet."""
     if all(is_number(text) or not text for text in column):
         return "number"
-    return "prose" if max(map(len, column)) > _LONG else "word"
+    return "prose" if max(map(len, column)) > 28 else "word"
 
 
 def write_report(

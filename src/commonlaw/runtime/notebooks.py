@@ -10,9 +10,6 @@ from weakref import finalize
 
 from commonlaw.text import in_line
 
-_SHELL = "ZMQInteractiveShell"
-"""The class of shells whose front ends show HTML."""
-
 
 class ShownInNotebooks:
     """A value that notebooks show as its most important table and a small figure."""
@@ -26,7 +23,7 @@ class ShownInNotebooks:
 def in_notebook() -> bool:
     """Return whether Python runs in a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
-    return type(shell).__name__ == _SHELL
+    return type(shell).__name__ == "ZMQInteractiveShell"
 
 
 def show_type(kind: type, svg: Callable[[Any], str]) -> None:

@@ -16,8 +16,6 @@ from commonlaw.text import in_line
 SECONDS_UNTIL_SHOWN = 2.0
 """Seconds after which people want to know."""
 
-_TOLD = 0.1
-"""Share of the whole from which the time that was taken tells what is left."""
 
 ProgressCallback = Callable[[str], None]
 
@@ -71,7 +69,8 @@ class Elapsed:
     def __str__(self) -> str:
         """Return the step in words, with the time and what is left."""
         shown, seconds = in_line(self.step), self.seconds
-        if self._done < _TOLD:
+        # Before, the time that was taken does not tell what is left
+        if self._done < 0.1:
             return f"{shown} ({in_words(seconds)})".strip()
         left = max(self._done_after / self._done - seconds, 0.0)
         rest = f", about {in_words(left)} left" if left else ""
@@ -116,8 +115,6 @@ MOST_MEMORY = 4 * 2**30
 SECONDS_UNTIL_ANNOUNCED = 60.0
 """Seconds beyond which work is announced."""
 
-_TRIED = 5.0
-"""Seconds after which it shows how long work takes that nothing tells beforehand."""
 
 _announcing = ContextVar("_announcing", default=True)
 
@@ -157,7 +154,7 @@ def announced(pieces: Sequence[T], what: str, remedy: str) -> Iterator[T]:
     began, is_told = monotonic(), False
     for done, piece in enumerate(pieces):
         seconds = monotonic() - began
-        if done and seconds > _TRIED and not is_told:
+        if done and seconds > 5.0 and not is_told:
             announce(what, seconds / done * len(pieces), remedy)
             is_told = True
         yield piece

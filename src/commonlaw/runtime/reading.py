@@ -33,7 +33,6 @@ T = TypeVar("T")
 
 _GZIP, _BZIP2, _XZ = b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0"
 """What compressed files begin with."""
-_LISTED = 10_000
 _PART = 2**20
 """Bytes that are unpacked at a time."""
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
@@ -195,7 +194,7 @@ def _no_file(file: Path) -> CommonlawError:
         return CommonlawError("folder-missing", file=str(file), folder=str(folder))
     try:
         where = str(folder.absolute())
-        names = {each.name.casefold(): each.name for each in islice(folder.iterdir(), _LISTED)}
+        names = {each.name.casefold(): each.name for each in islice(folder.iterdir(), 10_000)}
     except OSError:  # The folder may not be listed, or was deleted
         where, names = str(folder), {}
     near = get_close_matches(file.name.casefold(), names, n=1)

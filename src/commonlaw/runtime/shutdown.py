@@ -18,12 +18,6 @@ if TYPE_CHECKING:
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """What people and systems tell processes to end by: Ctrl-C, `kill`, a terminal that is closed."""
 
-_KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
-"""What ends a process whatever it is in; on Windows any signal does."""
-
-_TURN = 0.1
-"""Seconds between looks at whether a parent has ended."""
-
 
 class EndedError(BaseException):
     """This process was asked to end."""
@@ -61,7 +55,8 @@ class Ending:
 
                 for pid in filter(None, [each.pid for each in active_children()]):
                     with suppress(OSError):  # It has ended meanwhile
-                        os.kill(pid, _KILL)  # Processes of joblib have no method for it
+                        # Processes of joblib have no method for it; on Windows any signal ends them
+                        os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
             if self._is_waiting:
                 raise EndedError
 
@@ -143,7 +138,7 @@ def end_with_parent() -> None:
     def watch() -> None:
         # Where a process keeps the number of a parent that has ended (Windows), it notices when it has to answer
         while os.getppid() == parent:
-            sleep(_TURN)
+            sleep(0.1)
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()

@@ -30,8 +30,6 @@ _POINT = re.compile(r"^[+-]?(0|\d{4,})?\.|\.(?!\d{3}$)")
 """A point that groups no thousands."""
 _INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|index|level_\d+")
 """What pandas calls an index that has no name; the first of these it calls nothing else."""
-_NAMELESS = "Unnamed: 0"
-"""What it calls a first column without a header."""
 
 
 def _plain(value: object) -> object:
@@ -246,7 +244,8 @@ def filled_table(
     if len(used) > 1 and not titles[0].strip():
         first = numerals(columns[used[0]], Notation())
         if isinstance(first, Unreadable) or _counts(first.values):  # Words, or numbers of rows
-            titles[0] = _NAMELESS
+            # As pandas calls a first column without a header
+            titles[0] = "Unnamed: 0"
     names, units = split_headers(source, titles)
     blank = np.logical_and.reduce([empty[i] for i in used]) if used else np.ones(0, dtype=bool)
     rows = np.flatnonzero(~blank)

@@ -132,9 +132,6 @@ def name_of_table(path: str | os.PathLike[str]) -> str:
 
 _METADATA = b"commonlaw"  # the key under which a file keeps the roles of its columns
 
-_BATCH = 65_536
-"""Rows that are unpacked at a time."""
-
 
 class _Roles(TypedDict, total=False):
     """Names of columns by role."""
@@ -239,7 +236,7 @@ def _unpacked(source: str, content: bytes) -> tuple["pq.ParquetFile", "pa.Table"
     arrow, _ = _arrow("reading Parquet files")
     file, batches, size = _file(arrow.BufferReader(content)), [], 0
     check_size(source, file.metadata.num_rows, file.metadata.num_columns)
-    for batch in _batches(file, _BATCH):
+    for batch in _batches(file, 65_536):
         size += batch.nbytes
         if size > LARGEST_FILE:
             raise CommonlawError("parquet-too-large", source=source, limit=LARGEST_FILE)

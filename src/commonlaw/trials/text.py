@@ -200,8 +200,6 @@ def _above(rows: Sequence[Row]) -> list[str]:
 
 _SAMPLE = 200_000
 """Characters at the beginning of a file by which its layout is found."""
-_FOOTER = 100
-"""Lines at the end of a file among which a footer is looked for."""
 _MISSING = ["NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
 """Words that are no text, unless they are in quotes."""
 _QUOTED_MISSING = re.compile(r'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
@@ -339,7 +337,8 @@ def _read(source: str, text: str, delimiter: str, before: int = 0) -> Iterator[R
 
 def _without_footer(body: str, delimiter: str, layout: Layout) -> tuple[str, list[str]]:
     """Return the rows of the table without those at their end that are no measurements, and what these were."""
-    lines, texts = body.rstrip("\n").rsplit("\n", _FOOTER), list[str]()
+    # Among the last 100 lines
+    lines, texts = body.rstrip("\n").rsplit("\n", 100), list[str]()
     while len(lines) > 1 and not lines[-1].count('"') % 2:
         cells = next(csv.reader([lines[-1]], delimiter=delimiter), [])
         if not layout.is_below(cells):

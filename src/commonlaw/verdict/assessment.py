@@ -35,9 +35,6 @@ _RATES = 5
 _MAX_SAMPLES_BEFORE = 200
 """So many samples before a forecast tell where it starts, as more take long and add little."""
 
-_TOLERANCE = 1e-6
-"""Relative error of a step, far below that of any measurement."""
-
 
 class Kind(StrEnum):
     """Where a segment comes from."""
@@ -132,7 +129,8 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
     how |= {"from_time": float(trial.times[origin])}
     if fits and segment.kind is Kind.SEEN and origin == 1:
         how = {"start": max(2, samples_before(len(trial), law.order))}
-    forecast = law.predict(trials, return_std=has_bands(law), tolerance=_TOLERANCE, **how)
+    # Far below the error of any measurement
+    forecast = law.predict(trials, return_std=has_bands(law), tolerance=1e-6, **how)
     rows = np.flatnonzero(np.isfinite(forecast.trials[0].states).any(axis=1))
     compared, measured = rows[first - len(trial) :], trial.states[first:]
     errors = forecast.trajectories[0].states[compared, :states] - measured
@@ -320,9 +318,6 @@ def _poorly_known(law: Law) -> tuple[str, ...]:
 
 T = TypeVar("T")
 
-_NOT_JUDGED, _NOT_FITTED = "the forecast assessment failed", "the law has no fitted curves"
-_NOT_CHECKED = "the law was not checked by forecasts"
-
 
 @dataclass(frozen=True, eq=False)
 class Findings:
@@ -397,8 +392,9 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     training = whole if learned is None or learned is trials else matched(law, learned, observed=True)
     lacking = list[str]()
     bands = bands and has_bands(law)
-    fit = _tried(_NOT_FITTED, partial(fitted, law, training, bands), lacking) if law.order != 0 else None
-    verdict = _tried(_NOT_JUDGED, partial(judge, law, whole, training), lacking)
+    fitting = partial(fitted, law, training, bands)
+    fit = _tried("the law has no fitted curves", fitting, lacking) if law.order != 0 else None
+    verdict = _tried("the forecast assessment failed", partial(judge, law, whole, training), lacking)
     # Held-out trials, or if there are none of the objects of the law, the training data
     learned_from = _names(training)
     others = [each for each in whole if (each.object, each.name) not in learned_from]
@@ -406,7 +402,7 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     checked = whole.with_trials(held_out or [each for each in whole if (each.object, each.name) in learned_from])
     start = samples_before(min(map(len, checked)), law.order) if can_fit_initial_state(law) or law.observation else None
     checking = partial(law.predict, checked, return_std=bands, start=start)
-    forecast = _tried(_NOT_CHECKED, checking, lacking)
+    forecast = _tried("the law was not checked by forecasts", checking, lacking)
     if verdict is not None and verdict.usable is not None:
         horizon = verdict.horizon if verdict.usable else 0.0
         law = replace(law, provenance=law.provenance.judged(horizon, verdict.longest))
