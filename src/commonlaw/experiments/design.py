@@ -14,7 +14,6 @@ from commonlaw.experiments.experiment import (
     Range,
     Settings,
     check_amount,
-    check_prices,
     numbers_of,
     read,
     rounded_to,
@@ -126,7 +125,12 @@ def design(
     first, prior = plausible[0].law, np.array([each.probability for each in plausible])
     settings = Settings.of(first, vary or {}, usual(first, trials) if trials is not None else {})
     prices = PRICES if cost is None else cost
-    check_prices(prices, settings.options, first)
+    priced = [name for name in settings.options if name not in ("object", "times", "repeats")]
+    priced = ["trial", "sample", "duration", *priced, *first.objects]
+    for name, price in prices.items():
+        if name not in priced:
+            raise unknown("price", name, dict.fromkeys(priced))
+        check_amount(f"the price of {name} is", price)
     hypotheses = tuple(Hypothesis.of(each.law, settings.objects) for each in plausible)
     aim = Aim.of(about, prior, hypotheses)
     known = start_std or {}

@@ -380,16 +380,6 @@ class Experiment:
         return f"{name} a {shape} of {level:.3g} {units.get(name, '')}".rstrip() + every
 
 
-def check_prices(prices: Mapping[str, float], settings: Mapping[str, object], law: Law) -> None:
-    """Refuse prices of what is no setting, or below zero."""
-    known = ["trial", "sample", "duration", *(name for name in settings if name not in ("object", "times", "repeats"))]
-    known += law.objects
-    for name, price in prices.items():
-        if name not in known:
-            raise unknown("price", name, dict.fromkeys(known))
-        check_amount(f"the price of {name} is", price)
-
-
 def _number(settings: Mapping[str, Value], name: str, otherwise: float = 0.0) -> float:
     value = settings.get(name, otherwise)
     if not isinstance(value, Real):

@@ -179,29 +179,24 @@ def _is_out_of_order(times: Floats, back: Codes) -> bool:
     """Say whether times go back, at these indices, not as in reverse nor by a few single rows that are out of place."""
     if not 0 < len(back) < len(times) - 1:
         return False
-    late = _single_rows_late(times) if len(back) <= max(2, _FEW * len(times)) else None
-    if late is None:
+    if len(back) > max(2, _FEW * len(times)):
         return True
-    rest = np.delete(times, late)
-    steps = np.diff(rest, prepend=-np.inf, append=np.inf)
-    # Where a row is out of place, one is missing in another
-    return bool(np.any(steps[np.searchsorted(rest, times[late])] < _HOLE * np.median(np.diff(rest))))
-
-
-def _single_rows_late(times: Floats) -> Codes | None:
-    """Return the indices of rows, no two adjacent, without which times increase; None if there are no such."""
-    # Whether times can increase up to a row, if single rows before it are left out
+    # Whether times can increase up to a row, if single rows before it, no two adjacent, are left out
     can = [True, True]
     for i in range(2, len(times)):
         can.append(bool((can[i - 1] and times[i] > times[i - 1]) or (can[i - 2] and times[i] > times[i - 2])))
     if not (can[-1] or can[-2]):
-        return None
+        return True
     i = len(times) - (1 if can[-1] else 2)
     kept = [i]
     while i > 1 or (i == 1 and times[1] > times[0]):
         i -= 1 if can[i - 1] and times[i] > times[i - 1] else 2
         kept.append(i)
-    return np.setdiff1d(np.arange(len(times)), kept)
+    late = np.setdiff1d(np.arange(len(times)), kept)
+    rest = np.delete(times, late)
+    steps = np.diff(rest, prepend=-np.inf, append=np.inf)
+    # Where a row is out of place, one is missing in another
+    return bool(np.any(steps[np.searchsorted(rest, times[late])] < _HOLE * np.median(np.diff(rest))))
 
 
 def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> Diagnostic:

@@ -53,15 +53,6 @@ def _text_label(text: str) -> str:
     return text.split(".")[0] if re.fullmatch(r"[+-]?\d+\.0*", text) else text
 
 
-def several_spellings(what: str, spellings: dict[str, list[str]]) -> tuple[str, ...]:
-    """Return a note for each label, of objects say, that is written in several ways."""
-    return tuple(
-        f"{what} {name!r} is written in {len(ways)} ways, taken as one: {', '.join(map(ascii, ways))}"
-        for name, ways in spellings.items()
-        if len(ways) > 1
-    )
-
-
 # Names, signs of degree, percent, powers and products. All else, and towers of powers, would only keep pint busy.
 _UNIT = re.compile(r"[\w°%µΩ·⁻⁰¹²³⁴⁵⁶⁷⁸⁹./*^()\- ]{1,80}")
 _BROKEN = re.compile("(?<=[⁰¹²³⁴⁵⁶⁷⁸⁹])⋅(?=[⁰¹²³⁴⁵⁶⁷⁸⁹])")

@@ -11,7 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.trials.columns import Codes, Table, frame_table
 from commonlaw.trials.files import read_table
-from commonlaw.trials.headers import label, several_spellings
+from commonlaw.trials.headers import label
 from commonlaw.trials.trial import Property, property_names
 
 _FEW = 0.1
@@ -153,8 +153,13 @@ def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, 
             label=what,
             count=len(missing),
         )
-    spelled = {each: list(dict.fromkeys(cells)) for each, cells in ways.items() if each}
-    return codes, [str(each) for each in labels], several_spellings(what, spelled)
+    spelled = {
+        each: ", ".join(map(ascii, dict.fromkeys(own))) for each, own in ways.items() if len({*own}) > 1 and each
+    }
+    notes = (
+        f"{what} {each!r} is written in {len({*ways[each]})} ways, taken as one: {own}" for each, own in spelled.items()
+    )
+    return codes, [str(each) for each in labels], tuple(notes)
 
 
 def _cells(table: Table, name: str) -> tuple[Floats, list[object] | None]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.array_types import Floats, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,19 +75,6 @@ def merged(
         std = np.where(np.add.reduceat(known, first), np.sqrt(1 / total), np.nan)
     found = Repeats(np.maximum(number, 1.0), np.add.reduceat(squares + deviations, first))
     return means, std, found if found.most > 1 else None
-
-
-def inputs_of_times(first: Indices, rows: Indices, inputs: Floats, alone: Bools) -> tuple[Floats, Bools]:
-    """Return the inputs of each time, shape (times, inputs), and which rows have others, shape (n,).
-
-    An input of a row of inputs `alone`, such as a dose, counts where the other rows of its time have zero. Given are
-    the first row of each time, and the index of the time of each row.
-    """
-    low, high = np.minimum.reduceat(inputs, first), np.maximum.reduceat(inputs, first)
-    has_alone = np.logical_or.reduceat(alone, first)[:, np.newaxis]
-    found = np.where(has_alone, np.where(high > 0, high, low), inputs[first])
-    same = (inputs == found[rows]) | (has_alone[rows] & (inputs == 0))
-    return found, np.asarray(~same.all(axis=1))
 
 
 def joined(parts: Sequence[tuple[Repeats | None, tuple[int, ...]]]) -> Repeats | None:

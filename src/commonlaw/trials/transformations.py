@@ -319,43 +319,38 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
     others = [name for name in trials.schema.inputs if name not in doses]
     if others:
         raise CommonlawError("doses-with-inputs", inputs=others)
-    begun = [_from_first_dose(trial, trials.schema.measured) for trial in trials]
+    begun = list[Trial]()
+    for trial in trials:
+        if len(trial.earlier):  # It begins at its first dose
+            times, count = trial.earlier[:, 0], len(trial.earlier) + len(trial)
+            if len(trials.schema.measured) > 1:
+                states = trials.schema.measured
+                raise CommonlawError("doses-before-start", where=trial.label, time=times[0], states=states)
+            samples = _among(trial, np.arange(len(times), count), count)
+            samples["states"][0, 0], samples["noise"][0] = 0.0, trial.noise[0]
+            times, inputs = np.append(times, trial.times), np.concatenate([trial.earlier[:, 1:], trial.inputs])
+            trial = replace(trial, times=times, inputs=inputs, earlier=np.empty((0, 0)), **samples)
+        begun.append(trial)
     for owner in trials.objects:
         if not any(trial.inputs[:-1].any() for trial in begun if trial.object == owner):
             raise CommonlawError("doses-after-end", object=owner, doses=doses)
     schema = replace(trials.schema, doses=tuple(doses), input_between="linear")
-    return replace(without_notes_on(doses, trials), trials=tuple(map(_with_moments, begun)), schema=schema)
+    changed = []
+    for trial in begun:
+        given = np.flatnonzero(trial.inputs[:-1].any(axis=1))
+        moment = MOMENT * float(np.diff(trial.times).min(initial=np.inf))
+        times = np.concatenate([trial.times, trial.times[given] + moment, trial.times[given] + 2 * moment])
+        order, none = np.argsort(times, kind="stable"), np.zeros_like(trial.inputs[given])
+        inputs = np.concatenate([np.zeros_like(trial.inputs), trial.inputs[given] / moment, none])
+        samples = _among(trial, np.flatnonzero(order < len(trial)), len(times))
+        changed.append(replace(trial, times=times[order], inputs=inputs[order], **samples))
+    return replace(without_notes_on(doses, trials), trials=tuple(changed), schema=schema)
 
 
 def without_notes_on(doses: Sequence[str], trials: Trials) -> Trials:
     """Return the trials without the notes that inputs may be doses, of those that are given as such."""
     answered = {*map(note_on_pulses, doses)}
     return replace(trials, notes=tuple(note for note in trials.notes if note not in answered))
-
-
-def _from_first_dose(trial: Trial, measured: Sequence[str]) -> Trial:
-    """Return a trial that begins at its first dose, if that is before its first sample."""
-    if not len(trial.earlier):
-        return trial
-    times, amounts = trial.earlier[:, 0], trial.earlier[:, 1:]
-    if len(measured) > 1:
-        raise CommonlawError("doses-before-start", where=trial.label, time=times[0], states=measured)
-    count = len(times) + len(trial)
-    samples = _among(trial, np.arange(len(times), count), count)
-    samples["states"][0, 0], samples["noise"][0] = 0.0, trial.noise[0]
-    times, inputs = np.concatenate([times, trial.times]), np.concatenate([amounts, trial.inputs])
-    return replace(trial, times=times, inputs=inputs, earlier=np.empty((0, 0)), **samples)
-
-
-def _with_moments(trial: Trial) -> Trial:
-    """Return a trial whose inputs are amounts with samples in which they are added, but for those of its end."""
-    given = np.flatnonzero(trial.inputs[:-1].any(axis=1))
-    moment = MOMENT * float(np.diff(trial.times).min(initial=np.inf))
-    times = np.concatenate([trial.times, trial.times[given] + moment, trial.times[given] + 2 * moment])
-    order, none = np.argsort(times, kind="stable"), np.zeros_like(trial.inputs[given])
-    inputs = np.concatenate([np.zeros_like(trial.inputs), trial.inputs[given] / moment, none])
-    samples = _among(trial, np.flatnonzero(order < len(trial)), len(times))
-    return replace(trial, times=times[order], inputs=inputs[order], **samples)
 
 
 _DIFFERENCES = 10

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats, same_content
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.trials.headers import label, plain
-from commonlaw.trials.repeats import Repeats, inputs_of_times, merged
+from commonlaw.trials.repeats import Repeats, merged
 
 Property = float | str
 ObjectProperties = Mapping[str, Mapping[str, Property]]
@@ -260,7 +260,11 @@ class Trial:
                 raise CommonlawError("censored-replicates", where=self.label, time=time)
             below = np.fmax.reduceat(self.below, first)
         rows = np.repeat(np.arange(len(first)), np.diff(first, append=len(self)))
-        inputs, differ = inputs_of_times(first, rows, self.inputs, np.asarray(np.isnan(self.states).all(axis=1)))
+        # An input of a row of inputs alone, such as a dose, counts where the other rows of its time have zero
+        low, high = np.minimum.reduceat(self.inputs, first), np.maximum.reduceat(self.inputs, first)
+        alone = np.logical_or.reduceat(np.isnan(self.states).all(axis=1), first)[:, np.newaxis]
+        inputs = np.where(alone, np.where(high > 0, high, low), self.inputs[first])
+        differ = ~((self.inputs == inputs[rows]) | (alone[rows] & (self.inputs == 0))).all(axis=1)
         if differ.any():
             i = int(np.argmax(differ))
             here = int(first[rows[i]])
@@ -292,9 +296,6 @@ class Trial:
             raise CommonlawError("censored-shape", where=self.label)
         if self.states.shape[1] and np.isnan(self.states[0]).all() and np.isnan(self.below[0]).all():
             raise CommonlawError("first-sample-empty", where=self.label)
-        self._check_times()
-
-    def _check_times(self) -> None:
         steps = np.diff(self.times)
         steps = steps[steps != 0]
         smallest, largest = steps.min(initial=np.inf), max(abs(self.times[0]), abs(self.times[-1]))
@@ -320,14 +321,6 @@ class TrialData(NamedTuple):
     properties: ObjectProperties
     notes: tuple[str, ...]
     nameless: bool = False
-
-
-def chosen_indices(count: int, index: Any) -> Any:
-    """Return the indices, of so many trials, that an index of NumPy chooses."""
-    try:
-        return np.arange(count)[index]
-    except IndexError as error:
-        raise NoSuchTrialError("trial-index", trials=count, error=error) from None
 
 
 def with_typical(noise: Floats | float, typical: Floats) -> Floats:

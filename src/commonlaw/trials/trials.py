@@ -21,6 +21,7 @@ from commonlaw.trials.headers import label
 from commonlaw.trials.roles import Reading
 from commonlaw.trials.tables import rows_of, trials_from_arrays
 from commonlaw.trials.trial import (
+    NoSuchTrialError,
     ObjectProperties,
     PropertyTable,
     Schema,
@@ -28,7 +29,6 @@ from commonlaw.trials.trial import (
     TrialData,
     check_noise_columns,
     check_properties,
-    chosen_indices,
     normalized,
     property_names,
 )
@@ -247,7 +247,10 @@ class Trials(ShownInNotebooks):
     @overload
     def __getitem__(self, index: Any) -> "Trials": ...
     def __getitem__(self, index: Any) -> "Trial | Trials":
-        chosen = chosen_indices(len(self), index)
+        try:
+            chosen = np.arange(len(self))[index]
+        except IndexError as error:
+            raise NoSuchTrialError("trial-index", trials=len(self), error=error) from None
         if np.ndim(chosen) == 0:
             return self.trials[int(chosen)]
         return self.with_trials([self.trials[i] for i in chosen])
