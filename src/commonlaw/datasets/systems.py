@@ -104,12 +104,19 @@ def _load_pairs(
     CommonlawError
         If an option cannot be, such as a negative rate.
     """
+
+    def derivatives(rates: tuple[float, ...], y: Floats) -> list[float]:
+        a, b, c, d = rates
+        return [a * y[0] - b * y[0] * y[1], -c * y[1] + d * y[0] * y[1]]
+
+    def start(rates: tuple[float, ...], source: NormalSource) -> Floats:
+        a, b, c, d = rates
+        return np.array([c / d, a / b]) * np.exp(source.standard_normal((2,)) / 2)
+
     times = sample_times(samples, rate)
     rates_of = {"growth": growth, "predation": predation, "decline": decline, "reproduction": reproduction}
     pairs = objects("Pair", positive=True, **rates_of)
-    paths = {
-        name: exact_path(_derivatives_of_pairs, _start_of_pairs, rates, times, name) for name, rates in pairs.items()
-    }
+    paths = {name: exact_path(derivatives, start, rates, times, name) for name, rates in pairs.items()}
     return measure(paths, _PLANE, times, trials, noise, seed)
 
 
@@ -119,16 +126,6 @@ def _truth_of_pairs(growth: PerObject, predation: PerObject, decline: PerObject,
     pairs = objects("Pair", positive=True, **rates_of)
     rows = {name: [[a, 0.0, -b], [0.0, -c, d]] for name, (a, b, c, d) in pairs.items()}
     return exact_law(_PLANE, ["x", "y", "x*y"], rows)
-
-
-def _derivatives_of_pairs(rates: tuple[float, ...], y: Floats) -> list[float]:
-    a, b, c, d = rates
-    return [a * y[0] - b * y[0] * y[1], -c * y[1] + d * y[0] * y[1]]
-
-
-def _start_of_pairs(rates: tuple[float, ...], source: NormalSource) -> Floats:
-    a, b, c, d = rates
-    return np.array([c / d, a / b]) * np.exp(source.standard_normal((2,)) / 2)
 
 
 lotka_volterra = Dataset(
@@ -172,11 +169,17 @@ def _load_lorenz(
     CommonlawError
         If an option cannot be, such as a negative noise.
     """
+
+    def derivatives(coefficients: tuple[float, ...], y: Floats) -> list[float]:
+        sigma, rho, beta = coefficients
+        return [sigma * (y[1] - y[0]), y[0] * (rho - y[2]) - y[1], y[0] * y[1] - beta * y[2]]
+
+    def start(_: tuple[float, ...], source: NormalSource) -> Floats:
+        return np.array([-8.0, 8.0, 27.0]) + source.standard_normal((3,))
+
     times = sample_times(samples, rate)
     systems = objects("System", sigma=sigma, rho=rho, beta=beta)
-    paths = {
-        name: exact_path(_derivatives_of_lorenz, _start_of_lorenz, row, times, name) for name, row in systems.items()
-    }
+    paths = {name: exact_path(derivatives, start, row, times, name) for name, row in systems.items()}
     return measure(paths, _SPACE, times, trials, noise, seed)
 
 
@@ -187,15 +190,6 @@ def _truth_of_lorenz(sigma: PerObject, rho: PerObject, beta: PerObject) -> "Law"
         for name, (s, r, b) in objects("System", sigma=sigma, rho=rho, beta=beta).items()
     }
     return exact_law(_SPACE, ["x", "y", "z", "x*y", "x*z"], rows)
-
-
-def _derivatives_of_lorenz(coefficients: tuple[float, ...], y: Floats) -> list[float]:
-    sigma, rho, beta = coefficients
-    return [sigma * (y[1] - y[0]), y[0] * (rho - y[2]) - y[1], y[0] * y[1] - beta * y[2]]
-
-
-def _start_of_lorenz(_: tuple[float, ...], source: NormalSource) -> Floats:
-    return np.array([-8.0, 8.0, 27.0]) + source.standard_normal((3,))
 
 
 lorenz = Dataset(

@@ -1,6 +1,6 @@
 """Forecasts of trials by a law, from given or estimated initial conditions, and how far they may be off."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,16 +31,6 @@ from commonlaw.library import Terms
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import MOMENT, with_logarithms, with_property_inputs
-
-
-def _values(law: Law, forecast: Forecast, trial: Trial, states: Floats) -> Iterator[tuple[str, Floats]]:
-    """Yield the values that a forecast has of every variable and property."""
-    names = (*law.schema.states, *rate_names(law))
-    yield from zip(names, states.T, strict=True)
-    yield from zip(forecast.trials.schema.inputs, trial.inputs.T, strict=True)
-    for name, value in forecast.trials.properties.get(trial.object, {}).items():
-        if isinstance(value, float):
-            yield name, np.array([value])
 
 
 def simulate_law(
@@ -186,7 +176,11 @@ def predict(
     # Where it leaves what the law was learned from
     domain, left, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
     for trial, trajectory in zip(found.trials, found.trajectories, strict=True):
-        for name, values in _values(law, found, trial, trajectory.states):
+        visited = dict(zip((*law.schema.states, *rate_names(law)), trajectory.states.T, strict=True))
+        visited |= dict(zip(found.trials.schema.inputs, trial.inputs.T, strict=True))
+        properties = found.trials.properties.get(trial.object, {})
+        visited |= {name: np.array([value]) for name, value in properties.items() if isinstance(value, float)}
+        for name, values in visited.items():
             farthest = domain.left_by(name, values)
             if farthest is not None:
                 left.setdefault(name, {})[trial.label] = farthest

@@ -210,8 +210,13 @@ class DotPlot:
             panel.plot([each.learned[0] for each in group], heights, **_DOT)
             panel.plot([each.true[0] for each in group], heights, **_OPEN)
             _draw_bars(panel, heights, *np.array([(each.errors[0], each.low[0], each.high[0]) for each in group]).T)
-            for height, each in enumerate(group):
-                _print_value(panel, height, each)
+            for height, each in enumerate(group):  # Its value, right of its dot and interval
+                value, error = each.learned[0], each.errors[0]
+                if np.isfinite(value):
+                    number = powers_of_ten(with_error(value, error)) if error else number_text(value, 4)
+                    at = (np.fmax(value, each.high[0]), height)
+                    text = f"{number} {each.unit}".rstrip()
+                    panel.annotate(text, at, (8, 0), textcoords="offset points", va="center", fontsize=9)
             panel.set_yticks(heights, [each.term for each in group])
             panel.set_ylim(len(group) - 0.4, -0.6)
             what = "parameters" if self._by_letter else "terms"
@@ -244,16 +249,6 @@ def _draw_bars(panel: Axes, heights: ArrayLike, errors: Floats, low: Floats, hig
     """Draw the 95 % intervals of coefficients whose errors are known."""
     if errors.any():
         panel.hlines(heights, low, high, color=COLORS[0], linewidth=1.4)
-
-
-def _print_value(panel: Axes, height: int, each: Coefficient) -> None:
-    """Print a coefficient right of its dot and interval."""
-    value, error = each.learned[0], each.errors[0]
-    if np.isfinite(value):
-        number = powers_of_ten(with_error(value, error)) if error else number_text(value, 4)
-        index = (np.fmax(value, each.high[0]), height)
-        text = f"{number} {each.unit}".rstrip()
-        panel.annotate(text, index, (8, 0), textcoords="offset points", va="center", fontsize=9)
 
 
 _NAMED = 50

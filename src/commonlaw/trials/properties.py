@@ -153,11 +153,11 @@ def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, 
             label=what,
             count=len(missing),
         )
-    spelled = {
-        each: ", ".join(map(ascii, dict.fromkeys(own))) for each, own in ways.items() if len({*own}) > 1 and each
-    }
+    spelled = {each: list(dict.fromkeys(cells)) for each, cells in ways.items() if each}
     notes = (
-        f"{what} {each!r} is written in {len({*ways[each]})} ways, taken as one: {own}" for each, own in spelled.items()
+        f"{what} {each!r} is written in {len(cells)} ways, taken as one: {', '.join(map(ascii, cells))}"
+        for each, cells in spelled.items()
+        if len(cells) > 1
     )
     return codes, [str(each) for each in labels], tuple(notes)
 
