@@ -82,19 +82,18 @@ def test_a_reader_that_has_enough_ends_the_command_without_a_word(folder: Path) 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
 def test_letters_that_an_encoding_lacks_are_shown_as_json_writes_them(folder: Path, encoding: str) -> None:
-    ended = run(folder, "predict law.json drops.csv", encoding)
+    ended = run(folder, "data check drops.csv", encoding)
     assert ended.returncode == 0
     shown = "".join(each if each.isascii() or encodes(each, encoding) else json.dumps(each)[1:-1] for each in NAME)
     assert shown in ended.stdout.decode(encoding)
 
 
 def test_json_is_the_same_in_every_encoding(folder: Path) -> None:
-    first, *others = (
-        json.loads(run(folder, "predict law.json drops.csv --json", each).stdout.decode(each))
-        for each in ("utf-8", "cp1252", "ascii")
+    first, other = (
+        json.loads(run(folder, "data check drops.csv --json", each).stdout.decode(each)) for each in ("utf-8", "ascii")
     )
-    assert others == [first, first]
-    assert first["errors"][0]["object"] == NAME
+    assert other == first
+    assert first["trials"][0]["object"] == NAME
 
 
 def encodes(letter: str, encoding: str) -> bool:
