@@ -158,7 +158,18 @@ static bool estimate(Support *s, double variance) {
     return true;
 }
 
-/* What the coefficients of columns cost by their scatter; infinite if objects together cannot tell them. */
+/* Whether the trials of an object identify the coefficients that it has to itself. */
+static bool one_identifies(const Support *s) {
+    const int64_t k = s->k;
+    for (int64_t o = 0; o < s->objects; ++o) {
+        bool told = true;
+        for (int64_t a = 0; a < k - s->common; ++a) told = told && fabs(s->columns[(o * k + a) * k + a]) > MIN_COLUMN;
+        if (told) return true;
+    }
+    return false;
+}
+
+/* What the coefficients of columns cost by their scatter; infinite if they are not identifiable. */
 static int cost(Support *s, double variance, double worst, int64_t tried, const double *grid, int64_t sweeps,
                 double *found) {
     const int64_t k = s->k;
@@ -168,7 +179,7 @@ static int cost(Support *s, double variance, double worst, int64_t tried, const 
         s->total[i] = 0;
         for (int64_t o = 0; o < s->objects; ++o) s->total[i] += s->information[o * k * k + i];
     }
-    if (!(condition(s->total, k) < worst)) return DONE;
+    if (!(condition(s->total, k) < worst) || (s->objects > 1 && !one_identifies(s))) return DONE;
     *found = 0;
     if (s->objects == 1) return DONE;
     for (int64_t a = 0; a < k; ++a) {

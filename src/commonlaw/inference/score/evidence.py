@@ -159,11 +159,18 @@ def residual_squares(factors: Floats, indices: Indices) -> float:
 
 
 def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int) -> float:
-    """Return the marginal deviance of the coefficients as random effects; infinite if they are not identifiable."""
+    """Return the marginal deviance of the coefficients as random effects; infinite if they are not identifiable.
+
+    Those that are not the same for all objects are identifiable if the trials of one object identify them: of x and
+    ``x*mass`` only one may be in a law, as the other's coefficient can have any value in each object.
+    """
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
     if not np.linalg.cond(information.sum(axis=0)) < _worst_condition(len(columns)):
         return np.inf
-    determined = np.abs(np.diagonal(columns, axis1=1, axis2=2)).min(axis=1) > _MIN_COLUMN
+    is_large = np.abs(np.diagonal(columns, axis1=1, axis2=2)) > _MIN_COLUMN
+    if len(columns) > 1 and not is_large[:, : columns.shape[1] - common].all(axis=1).any():
+        return np.inf
+    determined = is_large.all(axis=1)
     estimates = np.empty(columns.shape[:2])
     estimates[determined] = np.linalg.solve(columns[determined], targets[determined])[..., 0]
     ridge = _MIN_COLUMN**2 * np.eye(columns.shape[1])
