@@ -201,9 +201,10 @@ _LAW_OPTIONS = (
         everyday=True,
         metavar="SPEC",
         default="auto",
-        help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), families with parameters inside such as "
-        "saturating, sums such as 'poly:2 + saturating', ratios of sums as in 'ratio(poly:2, poly:2)', or auto for "
-        "poly:3, and for all of these where it shows lack of fit; poly:3 only for streams and regressions.",
+        help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), which may hold properties of the objects, "
+        "families with parameters inside such as saturating, sums such as 'poly:2 + saturating', ratios of sums as in "
+        "'ratio(poly:2, poly:2)', or auto for poly:3, and for all of these where it shows lack of fit; poly:3 only for "
+        "streams and regressions.",
     ),
     _law(
         "--known",

@@ -11,7 +11,14 @@ from commonlaw.discovery.cache import cached_law
 from commonlaw.discovery.given_derivatives import GivenDerivatives, with_derivatives
 from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_generations, outcomes_of_rivals
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
-from commonlaw.discovery.method import AbstractMethod, Key, Known, ModelStructure, of_each_equation
+from commonlaw.discovery.method import (
+    AbstractMethod,
+    Key,
+    Known,
+    ModelStructure,
+    of_each_equation,
+    with_properties_in,
+)
 from commonlaw.discovery.observed import discover_observed
 from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
@@ -25,7 +32,9 @@ from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
-from commonlaw.library import AbstractLibrary, CappedLibrary, one_order, order_of_each, parse_library
+from commonlaw.library import CappedLibrary, one_order, order_of_each, parse_library
+from commonlaw.library.functions import functions_in
+from commonlaw.library.libraries import LibraryGiven
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import changed_settings
@@ -80,7 +89,7 @@ class LawDiscovery:
     def __init__(
         self,
         order: AskedOrder = "auto",
-        library: AbstractLibrary | str | Mapping[str, AbstractLibrary | str] = "auto",
+        library: LibraryGiven | Mapping[str, LibraryGiven] = "auto",
         method: AbstractMethod | None = None,
         known: Base | None = None,
         universal: Sequence[Key] = (),
@@ -152,7 +161,10 @@ class LawDiscovery:
         if refused or isinstance(library, Mapping):
             given_too = ["library"] if isinstance(library, Mapping) else []
             raise CommonlawError("not-with-observation", settings=[*refused, *given_too])
-        own = parse_library(library) if isinstance(library, str) else library
+        own = parse_library(library)
+        if own.functions:
+            raise CommonlawError("function-with-observation", function=own.functions[0].text)
+        trials = with_properties_in([own], trials)
         with one_blas_thread():
             return discover_observed(
                 trials,
@@ -182,13 +194,18 @@ class LawDiscovery:
         if isinstance(trials, Trials) and not (by_equation or self.known or self.universal or derivatives):
             constant = states_at_rest(trials) if isinstance(order, str) or order in (1, 2) else ()
             trials = without_states(trials, constant)
+        asked = self.library.values() if isinstance(self.library, Mapping) else [self.library]
+        libraries = [parse_library(each) for each in asked]
+        functions = functions_in(f for each in libraries for f in each.functions)
+        if isinstance(trials, Trials):
+            trials = with_properties_in(libraries, trials)
         trials, possible, steps, rates = possible_orders(trials, order)
         absent: Known = {}
         if isinstance(self.library, Mapping):
             first = one_order([each[0] for each in possible])
             library, absent = of_each_equation(self.library, trials.schema, first)
         else:
-            library = parse_library(self.library) if isinstance(self.library, str) else self.library
+            (library,) = libraries
         known = self.known or {}
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
@@ -225,7 +242,7 @@ class LawDiscovery:
                 assert isinstance(trials, Trials)
                 law = method.find_order(trials, structure, possible, progress)
         # Laws, functions and derivatives are no text
-        said = isinstance(self.known, Mapping | str | None) and derivatives is None
+        said = isinstance(self.known, Mapping | str | None) and derivatives is None and not functions
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
         domain, outcomes = (
             law.provenance.domain,
@@ -363,7 +380,7 @@ def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
 def discover(
     trials: Trials | TrialStream | Any,
     order: AskedOrder = "auto",
-    library: AbstractLibrary | str | Mapping[str, AbstractLibrary | str] = "auto",
+    library: LibraryGiven | Mapping[str, LibraryGiven] = "auto",
     method: AbstractMethod | None = None,
     known: Base | None = None,
     universal: Sequence[Key] = (),
@@ -390,9 +407,11 @@ def discover(
         Discrete time is never tried; a note suggests it where samples at whole numbers follow from the ones before,
         but not by the law.
     library
-        Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, see
-        `parse_library`; or plain terms by state, ``{"x": "poly:2", "y": "poly:1"}``, for laws of order 1 unless another
-        is named. ``"auto"``: polynomials of degree 3, and richer terms where these show lack of fit, see
+        Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, or
+        a list of terms, libraries and functions of Python, ``["poly:2", "x^2/K", drag]``, see `parse_library` and
+        `ExpressionLibrary`; or plain terms by state, ``{"x": "poly:2", "y": "poly:1"}``, for laws of order 1 unless
+        another is named. Properties of the objects may stand in terms and are inputs of the law.
+        ``"auto"``: polynomials of degree 3, and richer terms where these show lack of fit, see
         `AutoLibrary`; in streams and regressions only polynomials.
     method
         The way from trials to a law: `TrajectoryLikelihood`, `DerivativeRegression`, `WeakRegression`, or

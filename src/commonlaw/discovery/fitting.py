@@ -1,7 +1,7 @@
 """A law that somebody has in mind: exactly these terms, coefficients found in trials."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -32,6 +32,7 @@ from commonlaw.law.text import with_error
 from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
+from commonlaw.library.functions import functions_in
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
@@ -76,6 +77,7 @@ def fit(
     guesses: Mapping[str, float] | None = None,
     observe: Mapping[str, str] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
+    functions: Iterable[Callable[..., Any]] = (),
     positive: Sequence[str] | None = None,
     input_between: str | None = None,
     noise: Mapping[str, float | str] | None = None,
@@ -153,6 +155,9 @@ def fit(
         among the equations, too: ``"x' = -k x; signal = c x"``.
     priors
         Mean and standard deviation of parameters with a normal prior, by name: ``priors={"k": (0.5, 0.1)}``.
+    functions
+        Functions of Python that the equations call by name, from arrays to an array: ``cl.fit("x'' = -k x - drag(v)",
+        trials, functions=[drag])``, see `commonlaw.library.ExpressionLibrary`.
     positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
         Settings of the fit, see `FitOptions`. In place of a standard deviation, `noise` may have the name of a property
         of the objects, ``noise={"signal": "lab"}``: that of each of its values is estimated. With `doses` inputs are on
@@ -188,8 +193,9 @@ def fit(
         properties = property_names(trials.properties) if isinstance(trials, Trials) else []
         textbook = named[0].over_columns(trials.schema, properties, named[1])
         equations, doses = textbook.equations, doses or textbook.doses
+    called = functions_in(functions)
     if isinstance(trials, TrialStream):
-        if starts or doses or universal or guesses or observe or priors:
+        if starts or doses or universal or guesses or observe or priors or called:
             raise CommonlawError("not-for-streams")
         return _of_stream(equations, trials, settings, client)
     refuse_client(client)
@@ -200,11 +206,13 @@ def fit(
     if needs_model(model, trials, starts or {}, universal, priors) or any(
         isinstance(v, str) for v in (noise or {}).values()
     ):
+        if called:
+            raise CommonlawError("function-with-observation", function=called[0].text)
         own = {"starts": starts, "starts_at": starts_at, "universal": universal, "guesses": guesses, "priors": priors}
         changed = changed_settings("fit", settings)
         whole = equations if isinstance(equations, str) else "; ".join(equations)
         asked_of = {"observe": observe, "doses": doses, **own, **changed}
-        calls = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
+        calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
         return _of_model(model, with_doses(trials, doses), calls, own | {"universal": groups}, changed)
     asked = split_equations(equations)
     second = [each.state for each in asked if each.order == 2]
@@ -216,7 +224,8 @@ def fit(
     trials = _with_unmeasured(with_doses(trials, doses), asked, cast(dict[str, Start], starts), starts_at)
     if doses and input_between is None:
         settings["input_between"] = "linear"
-    given = read_equations(equations, trials.schema, properties=property_names(trials.properties))
+    own_properties = property_names(trials.properties)
+    given = read_equations(equations, trials.schema, properties=own_properties, functions=called)
     text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
     history = (
         Step("equations", text, "as given"),
@@ -229,15 +238,9 @@ def fit(
         *_properties_in(given, trials),
     )
     chosen: dict[str, Any] = {"universal": universal, "guesses": guesses}
-    calls = (
-        call(
-            fit,
-            {"starts": starts or None, "starts_at": starts_at, "doses": doses, **chosen, **settings},
-            "cl.fit",
-            repr(text),
-            "trials",
-        ),
-    )
+    values = {"starts": starts or None, "starts_at": starts_at, "doses": doses, **chosen, **settings}
+    # Functions are no text
+    calls = () if called else (call(fit, values, "cl.fit", repr(text), "trials"),)
     if given.order == 0:
         if given.terms.parameters:
             names = ", ".join(given.terms.variables.parameters)
@@ -575,7 +578,8 @@ def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any
     if refused := ", ".join(name for name in changed_settings("fit", settings) if name not in taken):
         raise CommonlawError("discrete-without-option", refused=refused)
     names, terms, values = given.terms.variables.names, given.terms.terms, _known(given, trials)
-    library = ExpressionLibrary(*(each.expression(names) for each in terms))
+    functions = given.terms.variables.functions
+    library = ExpressionLibrary(*(each.expression(names) for each in terms), functions=functions)
     known: Known = {
         (trials.schema.states[j], given.terms.names[k]): dict(
             zip(trials.objects, values[:, j, k].tolist(), strict=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.discovery.measured_rates import without_measured_rates
+from commonlaw.discovery.method import with_properties_in
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import fitted, forecast_from
 from commonlaw.forecast.forecast import Forecast
@@ -19,7 +20,8 @@ from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.parameters import rate_names
 from commonlaw.law.text import left_hand_sides
-from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary
+from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, parse_library
+from commonlaw.library.libraries import LibraryGiven
 from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.check import Finding
@@ -251,7 +253,7 @@ _LISTED = 4
 
 
 def confounded_variables(
-    trials: Trials, order: int | None = None, library: AbstractLibrary | str | None = None
+    trials: Trials, order: int | None = None, library: LibraryGiven | None = None
 ) -> tuple[Finding, ...]:
     """Return the confounded variables of trials, see `Trials.check`.
 
@@ -263,7 +265,9 @@ def confounded_variables(
     if order == 0:
         return ()
     asked, _ = without_measured_rates(trials, trials.schema.states if order == 2 else ())
-    noted = [(each, _note(each, asked, order)) for each in confounded_sets(asked, order, library)]
+    given = None if library is None else parse_library(library)
+    asked = with_properties_in([given] if given else [], asked)
+    noted = [(each, _note(each, asked, order)) for each in confounded_sets(asked, order, given)]
     return tuple(Finding(f"{note.where}: {note.text}; {note.remedy}", column=each.state) for each, note in noted)
 
 

@@ -1,7 +1,7 @@
 """The interface of methods, and the structure that they fit: order, candidate terms, known coefficients."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import product
@@ -22,11 +22,16 @@ from commonlaw.library import (
     PolynomialLibrary,
     Ratios,
     Terms,
+    Variables,
     order_of_each,
     parse_library,
 )
+from commonlaw.library.functions import functions_in
+from commonlaw.library.libraries import LibraryGiven
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.trials import Schema, Trials, TrialStream
+from commonlaw.trials.transformations import with_property_inputs
+from commonlaw.trials.trial import property_names
 
 Key = str | tuple[str, str]
 """A term, with the state of its equation before it when there are several."""
@@ -64,18 +69,21 @@ class ModelStructure:
 
         Raises `CommonlawError` if the library contains an unknown variable or term.
         """
-        terms = self.library.bind(law_variables(schema, self.order))
+        terms = self.library.bind(self._variables(schema))
         if not len(terms):
             raise CommonlawError("library-parametric-only")
         return terms
 
     def parametric(self, schema: Schema) -> tuple[ParametricTerm, ...]:
         """Return the candidate terms with nonlinear parameters, see `AbstractLibrary.parametric`."""
-        return self.library.parametric(law_variables(schema, self.order))
+        return self.library.parametric(self._variables(schema))
 
     def ratios(self, schema: Schema) -> tuple[Ratios, ...]:
         """Return the candidate ratios of sums of terms, see `AbstractLibrary.ratios`."""
-        return self.library.ratios(law_variables(schema, self.order))
+        return self.library.ratios(self._variables(schema))
+
+    def _variables(self, schema: Schema) -> Variables:
+        return replace(law_variables(schema, self.order), functions=self.library.functions)
 
     def known_coefficients(self, schema: Schema, objects: Sequence[str]) -> Floats:
         """Return the known coefficients, shape (objects, equations, terms), NaN where they are estimated.
@@ -114,7 +122,7 @@ class ModelStructure:
 
 
 def of_each_equation(
-    libraries: Mapping[str, AbstractLibrary | str], schema: Schema, order: Order
+    libraries: Mapping[str, LibraryGiven], schema: Schema, order: Order
 ) -> tuple[AbstractLibrary, Known]:
     """Return the joint library of all equations, and zero coefficients for the terms an equation does not have.
 
@@ -130,7 +138,8 @@ def of_each_equation(
     variables, parsed = law_variables(schema, order), list[AbstractLibrary]()
     for name in schema.states:
         library = libraries[name]
-        parsed.append(parse_library(library) if isinstance(library, str) else library)
+        parsed.append(parse_library(library))
+        variables = replace(variables, functions=functions_in((*variables.functions, *parsed[-1].functions)))
         if library == "auto" or parsed[-1].parametric(variables) or parsed[-1].ratios(variables):
             raise CommonlawError("library-of-equation-parametric", state=name)
     whole = reduce(add, parsed)
@@ -153,6 +162,24 @@ def _index_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
     state, term = key if isinstance(key, tuple) else (states[0], key)
     check_choice("state", state, states)
     return states.index(state), terms.index(term)
+
+
+def with_properties_in(libraries: Iterable[AbstractLibrary], trials: Trials) -> Trials:
+    """Return trials with the properties of their objects that stand in terms of libraries as inputs.
+
+    They are constant in each trial, and variables like others: ``x**2/K`` has a coefficient of each object, and a law
+    in which all objects have the same one is more probable than one in which they differ.
+    """
+    variables, used = law_variables(trials.schema, 2), set[str]()
+    names = [name for name in property_names(trials.properties) if name not in variables.names]
+    for library in libraries if names else ():
+        called = [each.name for each in library.functions]
+        own = tuple(name for name in names if name not in called)
+        wide = replace(variables, parameters=own, functions=library.functions)
+        terms = [*library.bind(wide).terms, *(each.term for each in library.parametric(wide))]
+        terms += [term for each in library.ratios(wide) for term in (*each.above, *each.below)]
+        used |= {name for term in terms for name in (wide.names[i] for i in term.columns() if i < len(wide.names))}
+    return with_property_inputs(trials, [name for name in names if name in used])
 
 
 T = TypeVar("T")

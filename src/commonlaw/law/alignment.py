@@ -20,12 +20,13 @@ from commonlaw.trials.transformations import (
     objects_at_rest,
     with_doses,
     with_noise,
+    with_property_inputs,
     with_starts,
     without_objects,
     without_rates,
     without_states,
 )
-from commonlaw.trials.trial import as_numbers
+from commonlaw.trials.trial import as_numbers, property_names
 
 if TYPE_CHECKING:
     from commonlaw.law.law import Law
@@ -42,9 +43,9 @@ def matched(
     """Return trials of the variables of a law in its units; everything that takes a law and trials begins with this.
 
     What has no unit there or in the law is taken as it is. Left out are rates of the law's states and objects at rest
-    that the law left out. Latent states come with their initial values, and doses as they are added. Only with `inputs`
-    "any" may the trials have other inputs than the law. Columns are states, unless what `observed` them is known; then
-    quantities have the `noise` that the law found for groups of objects.
+    that the law left out. Latent states come with their initial values, and doses as they are added. Properties may be
+    inputs of the law; only with `inputs` "any" may the trials have other inputs. Columns are states, unless what
+    `observed` them is known; then quantities have the `noise` that the law found for groups of objects.
 
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
@@ -52,6 +53,9 @@ def matched(
         refuse_observation(law)
     schema = measured_schema(law)
     trials = without_states(without_rates(trials, schema.rates), law.provenance.domain.constant)
+    known = property_names(trials.properties)
+    lacking = [name for name in schema.inputs if name not in trials.schema.inputs]
+    trials = with_property_inputs(trials, [name for name in lacking if name in known])
     if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
         trials = without_objects(trials, tuple(name for name in objects_at_rest(trials) if name in resting))
     starts = {name: start for name, start in schema.starts.items() if name not in trials.schema.states}

@@ -3,7 +3,7 @@
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
@@ -23,6 +23,8 @@ from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative, Domain, Provenance, Step
 from commonlaw.law.uncertainty import Explanation, ObjectEstimates, PlausibleLaw, Uncertainty, Widening
 from commonlaw.library import Terms, Variables, parse_terms
+from commonlaw.library.functions import Function, functions_in
+from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.likelihood import ErrorModel
 from commonlaw.outcomes import Outcome
 from commonlaw.runtime.reading import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
@@ -35,6 +37,8 @@ VERSION = 5
 _LARGEST = float(np.sqrt(np.finfo(np.float64).max))
 """Of a number in a file: deviances, covariances and lengths of vectors take squares, and that of a larger one, 1.3e154,
 is infinite. No law of measurements comes near it."""
+_CALL = re.compile(r"(?<![\w`])([^\W\d]\w*)\(")
+"""The name of a function in an expression."""
 _FRACTION = re.compile(r"-?\d+(/\d+)?", re.ASCII)
 """As fractions are written; what else Python reads as one, 1e999999999, may take all memory."""
 
@@ -358,16 +362,17 @@ def _read_relation(saved: RelationDocument) -> Relation:
     return Relation(**msgspec.structs.asdict(saved) | {"exponents": exponents})
 
 
-def from_json(content: str | bytes) -> Law:
-    """Return the law that `to_json` wrote.
+def from_json(content: str | bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
+    """Return the law that `to_json` wrote, which may call these functions of Python.
 
-    Raises `CommonlawError` if the text is damaged, or written by another version of the schema.
+    Raises `CommonlawError` if the text is damaged, or written by another version of the schema, or if a function is
+    missing.
     """
     try:
         raw = read_json(content.encode() if isinstance(content, str) else content, dict[str, Any])
     except CommonlawError as error:
         raise not_a_law(error) from None
-    return decode_document(raw)
+    return decode_document(raw, functions)
 
 
 def not_a_law(error: Exception) -> CommonlawError:
@@ -375,8 +380,8 @@ def not_a_law(error: Exception) -> CommonlawError:
     return CommonlawError("not-a-law", error=error)
 
 
-def decode_document(raw: dict[str, Any]) -> Law:
-    """Return the law of a document of any version."""
+def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]] = ()) -> Law:
+    """Return the law of a document of any version, which may call these functions of Python."""
     try:
         version = msgspec.convert(raw, HeaderDocument).version
         if 1 <= version <= VERSION:
@@ -391,9 +396,10 @@ def decode_document(raw: dict[str, Any]) -> Law:
     wider = document.with_discrepancy
     if wider is not None and wider.with_discrepancy is not None:
         raise CommonlawError("law-nested-discrepancy")
-    law = _read_law(document)
+    called = functions_in(functions)
+    law = _read_law(document, called)
     others = tuple(PlausibleLaw(each.probability, _read_other(each, law)) for each in document.other_laws)
-    provenance = replace(law.provenance, with_discrepancy=None if wider is None else _read_law(wider))
+    provenance = replace(law.provenance, with_discrepancy=None if wider is None else _read_law(wider, called))
     return with_other_laws(replace(law, provenance=provenance), others)
 
 
@@ -437,8 +443,10 @@ def _read_other(saved: OtherDocument, law: Law) -> Law:
     return Law(terms, law.schema, law.order, objects, values, uncertainty, properties=law.properties)
 
 
-def _read_law(document: LawDocument) -> Law:
-    schema = document.schema
+def _read_law(document: LawDocument, functions: tuple[Function, ...]) -> Law:
+    schema, known = document.schema, (*FUNCTIONS, *(each.name for each in functions))
+    if missing := {name for text in document.terms for name in _CALL.findall(text)} - {*known}:
+        raise CommonlawError("functions-missing", names=sorted(missing))
     variables = Variables(
         (*schema.states, *document.rates),
         schema.inputs,
@@ -446,6 +454,7 @@ def _read_law(document: LawDocument) -> Law:
         schema.logarithmic,
         tuple(document.constants),
         document.order if isinstance(document.order, tuple) else (),
+        functions,
     )
     terms = parse_terms(document.terms, variables)
     shape, objects = (len(schema.states), len(terms)), tuple(document.coefficients)
@@ -572,9 +581,9 @@ def law_file(law: Law, path: str) -> tuple[str, bytes]:
     return path, _as_parquet(law, document, path)
 
 
-def decoded_file(content: bytes) -> Law:
-    """Return the law of a file."""
-    return _of_parquet(content) if content.startswith(_PARQUET) else from_json(content)
+def decoded_file(content: bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
+    """Return the law of a file, which may call these functions of Python."""
+    return (_of_parquet if content.startswith(_PARQUET) else from_json)(content, functions)
 
 
 def _as_parquet(law: Law, document: dict[str, Any], path: str) -> bytes:
@@ -607,7 +616,7 @@ def _without_objects(value: Any, path: str, objects: Sequence[str], columns: dic
     return rest
 
 
-def _of_parquet(content: bytes) -> Law:
+def _of_parquet(content: bytes, functions: Iterable[Callable[..., Any]]) -> Law:
     columns, metadata = parquet_columns("the law", content)
     if _METADATA not in metadata or _OBJECTS not in columns:
         raise CommonlawError("not-a-law-but-measurements")
@@ -622,7 +631,7 @@ def _of_parquet(content: bytes) -> Law:
     except (CommonlawError, TypeError, ValueError) as error:
         raise not_a_law(error) from None
     assert isinstance(raw, dict)
-    return decode_document(raw)
+    return decode_document(raw, functions)
 
 
 def _with_objects(value: Any, path: str, objects: Sequence[str], columns: Mapping[str, list[Any]]) -> Any:

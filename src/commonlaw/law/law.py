@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Integral
@@ -759,14 +759,15 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         write_whole(path, _call("law.export:exported", self, path, name, initial))
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "Law":
-        """Read a law that `save` wrote.
+    def load(cls, path: str | os.PathLike[str], functions: Iterable[Callable[..., Any]] = ()) -> "Law":
+        """Read a law that `save` wrote; the functions of Python that its terms call have to be given again.
 
-        Raises `CommonlawError` if the file cannot be read or is no law; the message names the file.
+        Raises `CommonlawError` if the file cannot be read or is no law, or a function is missing; the message names the
+        file.
         """
         content = read_file(path)
         try:
-            return cast("Law", _call("law.io:decoded_file", content))
+            return cast("Law", _call("law.io:decoded_file", content, functions))
         except CommonlawError as error:
             raise error.at(str(path)) from None
 

@@ -16,6 +16,7 @@ from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
 from commonlaw.library.equation import Equation, Meanings, Summand, only_product, split_equations, with_parameters
+from commonlaw.library.functions import Function
 from commonlaw.library.term import parse_term
 from commonlaw.trials import Schema
 
@@ -111,12 +112,16 @@ class GivenEquations(NamedTuple):
 
 
 def read_equations(
-    given: str | Sequence[str], schema: Schema, variables: Variables | None = None, properties: Sequence[str] = ()
+    given: str | Sequence[str],
+    schema: Schema,
+    variables: Variables | None = None,
+    properties: Sequence[str] = (),
+    functions: tuple[Function, ...] = (),
 ) -> GivenEquations:
     """Return what equations say about the states of a schema, in variables that follow from it if none are given.
 
     A property of the objects that stands before a term with other names, as K in ``r x (1 - x/K)``, is a parameter
-    inside this term.
+    inside this term. Terms may call functions of Python.
     """
     equations = split_equations(given)
     by_state = {each.state: each for each in equations}
@@ -126,7 +131,7 @@ def read_equations(
     meanings = meanings_of(schema, order)
     if variables is not None:  # Those of a law that was read before, perhaps by an earlier version
         meanings = meanings._replace(unclear={})
-    variables = variables or law_variables(schema, order)
+    variables = variables or replace(law_variables(schema, order), functions=functions)
     second = [schema.states[j] for j in with_rates(order, len(schema.states))]
     state_rates = list(zip(second, variables.states[len(schema.states) :], strict=False))
     variables = with_parameters(variables, ordered, state_rates, meanings)

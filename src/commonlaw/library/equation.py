@@ -23,7 +23,7 @@ _LEFT = re.compile(
 )
 _TOKEN = re.compile(
     rf"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{_NAME})(?P<mark>'|\[[kn]\])?"
-    r"|(?P<sign>\*\*|[-+*/^()])|(?P<bad>\S))"
+    r"|(?P<sign>\*\*|[-+*/^(),])|(?P<bad>\S))"
 )
 DERIVATIVE = re.compile(r"'\s*=|/\s*d\s*\w+\s*=|\]\s*=")
 _DELAYED = re.compile(r"\(\s*(?:t|time)\s*-")
@@ -242,7 +242,7 @@ class _Reader:
         first, found = len(self.variables.names), list[_Written]()
         for factor, start, text in self._addends():
             try:
-                tree = read(text, self.names, self.parameters)
+                tree = read(text, self.names, self.parameters, self.variables.arities)
                 products = multiplied_out(tree, first - len(self.variables.parameters), first)
                 found += [self._of_product(factor, each) for each in products]
             except CommonlawError as error:
@@ -259,12 +259,14 @@ class _Reader:
     def expression(self) -> str:
         whole = "".join(f"{'-' if factor < 0 else '+'}({text})" for factor, _, text in self._addends())
         try:
-            return write(read(whole, self.names, self.parameters))
+            return write(read(whole, self.names, self.parameters, self.variables.arities))
         except CommonlawError as error:
             self._fail(self.tokens[0], error.diagnostic)
 
     def latex(self) -> tuple[tuple[bool, str], ...]:
-        trees = [(factor < 0, read(text, self.names, self.parameters)) for factor, _, text in self._addends()]
+        functions = self.variables.arities
+        addends = self._addends()
+        trees = [(factor < 0, read(text, self.names, self.parameters, functions)) for factor, _, text in addends]
         return tuple((negative, expression_latex(write(tree), self.names)) for negative, tree in trees)
 
     def refuse(self, name: str, problem: Diagnostic) -> NoReturn:
@@ -288,7 +290,7 @@ class _Reader:
             elif not ends_operand and not is_sign:
                 what = "it ends" if token.kind == "end" else f"{token.text!r} stands"
                 self._fail(token, Diagnostic("operand-missing", {"what": what}))
-            elif token.kind == ")" and not opened:
+            elif token.kind in (")", ",") and not opened:
                 self._fail(token, Diagnostic("parenthesis-not-opened"))
             elif token.kind == "end" and opened:
                 self._fail(opened[-1], Diagnostic("parenthesis-not-closed"))
@@ -335,7 +337,7 @@ class _Reader:
         while match := _TOKEN.match(text, position):
             kind = str(next(each for each in ("number", "name", "sign", "bad") if match[each]))
             token = _Token(kind if kind != "sign" else match["sign"], match[kind], match.start(kind))
-            if kind == "bad":
+            if kind == "bad" or (token.text == "," and not self.variables.functions):
                 self._fail(token, Diagnostic("equation-character", {"character": token.text}))
             if kind == "name":
                 token = self._named(token, match["mark"], text[match.end() :])
@@ -357,6 +359,8 @@ class _Reader:
             if rest.startswith("("):
                 self._fail(token, Diagnostic("equation-calls-variable", {"name": name}))
         elif not token.text.startswith("`"):
+            if name in self.variables.arities and rest.lstrip().startswith("("):
+                return _Token("function", name, token.position)
             if name in (*FUNCTIONS, *OTHER_NAMES):
                 if not rest.lstrip().startswith("("):
                     self._fail(token, Diagnostic("function-not-called", {"name": name}))
@@ -366,7 +370,7 @@ class _Reader:
             if name in CONSTANTS:
                 return _Token("number", repr(CONSTANTS[name]), token.position)
             if rest.startswith("(") and not _LETTER.fullmatch(name):
-                self._fail(token, unknown("function", name, FUNCTIONS).diagnostic)
+                self._fail(token, unknown("function", name, (*FUNCTIONS, *self.variables.arities)).diagnostic)
         return _Token("name", name, token.position)
 
     def _fail(self, token: _Token, problem: Diagnostic) -> NoReturn:

@@ -63,7 +63,7 @@ _TOKEN = re.compile(
     r"`(?P<quoted>(?:[^`]|``)+)`|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
     r"|(?P<function>[^\W\d]\w*)(?=\s*\()|(?P<name>[^\W\d]\w*)|(?P<power>\^)|(?P<bad>[^\s+\-*/().])"
 )
-_COLUMN = re.compile(r"v(\d+)")
+_COLUMN = re.compile(r"\bv(\d+)\b")
 
 
 @dataclass(frozen=True)
@@ -78,15 +78,18 @@ NUMPY = Algebra(float, OPERATIONS)
 _NUMBERS = Algebra(np.float64, OPERATIONS)
 
 
-def read(text: str, names: Sequence[str], parameters: int = 0) -> ast.expr:
-    """Return the tree of an expression, with ``v<i>`` for column i; so many of the last names are parameters."""
+def read(text: str, names: Sequence[str], parameters: int = 0, functions: Mapping[str, int] = {}) -> ast.expr:
+    """Return the tree of an expression, with ``v<i>`` for column i; so many of the last names are parameters.
+
+    `functions` are the numbers of arguments of other functions than `FUNCTIONS` by their names.
+    """
     shown = text if len(text) <= 60 else f"{text[:57]}..."
     if len(text) > MAX_CHARACTERS:
         raise CommonlawError("term-too-long", term=shown, characters=len(text), limit=MAX_CHARACTERS)
     try:
-        code = _TOKEN.sub(lambda token: _translated(token, names), text).strip()
+        code = _TOKEN.sub(lambda token: _translated(token, names, functions), text).strip()
         tree = _parsed(code, names)
-        _check(tree, 0, 1, len(names) - parameters)
+        _check(tree, 0, 1, len(names) - parameters, functions)
     except CommonlawError as error:
         raise CommonlawError("term-syntax", term=shown, error=error) from None
     except (RecursionError, MemoryError):
@@ -154,7 +157,8 @@ def evaluate(expression: str | ast.expr, variables: Sequence[Any] | Floats, alge
         case ast.BinOp(op=op, left=left, right=right):
             name, operands = _OPERATORS[type(op)], [left, right]
         case ast.Call(func=ast.Name(id=name), args=operands):
-            pass
+            if name not in algebra.operations:
+                raise CommonlawError("function-unavailable", function=name)
         case _:
             raise CommonlawError("not-an-expression", expression=ast.unparse(tree)[:30])
     return algebra.operations[name](*(evaluate(operand, variables, algebra) for operand in operands))
@@ -171,19 +175,21 @@ def constant(tree: ast.expr) -> float | None:
         return float("inf")
 
 
-def _translated(token: re.Match[str], names: Sequence[str]) -> str:
+def _translated(token: re.Match[str], names: Sequence[str], functions: Mapping[str, int]) -> str:
     """Return a token of the language as one of Python, names replaced by columns."""
     text, kind = token[0], token.lastgroup
     if kind == "power":
         return "**"
+    if kind == "bad" and text == "," and functions:
+        return text
     if kind == "bad":
         raise CommonlawError("character-unknown", character=text)
     if kind == "function":
         if text in names:
             raise CommonlawError("variable-called", variable=text)
-        function = OTHER_NAMES.get(text, text)
-        if function not in FUNCTIONS:
-            raise unknown("function", text, FUNCTIONS)
+        function = text if text in functions else OTHER_NAMES.get(text, text)
+        if function not in (*FUNCTIONS, *functions):
+            raise unknown("function", text, (*FUNCTIONS, *functions))
         return function
     if kind == "number":
         return text
@@ -203,7 +209,7 @@ def _parsed(code: str, names: Sequence[str]) -> ast.expr:
         raise CommonlawError("expression-syntax", place=place) from None
 
 
-def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
+def _check(tree: ast.expr, depth: int, power: float, variables: int, functions: Mapping[str, int]) -> None:
     """Refuse what the language does not have or what could take for ever."""
     if depth > MAX_DEPTH:
         raise CommonlawError("expression-too-deep", limit=MAX_DEPTH)
@@ -214,7 +220,7 @@ def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
         case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
             inside = (operand,)
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
-            power *= _checked_exponent(exponent, depth, variables)
+            power *= _checked_exponent(exponent, depth, variables, functions)
             inside = (base,)
         case ast.BinOp(op=ast.Div(), right=right) if constant(right) == 0:
             raise CommonlawError("division-by-zero")
@@ -222,10 +228,14 @@ def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
             inside = (left, right)
         case ast.Call(func=ast.Name(id=name), args=[operand], keywords=[]) if name in FUNCTIONS:
             inside = (operand,)
+        case ast.Call(func=ast.Name(id=name), args=operands, keywords=[]) if name in functions:
+            if len(operands) != functions[name] or not columns_in(tree):
+                raise CommonlawError("function-call", function=name, arguments=functions[name])
+            inside = tuple(operands)
         case _:
-            raise CommonlawError("expression-forbidden", functions=FUNCTIONS)
+            raise CommonlawError("expression-forbidden", functions=(*FUNCTIONS, *functions))
     for each in inside:
-        _check(each, depth + 1, power, variables)
+        _check(each, depth + 1, power, variables, functions)
     if power > MAX_POWER:
         raise CommonlawError("powers-too-high", limit=MAX_POWER)
     number = constant(tree)
@@ -233,9 +243,9 @@ def _check(tree: ast.expr, depth: int, power: float, variables: int) -> None:
         raise CommonlawError("number-too-large", number=ast.unparse(tree)[:30], limit=MAX_NUMBER)
 
 
-def _checked_exponent(tree: ast.expr, depth: int, variables: int) -> float:
+def _checked_exponent(tree: ast.expr, depth: int, variables: int, functions: Mapping[str, int]) -> float:
     """Return the size of an exponent, at least 1."""
-    _check(tree, depth + 1, 1, variables)
+    _check(tree, depth + 1, 1, variables, functions)
     exponent = constant(tree)
     if exponent is None and min(columns_in(tree)) >= variables:
         return 1.0

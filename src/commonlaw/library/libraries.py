@@ -3,13 +3,15 @@
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
-from itertools import combinations_with_replacement, islice
+from itertools import combinations_with_replacement, groupby, islice
 from operator import add, mul
+from typing import Any
 
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.library.functions import Function, functions_in
 from commonlaw.library.grammar import MAX_POWER
 from commonlaw.library.parametric import (
     FAMILIES,
@@ -78,6 +80,12 @@ class AbstractLibrary(ABC):
     def seeks_unmeasured(self) -> bool:
         """Whether it stands for laws with a latent state, too."""
         return False
+
+    @property
+    def functions(self) -> tuple[Function, ...]:
+        """The functions of Python in its terms."""
+        own = vars(self).values()
+        return functions_in(f for each in own if isinstance(each, AbstractLibrary) for f in each.functions)
 
     def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
         return SumLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented
@@ -392,12 +400,15 @@ class RatioLibrary(AbstractLibrary):
 class ExpressionLibrary(AbstractLibrary):
     """The given terms, in that order; names that are no variables are nonlinear parameters: K in ``"s/(K + s)"``.
 
-    Raises `CommonlawError` if there is none.
+    Raises `CommonlawError` if there is none, or a function cannot be a term.
 
     Parameters
     ----------
     *expressions
-        What `parse_term` reads: ``"v*abs(v)"``, ``"sin(x)"``, ``"s/(K + s)"``.
+        What `parse_term` reads: ``"v*abs(v)"``, ``"sin(x)"``, ``"s/(K + s)"``; or functions of Python, from arrays of
+        variables, which their arguments name, to an array.
+    functions
+        Other functions that expressions call by their names: ``"drag(2*v)"``.
 
     Examples
     --------
@@ -406,11 +417,21 @@ class ExpressionLibrary(AbstractLibrary):
     """
 
     expressions: tuple[str, ...]
+    called: tuple[Function, ...]
 
-    def __init__(self, *expressions: str) -> None:
+    def __init__(
+        self, *expressions: str | Callable[..., Any], functions: Iterable[Callable[..., Any] | Function] = ()
+    ) -> None:
         if not expressions:
             raise CommonlawError("expressions-empty")
-        object.__setattr__(self, "expressions", expressions)
+        called = {each: Function.of(each) for each in expressions if not isinstance(each, str)}
+        texts = tuple(each if isinstance(each, str) else called[each].text for each in expressions)
+        object.__setattr__(self, "expressions", texts)
+        object.__setattr__(self, "called", functions_in((*called.values(), *functions)))
+
+    @property
+    def functions(self) -> tuple[Function, ...]:
+        return self.called
 
     def bind(self, variables: Variables) -> Terms:
         plain = (parse_term(each, variables) for each in self.expressions if not parameters_in(each, variables))
@@ -542,14 +563,20 @@ class AutoLibrary(AbstractLibrary):
         return True
 
 
-def parse_library(text: str) -> AbstractLibrary:
-    """Return the library that a text names.
+LibraryGiven = AbstractLibrary | str | Sequence[str | AbstractLibrary | Callable[..., Any]]
+"""A library, its text, or a list of libraries, of terms as texts, and of functions of Python."""
+
+
+def parse_library(given: LibraryGiven) -> AbstractLibrary:
+    """Return the library that a text names, or the terms in a list; a library as it is.
 
     ``poly:3``, ``fourier:2``, ``rational:2:1+x**2``, ``terms:1,v,v*abs(v)``, ``constant`` or ``auto``, a family of
     `FAMILIES` such as ``saturating``, or several joined by ``+`` and ``*`` with spaces around: ``poly:2 + fourier:1``,
     ``poly:1 * saturating:s``. Within a library there are no such spaces, but for parentheses: ``terms:1+x``, not
     ``terms:1 + x``. ``ratio(poly:2, poly:2)`` are ratios of sums of terms of two libraries. Variables are listed with
     commas: ``poly:3:x,v``. Names in terms that are no variables are nonlinear parameters: ``poly:1 + terms:s/(K+s)``.
+
+    A list has terms and libraries, which are texts with a colon or `AbstractLibrary`: ``["poly:1", "v*abs(v)"]``.
 
     Raises `CommonlawError` if there is no such library or its arguments do not fit.
 
@@ -558,6 +585,14 @@ def parse_library(text: str) -> AbstractLibrary:
     >>> parse_library("poly:1 + terms:v*abs(v)").bind(Variables(("x", "v"))).names
     ('1', 'x', 'v', 'v*abs(v)')
     """
+    if isinstance(given, AbstractLibrary):
+        return given
+    if not isinstance(given, str):
+        parts = list[AbstractLibrary]()
+        for are_libraries, group in groupby(given, lambda x: ":" in x if isinstance(x, str) else not callable(x)):
+            members: Any = [*group]
+            parts += map(parse_library, members) if are_libraries else [ExpressionLibrary(*members)]
+        return reduce(add, parts or [ExpressionLibrary()])
     makers: dict[str, Callable[..., AbstractLibrary]] = {
         "poly": PolynomialLibrary,
         "fourier": FourierLibrary,
@@ -576,7 +611,7 @@ def parse_library(text: str) -> AbstractLibrary:
             raise CommonlawError("ratio-syntax", library=part)
         return RatioLibrary(*map(parse_library, sides))
 
-    sums = [[one(each) for each in _pieces(part, " * ")] for part in _pieces(text, " + ")]
+    sums = [[one(each) for each in _pieces(part, " * ")] for part in _pieces(given, " + ")]
     return reduce(add, (reduce(mul, factors) for factors in sums))
 
 

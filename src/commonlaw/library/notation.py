@@ -129,12 +129,13 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
             return rf"\frac{{{inside(left, _Binding.SUM)}}}{{{inside(right, _Binding.SUM)}}}", _Binding.PRODUCT
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             return f"{inside(base, _Binding.WHOLE)}^{{{inside(exponent, _Binding.SUM)}}}", _Binding.POWER
-        case ast.Call(func=ast.Name(id=name), args=[argument]):
-            inner = inside(argument, _Binding.SUM)
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            inner = ", ".join(inside(each, _Binding.SUM) for each in arguments)
             if name in _FORMS:
                 form, binding = _FORMS[name]
                 return form.format(inner), binding
-            function = rf"\operatorname{{{name}}}" if name in ("sign", "step") else f"\\{name}"
+            plain = name not in FUNCTIONS or name in ("sign", "step")
+            function = rf"\operatorname{{{in_latex(name)}}}" if plain else f"\\{name}"
             return function + (rf"\left({inner}\right)" if r"\frac" in inner else f"({inner})"), _Binding.POWER
     raise CommonlawError("not-an-expression", expression=ast.unparse(tree)[:30])
 

@@ -56,7 +56,7 @@ class ParametricTerm:
 
     def times(self, factor: Term, variables: Variables) -> "ParametricTerm":
         """Return the product with a plain term."""
-        own = self.term.expression((*variables.measured, *self.parameters))
+        own = self.term.expression((*variables.names, *self.parameters))
         product = parametric_term(f"({factor.expression(variables.names)})*({own})", variables)
         return replace(product, tied=tuple(part.times(factor, variables) for part in self.tied))
 
@@ -164,7 +164,8 @@ def parameters_in(expression: str, variables: Variables) -> tuple[str, ...]:
 def parametric_term(expression: str, variables: Variables) -> ParametricTerm:
     """Return the term of an expression, see `parse_term`, in which other names than variables are parameters."""
     parameters = parameters_in(expression, variables)
-    return ParametricTerm(parse_term(expression, replace(variables, parameters=parameters)), parameters)
+    whole = replace(variables, parameters=(*variables.parameters, *parameters))
+    return ParametricTerm(parse_term(expression, whole), parameters)
 
 
 @dataclass(frozen=True)
@@ -258,7 +259,7 @@ def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | Non
     vectors: list[Sequence[str]] = [names] if asked else [variables.states]
     if not asked and half > 1 and not rest:
         vectors = [variables.states[:half], variables.states[half:]]
-    of_vectors, free = [], free_name("p", variables.measured)
+    of_vectors, free = [], free_name("p", variables.names)
     for components in (each for each in vectors if len(each) > 1):
         squared = "(" + " + ".join(f"{quoted(each)}^2" for each in components) + ")"
         texts = (text.format(u=quoted(u), s=squared, p=free) for u in components for text in family.of_vectors)
@@ -273,7 +274,7 @@ _ANY = Variables(("u_", "w_"))
 def _of(text: str, variables: Variables, names: tuple[str, str]) -> ParametricTerm:
     """Return a function of a family of variables of these names; its parameters have names that are no variables."""
     whole = parametric_term(text.format(u=_ANY.states[0], w=_ANY.states[1]), _ANY)
-    free = [free_name(each, variables.measured) for each in whole.parameters]
+    free = [free_name(each, variables.names) for each in whole.parameters]
     return parametric_term(whole.term.expression((*names, "", *free)), variables)
 
 

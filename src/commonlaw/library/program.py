@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
+from commonlaw.library.functions import Function
 from commonlaw.library.grammar import OPERATIONS, Algebra, evaluate
 
 _NAMES = tuple(OPERATIONS)
@@ -48,18 +49,25 @@ class Program:
     A polynomial then costs one multiplication a term: ``x^2 v`` is ``x^2`` times v. A term has one way of being
     computed, so its value does not depend on the others. Registers hold so many variables, then `constants`, then the
     results of `code`: number of the operation and registers of its operands, shape (operations, 3), functions with the
-    same one twice. `outputs` are the registers of the terms.
+    same one twice. Numbers behind those of `OPERATIONS` are `calls` of functions of Python with the registers of their
+    arguments, which only NumPy runs. `outputs` are the registers of the terms.
     """
 
     variables: int
     constants: Floats
     code: NDArray[np.int64]
     outputs: NDArray[np.int64]
+    calls: tuple[tuple[Function, tuple[int, ...]], ...] = ()
 
     @classmethod
-    def of(cls, products: Sequence[Sequence[tuple[str, int]] | None], variables: int) -> "Program":
+    def of(
+        cls,
+        products: Sequence[Sequence[tuple[str, int]] | None],
+        variables: int,
+        functions: Sequence[Function] = (),
+    ) -> "Program":
         """Return the program of products of powers of expressions over ``v<i>``; None stands for the number zero."""
-        writer = _Writer(variables)
+        writer = _Writer(variables, functions)
         outputs = [writer.constant(0.0) if each is None else writer.product(each) for each in products]
 
         def place(register: int) -> int:
@@ -67,12 +75,20 @@ class Program:
                 return variables - 1 - register
             return register if register < variables else register + len(writer.constants)
 
-        code = [(_NAMES.index(name), place(left), place(right)) for name, left, right in writer.code]
+        code, calls = list[tuple[int, int, int]](), list[tuple[Function, tuple[int, ...]]]()
+        for operation, registers in writer.code:
+            operands = tuple(map(place, registers))
+            if isinstance(operation, Function):
+                code.append((len(_NAMES) + len(calls), operands[0], operands[-1]))
+                calls.append((operation, operands))
+            else:
+                code.append((_NAMES.index(operation), operands[0], operands[-1]))
         return cls(
             variables,
             np.array(list(writer.constants), dtype=np.float64),
             np.array(code, dtype=np.int64).reshape(-1, 3),
             np.array([place(each) for each in outputs], dtype=np.int64),
+            tuple(calls),
         )
 
     def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
@@ -91,11 +107,18 @@ class Program:
         slopes: list[dict[int, Any]] = [{i: 1.0} for i in range(self.variables)]
         slopes += [{} for _ in self.constants]
         with np.errstate(all="ignore"):
-            for place, (name, operands) in enumerate(self._steps, len(slopes)):
+            for place, (operation, operands) in enumerate(self._steps, len(slopes)):
                 found = dict[int, Any]()
-                for by_operand, operand in zip(_SLOPES[name], operands, strict=True):
+                inside = [registers[each] for each in operands]
+                if isinstance(operation, Function):
+                    outers: list[Any] = operation.slopes(*inside) if any(slopes[each] for each in operands) else []
+                else:
+                    outers = [
+                        slope(inside[0], inside[-1], registers[place]) if slopes[operand] else None
+                        for slope, operand in zip(_SLOPES[operation], operands, strict=True)
+                    ]
+                for outer, operand in zip(outers, operands, strict=False):
                     if slopes[operand]:
-                        outer = by_operand(registers[operands[0]], registers[operands[-1]], registers[place])
                         for i, inner in slopes[operand].items():
                             found[i] = found[i] + outer * inner if i in found else outer * inner
                 slopes.append(found)
@@ -106,47 +129,49 @@ class Program:
         return result.transpose(2, 0, 1)
 
     @cached_property
-    def _steps(self) -> list[tuple[str, tuple[int, ...]]]:
+    def _steps(self) -> list[tuple[str | Function, tuple[int, ...]]]:
         """The operations by their names, with the registers of their operands."""
-        named = ((_NAMES[number], left, right) for number, left, right in self.code.tolist())
-        return [(name, (left, right)[: len(_SLOPES[name])]) for name, left, right in named]
+        return [
+            self.calls[number - len(_NAMES)]
+            if number >= len(_NAMES)
+            else (_NAMES[number], (left, right)[: len(_SLOPES[_NAMES[number]])])
+            for number, left, right in self.code.tolist()
+        ]
 
     @cached_property
     def _outputs(self) -> list[int]:
         return [int(register) for register in self.outputs]
 
     @cached_property
-    def _calls(self) -> list[tuple[Callable[..., Any], int, int | None, int | None]]:
+    def _runs(self) -> list[tuple[Callable[..., Any], tuple[int, ...], int | None]]:
         """The operations, the registers of their operands, and the term that each is the first to be."""
         first, terms = self.variables + len(self.constants), dict[int, int]()
         for k, register in enumerate(self._outputs):
             terms.setdefault(register, k)
         return [
-            (OPERATIONS[name], operands[0], operands[1] if len(operands) > 1 else None, terms.get(place))
-            for place, (name, operands) in enumerate(self._steps, first)
+            (each if isinstance(each, Function) else OPERATIONS[each], operands, terms.get(place))
+            for place, (each, operands) in enumerate(self._steps, first)
         ]
 
     def _run(self, values: Floats, columns: Sequence[Floats] | None = None) -> list[Any]:
         """Return what is in each register; results that are terms are in the columns that are given for them."""
         registers: list[Any] = [*np.ascontiguousarray(values.T), *self.constants.tolist()]
         with np.errstate(all="ignore"):
-            for operation, left, right, term in self._calls:
+            for operation, operands, term in self._runs:
                 out = None if term is None or columns is None else columns[term]
-                if right is None:
-                    registers.append(operation(registers[left], out))
-                else:
-                    registers.append(operation(registers[left], registers[right], out))
+                registers.append(operation(*[registers[each] for each in operands], out=out))
         return registers
 
 
 class _Writer:
     """A program that is being written; constants count from -1 downwards until their number is known."""
 
-    def __init__(self, variables: int) -> None:
+    def __init__(self, variables: int, functions: Sequence[Function]) -> None:
         self.variables = range(variables)
         self.constants: dict[float, int] = {}
-        self.code: dict[tuple[str, int, int], int] = {}
-        self.algebra = Algebra(self.constant, {name: partial(self.emit, name) for name in OPERATIONS})
+        self.code: dict[tuple[str | Function, tuple[int, ...]], int] = {}
+        known: dict[str, Callable[..., int]] = {name: partial(self.emit, name) for name in OPERATIONS}
+        self.algebra = Algebra(self.constant, known | {each.name: partial(self.add, each) for each in functions})
 
     def constant(self, value: float) -> int:
         """Return the place of a constant."""
@@ -185,4 +210,8 @@ class _Writer:
                     if exponent >= 0
                     else self.emit("divide", self.constant(1.0), self.chain([left] * size))
                 )
-        return self.code.setdefault((name, left, operands[-1]), len(self.variables) + len(self.code))
+        return self.add(name, *operands)
+
+    def add(self, operation: str | Function, *operands: int) -> int:
+        """Return the register of the result of an operation, or of a call."""
+        return self.code.setdefault((operation, operands), len(self.variables) + len(self.code))

@@ -243,7 +243,7 @@ def parse_term(text: str, variables: Variables) -> Term:
     >>> parse_term("sin(2*x)/x", variables).text(variables.names)
     'sin(2 x)/x'
     """
-    tree = read(text, variables.names, len(variables.parameters))
+    tree = read(text, variables.names, len(variables.parameters), variables.arities)
     try:
         return _term(tree)
     except CommonlawError as error:

@@ -100,7 +100,7 @@ class Terms:
     def program(self) -> Program:
         """The terms as a program of single operations."""
         products = [term.powers if term.parameter is None else None for term in self.terms]
-        return Program.of(products, len(self.variables.names))
+        return Program.of(products, len(self.variables.names), self.variables.functions)
 
     @cached_property
     def parameters(self) -> tuple[int, ...]:

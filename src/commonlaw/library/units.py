@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from commonlaw.library.grammar import columns_in, constant, evaluate, tree_of
+from commonlaw.errors import CommonlawError
+from commonlaw.library.grammar import FUNCTIONS, columns_in, constant, evaluate, tree_of
 from commonlaw.library.term import Term
 from commonlaw.library.terms import Terms
 from commonlaw.library.variables import Variables
@@ -55,7 +56,7 @@ def _expression_unit(code: str, units: Mapping[int, "pint.Unit"]) -> "pint.Unit 
     try:
         with np.errstate(all="ignore"):
             return registry().Unit(registry().Quantity(evaluate(code, quantities)).units)
-    except (pint.PintError, TypeError):
+    except (pint.PintError, TypeError, CommonlawError):  # Functions of Python have no unit
         return None
 
 
@@ -87,7 +88,7 @@ def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Uni
             known.setdefault(column, wanted)
         case ast.UnaryOp(operand=operand):
             _look(operand, wanted, known, first)
-        case ast.Call(func=ast.Name(id=name), args=[argument]):
+        case ast.Call(func=ast.Name(id=name), args=[argument]) if name in FUNCTIONS:
             _look(argument, None if name in _OF_ANY_UNIT else none, known, first)
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             number = constant(exponent)

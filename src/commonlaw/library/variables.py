@@ -8,6 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.errors import unknown
+from commonlaw.library.functions import Function
 
 Order = int | tuple[int, ...]
 """0 in discrete time, 1 or 2; where equations differ, 1 or 2 for each state.
@@ -32,6 +33,8 @@ class Variables:
         Nonlinear parameters, such as K in ``s/(K + s)``: the last columns.
     orders
         The order of each equation, if they differ: else there are rates of all states, or of none.
+    functions
+        Functions of Python that terms may call.
     """
 
     states: tuple[str, ...]
@@ -40,6 +43,12 @@ class Variables:
     logarithmic: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     orders: tuple[int, ...] = ()
+    functions: tuple[Function, ...] = ()
+
+    @property
+    def arities(self) -> dict[str, int]:
+        """The number of arguments of each function of Python by its name."""
+        return {each.name: len(each.arguments) for each in self.functions}
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -47,7 +47,7 @@ _MODELS: "WeakKeyDictionary[TrajectoryModel, Packed | None]" = WeakKeyDictionary
 def packed(model: TrajectoryModel) -> Packed | None:
     """Return the structures of a model; None if the kernel does not apply."""
     if model not in _MODELS:
-        suits = model.order == 1 or not model.terms.variables.logarithmic
+        suits = (model.order == 1 or not model.terms.variables.logarithmic) and not model.terms.program.calls
         _MODELS[model] = _packed(model) if suits else None
     return _MODELS[model]
 

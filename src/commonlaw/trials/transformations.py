@@ -225,8 +225,10 @@ def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:
     changed = []
     for trial in trials:
         values = [number_of(name, trial.object, trials) for name in names]
-        inputs = np.column_stack([trial.inputs, np.tile(values, (len(trial), 1))])
-        changed.append(replace(trial, inputs=inputs))
+        inputs, earlier = (
+            np.column_stack([rows, np.tile(values, (len(rows), 1))]) for rows in (trial.inputs, trial.earlier)
+        )
+        changed.append(replace(trial, inputs=inputs, earlier=earlier if len(earlier) else trial.earlier))
     schema = replace(trials.schema, inputs=(*trials.schema.inputs, *names))
     left = {
         name: {key: value for key, value in own.items() if key not in names} for name, own in trials.properties.items()

@@ -13,7 +13,7 @@ comparison is made with these.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import chain, combinations, product
 
@@ -26,6 +26,7 @@ from commonlaw.formulation import column_scales, law_variables
 from commonlaw.inference import settings
 from commonlaw.inference.fit.integral_form import initial_conditions, integrated, outside_span
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
+from commonlaw.library.libraries import LibraryGiven
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import natural
 
@@ -65,7 +66,7 @@ class ConfoundedVariables:
 
 
 def confounded_sets(
-    trials: Trials, order: Order, library: AbstractLibrary | str | None = None
+    trials: Trials, order: Order, library: LibraryGiven | None = None
 ) -> tuple[ConfoundedVariables, ...]:
     """Return the confounded variables of each equation that has any.
 
@@ -81,7 +82,7 @@ def confounded_sets(
     Raises `CommonlawError` if the library does not fit the variables.
     """
     with np.errstate(all="ignore"):
-        return _confounded_sets(trials, order, parse_library(library) if isinstance(library, str) else library)
+        return _confounded_sets(trials, order, None if library is None else parse_library(library))
 
 
 def _confounded_sets(trials: Trials, order: Order, given: AbstractLibrary | None) -> tuple[ConfoundedVariables, ...]:
@@ -89,7 +90,7 @@ def _confounded_sets(trials: Trials, order: Order, given: AbstractLibrary | None
     variables, states = law_variables(trials.schema, order), trials.schema.states
     orders = order_of_each(order, len(states))
     choices = [given] if given else [PolynomialLibrary(degree) for degree in (3, 2, 1)]
-    for terms in (choice.bind(variables) for choice in choices):
+    for terms in (choice.bind(replace(variables, functions=choice.functions)) for choice in choices):
         used = sorted(set().union(*(term.columns() for term in terms.terms)))
         if not 1 < len(used) <= settings.MAX_VARIABLES:
             continue

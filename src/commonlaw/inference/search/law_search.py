@@ -130,7 +130,7 @@ def choose_interpolation(
     """
     error_kinds(errors, trials.schema)
     pool, steps = begin(trials, part(progress, 0.0, 0.75)), list[Step]()
-    if input_between == "auto" and trials.schema.inputs:
+    if input_between == "auto" and any(np.ptp(each.inputs, axis=0).any() for each in trials):
         progress("comparing interpolations of inputs between samples")
         steps = [best_interpolation(pool.best, is_chosen)]
         if steps[0].choice != trials.schema.input_between:
