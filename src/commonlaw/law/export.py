@@ -26,89 +26,15 @@ from commonlaw.text import in_line
 if TYPE_CHECKING:
     from openpyxl.worksheet.worksheet import Worksheet
 
-_RESERVED = {word.lower() for word in keyword.kwlist} | {
-    "auto",
-    "break",
-    "case",
-    "char",
-    "const",
-    "default",
-    "do",
-    "double",
-    "enum",
-    "extern",
-    "float",
-    "goto",
-    "int",
-    "long",
-    "register",
-    "return",
-    "short",
-    "signed",
-    "sizeof",
-    "static",
-    "struct",
-    "switch",
-    "typedef",
-    "union",
-    "unsigned",
-    "void",
-    "volatile",
-    "inline",
-    "restrict",
-    "algorithm",
-    "block",
-    "class",
-    "connector",
-    "constant",
-    "discrete",
-    "each",
-    "encapsulated",
-    "end",
-    "equation",
-    "expandable",
-    "external",
-    "final",
-    "flow",
-    "function",
-    "initial",
-    "inner",
-    "input",
-    "model",
-    "operator",
-    "outer",
-    "output",
-    "package",
-    "parameter",
-    "partial",
-    "protected",
-    "public",
-    "pure",
-    "record",
-    "redeclare",
-    "replaceable",
-    "stream",
-    "then",
-    "type",
-    "when",
-    "within",
-    "otherwise",
-    "persistent",
-    "global",
-    "spmd",
-    "t",
-    "k",
-    "h",
-    "der",
-    "time",
-    "math",
-    "abs",
-    "states",
-    "inputs",
-    "parameters",
-    "objects",
-    "equations",
-}
+_RESERVED = re.compile(
+    "auto|break|case|char|const|default|do|double|enum|extern|float|goto|int|long|register|return|"
+    "short|signed|sizeof|static|struct|switch|typedef|union|unsigned|void|volatile|inline|restrict|"
+    "algorithm|block|class|connector|constant|discrete|each|encapsulated|end|equation|expandable|"
+    "external|final|flow|function|initial|inner|input|model|operator|outer|output|package|parameter|"
+    "partial|protected|public|pure|record|redeclare|replaceable|stream|then|type|when|within|"
+    "otherwise|persistent|global|spmd|t|k|h|der|time|math|abs|states|inputs|parameters|objects|"
+    "equations"
+)
 """Words that have a meaning in one of the languages or in the programs that are written."""
 
 _ROWS = 200
@@ -193,7 +119,8 @@ def _plain_names(names: Sequence[str]) -> tuple[str, ...]:
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name.replace("'", "_rate"))
         plain = plain if re.match(r"[A-Za-z]", plain) else f"n_{plain.lstrip('_')}"
-        while plain.lower() in _RESERVED or plain.lower() in (each.lower() for each in found):
+        taken = (*map(str.lower, (*keyword.kwlist, *found)),)
+        while _RESERVED.fullmatch(plain.lower()) or plain.lower() in taken:
             plain += "_"
         found.append(plain)
     return tuple(found)

@@ -63,7 +63,7 @@ _TOKEN = re.compile(
     r"`(?P<quoted>(?:[^`]|``)+)`|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
     r"|(?P<function>[^\W\d]\w*)(?=\s*\()|(?P<name>[^\W\d]\w*)|(?P<power>\^)|(?P<bad>[^\s+\-*/().])"
 )
-_COLUMN = re.compile(r"\bv(\d+)\b")
+_COLUMN = re.compile(r"(?<![^\W\d])v(\d+)(?![\w(])")
 
 
 @dataclass(frozen=True)
