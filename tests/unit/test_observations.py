@@ -14,6 +14,7 @@ from scipy.stats import norm
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
+from commonlaw.estimation import likelihood_profile
 from commonlaw.estimation.search import Bounds, _polished
 from commonlaw.inference import bounds
 from commonlaw.law import average_law, from_json, to_json, to_latex
@@ -705,6 +706,27 @@ def test_new_trials_update_the_parameters_of_an_object():
     (initial,) = updated.observation.estimated
     assert (initial.trial, initial.name) == ("2", "x(0)")
     assert initial.value == pytest.approx(whole.observation.estimated[2].value, rel=1e-3)
+
+
+def test_the_profile_of_a_shared_parameter_is_that_of_all_objects():
+    samples = own_and_shared()
+    trials = trials_of(samples)
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a; a > 0", trials, universal=["a", "b"], noise={"y": 0.05})
+    profile = likelihood_profile(law, trials, "b", "A")
+    whole = np.concatenate([y for _, y in samples.values()])
+
+    def squares(b):
+        def residuals(p):
+            return (np.concatenate([p[3] * np.exp(-k * T) + b for k in p[:3]]) - whole) / 0.05
+
+        return 2 * least_squares(residuals, [0.5, 0.5, 0.5, 2], xtol=1e-15, ftol=1e-15, gtol=1e-15).cost
+
+    expected = np.array([squares(b) for b in profile.values])
+    assert profile.deviance == pytest.approx(expected - expected.min(), abs=1e-3)
+    assert profile.error == pytest.approx(estimates(law, "A")["b"][1], rel=1e-3)
+    own = cl.fit("x' = -k x; y = x + b; x(0) = a", by_trial(24), universal={"k": "trial", "a": "all"})
+    with refused("profile-by-trial"):
+        likelihood_profile(own, by_trial(24), "k", "A")
 
 
 def test_absent_terms_are_limited_through_an_observation_equation():

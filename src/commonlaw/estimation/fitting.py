@@ -152,18 +152,21 @@ def refit(
     """
     levels = matched_noise(law, trials, noise)
     trials = matched(law, trials, inputs=inputs, observed=True, noise=False)
-    return _again(law, trials, equations, levels or {}, positive, input_between).fitted(seed, progress)
+    given = law.observation and law.observation.restrictions
+    groups = {name: by for name, by in given.noise.items() if isinstance(by, str)} if given else {}
+    begun = beginning_of(law, trials, {**groups, **(levels or {})}, equations, positive, input_between)
+    return begun.fitted(seed, progress)
 
 
-def _again(
+def beginning_of(
     law: Law,
     trials: Trials,
+    noise: Mapping[str, float | str],
     equations: Sequence[str] | None = None,
-    levels: Mapping[str, float] | None = None,
     positive: Sequence[str] | None = None,
     input_between: str | None = None,
 ) -> "Beginning":
-    """Return how a fit of a law to trials in its units begins."""
+    """Return how a fit of a law to trials in its units begins, with noise as in `commonlaw.fit`, see `refit`."""
     if law.order == 0:
         raise CommonlawError("discrete-not-refined")
     if not shares_terms(law):
@@ -180,7 +183,6 @@ def _again(
         bounds = bounds_in(restrictions.bounds)
         text = replace(text, observed=observation.equations, initial=observation.initial, bounds=bounds)
         free = [name for name in law.terms.variables.states if name not in observation.initial]
-    groups = {name: by for name, by in restrictions.noise.items() if isinstance(by, str)}
     begun = begin(
         text,
         trials,
@@ -189,7 +191,7 @@ def _again(
         restrictions.universal,
         priors=restrictions.priors,
         positive=measured_schema(law).logarithmic if positive is None else positive,
-        noise={**groups, **(levels or {})},
+        noise=noise,
     )
     return replace(begun, first=_values_of(law, begun))
 
@@ -207,7 +209,7 @@ def updated(law: Law, trials: Trials) -> Law:
     known = np.any([each.known_noise for each in trials], axis=0)
     levels = {name: observation.noise[name] for name in np.array(trials.schema.states)[~known]}
     for owner in trials.objects:
-        begun, o = _again(law, trials.select(object=owner), levels=levels), object_index(law, owner)
+        begun, o = beginning_of(law, trials.select(object=owner), levels), object_index(law, owner)
         names, problem = begun.unknowns.names, begun.problem
         by = {name: begun.restrictions.universal.get(name, OBJECT) for name in named.names}
         own = [i for i, name in enumerate(names) if name in by and not by_trial(by[name], trials.schema)]

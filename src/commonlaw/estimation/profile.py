@@ -1,18 +1,19 @@
 """Profile likelihood of a parameter: how far it may move when all others follow."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation.fitting import Beginning, begin
-from commonlaw.estimation.model import ModelText
+from commonlaw.estimation.fitting import Beginning, beginning_of
 from commonlaw.estimation.problem import Problem
+from commonlaw.estimation.search import Bounds
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched
+from commonlaw.law.alignment import matched, measured_schema
 from commonlaw.law.law import only_object, shares_terms
+from commonlaw.law.observation import OBJECT, TRIAL, Restrictions, by_trial
 from commonlaw.law.parameters import named_parameters
 from commonlaw.trials import Trials
 
@@ -21,6 +22,7 @@ _STEPS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0)
 _QUANTILE, _ENOUGH = 3.841, 7.0
 """The 95 % quantile of chi-squared with one degree of freedom, and where a profile ends."""
 _EVALUATIONS = 40
+_TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,32 +68,33 @@ class Profile:
 
 
 def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | None = None) -> Profile:
-    """Return the profile likelihood of a parameter of one object, from its trials, under white noise.
+    """Return the profile likelihood of a parameter of one object, under white noise.
 
     ``2 (log L(best) - log L(k)) = min over the others of sum_i ((y_i - h(x(t_i; k, others)))/sigma)^2``, less its least
-    value, with the noise sigma of the law, or if that is not known of what is left.
+    value, with the noise sigma of the law, or if that is not known of what is left. The trials are those of the object,
+    or of all objects where these share parameters; priors and bounds are those of the law.
 
     Raises
     ------
     CommonlawError
-        If there is no such object or parameter, the objects do not share their equations, time is discrete, or the
-        equations cannot be solved for the trials.
+        If there is no such object or parameter, the objects do not share their equations, time is discrete, the
+        parameter has a value for each trial, or the equations cannot be solved for the trials.
     """
     owner = only_object(law, name)
     if not shares_terms(law) or law.order == 0:
         raise CommonlawError("profile-without-equations")
     parameters = named_parameters(law)
     check_choice("parameter", parameter, parameters.names)
-    own = matched(law, trials.select(object=owner), observed=True)
-    observation = law.observation
-    observed = {} if observation is None else observation.equations
-    initial = {} if observation is None else observation.initial
-    text = replace(ModelText.of(law.structure), observed=observed, initial=initial)
-    starts = law.schema.starts if observation is None else {}
-    begun = begin(text, own, dict(starts), None if observation is None else observation.initial_time)
-    values = dict(zip(parameters.names, parameters.values[law.objects.index(owner)].tolist(), strict=True))
-    first = np.array([values.get(n, x) for n, x in zip(begun.unknowns.names, begun.first, strict=True)])
-    found = _profile(begun, first, begun.unknowns.names.index(parameter), _noise(law, begun))
+    universal = {} if law.observation is None else (law.observation.restrictions or Restrictions()).universal
+    if by_trial(universal.get(parameter, OBJECT), measured_schema(law)):
+        raise CommonlawError("profile-by-trial", parameter=parameter, by=universal[parameter])
+    alone = all(by in (OBJECT, TRIAL) for by in universal.values())
+    related = trials.select(object=owner) if alone else trials
+    begun = beginning_of(law, matched(law, related, observed=True), {})
+    rows = zip(begun.trials, begun.unknowns.parameters, strict=True)
+    own = next(indices for trial, indices in rows if trial.object == owner)
+    index = own[begun.model.parameters.index(parameter)]
+    found = _profile(begun, begun.first, index, _noise(law, begun))
     unit = parameters.units[parameters.names.index(parameter)] or ""
     return Profile(parameter, owner, unit, *found)
 
@@ -107,13 +110,13 @@ def _noise(law: Law, begun: Beginning) -> Floats | None:
 def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) -> tuple[Floats, Floats, float, float]:
     problem, everything = begun.problem, np.ones(len(first), dtype=np.bool_)
     known = np.ones(len(begun.model.observables)) if noise is None else noise
-    best, cost = _least(problem, first, everything, known)
+    best, cost = _least(problem, begun.bounds, first, everything, known)
     if not np.isfinite(cost):
         raise CommonlawError("profile-not-finite")
     if noise is None:
         count = sum(int(np.isfinite(each.trial.states).sum()) for each in problem.trials)
         known = known * np.sqrt(cost / max(count - len(first), 1))
-        best, cost = _least(problem, best, everything, known)
+        best, cost = _least(problem, begun.bounds, best, everything, known)
     slopes = problem.residuals(best, known)[1]
     assert slopes is not None
     variance = np.linalg.pinv(slopes.T @ slopes)[index, index]
@@ -128,7 +131,7 @@ def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) 
             for share in (1.0, 0.5, 0.25):
                 start = at.copy()
                 start[index] += share * (value - at[index])
-                reached, here = _least(problem, start, others, known)
+                reached, here = _least(problem, begun.bounds, start, others, known)
                 if np.isfinite(here):
                     break
             if not np.isfinite(here):
@@ -141,8 +144,15 @@ def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) 
     return values, deviance, float(best[index]), error
 
 
-def _least(problem: Problem, start: Floats, free: Bools, noise: Floats) -> tuple[Floats, float]:
-    """Return where the sum of squares is least over the free unknowns, and that sum; infinite where it has none."""
+def _least(problem: Problem, bounds: Bounds, start: Floats, free: Bools, noise: Floats) -> tuple[Floats, float]:
+    """Return where the sum of squares is least over the free unknowns, and that sum; infinite where it has none.
+
+    It is sought within bounds.
+    """
+    low, high = bounds.low[free], bounds.high[free]
+    gap = 1e-9 * np.minimum(high - low, np.maximum(np.abs(start[free]), _TINY))
+    start = start.copy()
+    start[free] = np.clip(start[free], low + gap, high - gap)
 
     def whole(point: Floats) -> Floats:
         full = start.copy()
@@ -163,7 +173,7 @@ def _least(problem: Problem, start: Floats, free: Bools, noise: Floats) -> tuple
     if not free.any():
         return start, float(np.sum(residuals(start[free]) ** 2))
     try:
-        found = least_squares(residuals, start[free], slopes, x_scale="jac", max_nfev=_EVALUATIONS)
+        found = least_squares(residuals, start[free], slopes, (low, high), x_scale="jac", max_nfev=_EVALUATIONS)
     except (ValueError, np.linalg.LinAlgError):
         return start, np.inf
     return whole(found.x), float(2 * found.cost)
