@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from commonlaw.app import access
-from commonlaw.app.access import HEADERS, LARGEST, Guard, Keys, Lobby, TooLargeError, TooSlowError
+from commonlaw.app.access import HEADERS, LARGEST, ConnectionLimit, Guard, Keys, TooLargeError, TooSlowError
 from commonlaw.app.server import hosts_at
 
 HOST = "127.0.0.1:8000"
@@ -44,7 +44,7 @@ def answer(path="/room/tables", method="POST", parts=(b"table",), more=False, ke
         sent.append(message)
 
     scope = {"type": "http", "path": path, "method": method, "headers": pairs}
-    asyncio.run(Guard(everything, keys or Keys(**KEYS), hosts_at(8000), Lobby())(scope, receive, send))
+    asyncio.run(Guard(everything, keys or Keys(**KEYS), hosts_at(8000), ConnectionLimit())(scope, receive, send))
     return sent[0]["status"], sent[0]["headers"], sent[1]["body"]
 
 
@@ -128,10 +128,10 @@ class Transport:
 
 def test_a_connection_waits_for_a_while_unless_it_is_let_through(monkeypatch):
     async def wait():
-        entered, lobby = {name: Transport() for name in ("stranger", "page")}, Lobby()
+        entered, connections = {name: Transport() for name in ("stranger", "page")}, ConnectionLimit()
         for name, each in entered.items():
-            lobby.enter(name, each)
-        lobby.accept("page")
+            connections.enter(name, each)
+        connections.accept("page")
         await asyncio.sleep(0.1)
         return [name for name, each in entered.items() if each.is_open]
 
@@ -141,11 +141,11 @@ def test_a_connection_waits_for_a_while_unless_it_is_let_through(monkeypatch):
 
 def test_the_oldest_of_too_many_strangers_gives_way():
     async def crowd():
-        entered, lobby = [Transport() for _ in range(70)], Lobby()
+        entered, connections = [Transport() for _ in range(70)], ConnectionLimit()
         for i, each in enumerate(entered):
-            lobby.enter(i, each)
+            connections.enter(i, each)
             if i == 1:
-                lobby.accept(i)
+                connections.accept(i)
         return [i for i, each in enumerate(entered) if not each.is_open]
 
     assert asyncio.run(crowd()) == [0, 2, 3, 4, 5]

@@ -74,7 +74,7 @@ BACKLOG = 32
 Peer = tuple[str, int]
 
 
-class Lobby:
+class ConnectionLimit:
     """Connections that are open.
 
     Each waits until a request of it is let through, and is closed if that takes long, whatever it sends. When too many
@@ -111,16 +111,16 @@ class Lobby:
             transport.abort()
 
 
-def protocol(lobby: Lobby) -> type[asyncio.Protocol]:
-    """Return the protocol by which a server speaks whose connections wait in a lobby."""
+def protocol(connections: ConnectionLimit) -> type[asyncio.Protocol]:
+    """Return the protocol by which a server speaks whose connections are limited."""
 
     class Waiting(H11Protocol):
         def connection_made(self, transport: Any) -> None:  # A server gives transports of its own
             super().connection_made(transport)
-            lobby.enter(cast(Peer, self.client), transport)
+            connections.enter(cast(Peer, self.client), transport)
 
         def connection_lost(self, exc: Exception | None) -> None:
-            lobby.leave(cast(Peer, self.client))
+            connections.leave(cast(Peer, self.client))
             super().connection_lost(exc)
 
     return Waiting
@@ -176,14 +176,14 @@ class Guard:
         What opens it.
     hosts
         Names and ports that requests may be sent to, in small letters.
-    lobby
+    connections
         Where connections wait until one of their requests was let through.
     """
 
     application: Application
     keys: Keys
     hosts: frozenset[str]
-    lobby: Lobby
+    connections: ConnectionLimit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or refuse it."""
@@ -205,7 +205,7 @@ class Guard:
         elif scope["path"] == f"/{room}":
             await _answer(308, send, to=f"/{room}/")
         else:
-            self.lobby.accept(scope.get("client"))
+            self.connections.accept(scope.get("client"))
             inner = {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode(), "root_path": ""}
             taken = 0
 

@@ -47,10 +47,10 @@ def serve(
         optional_import(package, "the app", "app")
     import uvicorn
 
-    from commonlaw.app.access import BACKLOG, Guard, Keys, Lobby, protocol
+    from commonlaw.app.access import BACKLOG, ConnectionLimit, Guard, Keys, protocol
     from commonlaw.app.routes import application
 
-    sessions, lobby = Sessions(), Lobby()
+    sessions, connections = Sessions(), ConnectionLimit()
     if path is not None:
         sessions.open_table(named(Path(path).name, read_file(path)))
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listening:
@@ -64,9 +64,9 @@ def serve(
             raise CommonlawError("port-taken", port=port, error=error) from None
         port = listening.getsockname()[1]
         keys = Keys(f"commonlaw-{port}")
-        guard = Guard(application(sessions), keys, hosts_at(port), lobby)
+        guard = Guard(application(sessions), keys, hosts_at(port), connections)
         config = uvicorn.Config(
-            guard, loop="asyncio", http=protocol(lobby), ws="none", backlog=BACKLOG, log_level="error",
+            guard, loop="asyncio", http=protocol(connections), ws="none", backlog=BACKLOG, log_level="error",
             access_log=False, lifespan="off", server_header=False,
         )  # fmt: skip
         server = uvicorn.Server(config)

@@ -24,7 +24,7 @@ from commonlaw.cli.options import (
 )
 from commonlaw.cli.output import print_history, print_json, say
 from commonlaw.cli.results import (
-    Learned,
+    FitResult,
     Outputs,
     compared,
     find_law,
@@ -172,7 +172,7 @@ def fit(
         settings |= {"guesses": numbers("--guess", guesses) or None}
         law = cl.fit(equations, training, starts=known, **settings, progress=show)
         later.save(outputs.save, law=law)
-        learned = Learned.check(law, source, trials, training, outputs.draws, later)
+        learned = FitResult.check(law, source, trials, training, outputs.draws, later)
         if against and other:
             laws = {"fitted": law, against: other}
             comparison = later.take("the laws were not compared", lambda: compared(laws, training, settings), None)

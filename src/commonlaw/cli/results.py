@@ -164,7 +164,7 @@ class Outputs:
         """Whether a figure is wanted."""
         return any(is_of_kind(each, "figure") for each in self.save)
 
-    def give(self, learned: "Learned", later: Artifacts) -> None:
+    def give(self, learned: "FitResult", later: Artifacts) -> None:
         """Write the files and print the rest."""
         later.save(self.save, law=learned.law, figure=learned.figure, table=learned.coefficients, report=learned.report)
         if self.as_json:
@@ -181,7 +181,7 @@ with_outputs = as_one("outputs", Outputs, _OPTIONS)
 
 
 @dataclass(frozen=True)
-class Learned:
+class FitResult:
     """What was found out about a law, the true law if it is known, and laws compared, see `commonlaw.compare`.
 
     Of a law that was learned from a stream, the findings are about a few of its trials; what was held out of a stream
@@ -206,7 +206,7 @@ class Learned:
         few: "Trials",
         show: ProgressCallback,
         later: Artifacts,
-    ) -> "Learned":
+    ) -> "FitResult":
         """Return a law with what forecasts of all that was held out of a stream say; `few` were learned from."""
         from commonlaw.stream import find_by_stream
         from commonlaw.verdict import Findings
@@ -225,7 +225,7 @@ class Learned:
         bands: bool,
         later: Artifacts,
         stream: "TrialStream | None" = None,
-    ) -> "Learned":
+    ) -> "FitResult":
         """Return a law with its findings, forecasts with bands if wanted, and the true law of a data set."""
         from commonlaw.datasets import truth_of
         from commonlaw.verdict import Findings, find
@@ -454,7 +454,7 @@ def find_law(
     streams: bool,
     find: "Callable[[Any, ProgressCallback], Law]",
     explain: "Callable[[Law, ProgressCallback, Artifacts], Law]" = lambda law, *_: law,
-) -> tuple[Learned, Artifacts]:
+) -> tuple[FitResult, Artifacts]:
     """Find a law in a table, or in files that are gone through one by one, and check it by forecasts.
 
     These are of all that is held out; of files without any of a few trials.
@@ -467,9 +467,9 @@ def find_law(
     law = explain(law, show, later)
     if not streams:
         show("checking the law by forecasts")
-        return Learned.check(law, source, trials, training, outputs.draws, later), later
+        return FitResult.check(law, source, trials, training, outputs.draws, later), later
     few = few_trials(training)
     if source.holds_out:
-        return Learned.check_by_stream(law, source, source.held_out(trials), training, few, show, later), later
+        return FitResult.check_by_stream(law, source, source.held_out(trials), training, few, show, later), later
     show("checking the law by forecasts of a few trials")
-    return Learned.check(law, source, few, few, outputs.draws, later, trials), later
+    return FitResult.check(law, source, few, few, outputs.draws, later, trials), later

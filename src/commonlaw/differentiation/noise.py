@@ -11,7 +11,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.base import need_samples
 from commonlaw.errors import CommonlawError
 
-_LEAST, _HIGHEST = 8, 10
+_MIN_SAMPLES, _MAX_ORDER = 8, 10
 """Samples of a trial, and the highest order of differences."""
 FAR = 4.0
 """Standard deviations beyond which a value, or a difference that it is in, is an outlier."""
@@ -62,14 +62,14 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
     t, x = np.asarray(times, dtype=np.float64), np.asarray(states, dtype=np.float64)
     if t.ndim != 1 or x.ndim != 2 or len(x) != len(t):
         raise CommonlawError("shapes-of-times-and-states", times=t.shape, states=x.shape)
-    need_samples(len(t), _LEAST, "estimates of the noise")
+    need_samples(len(t), _MIN_SAMPLES, "estimates of the noise")
     wrong = np.flatnonzero(~(np.isfinite(t) & np.isfinite(x).all(axis=1)))
     if len(wrong):
         raise CommonlawError("value-not-finite", sample=wrong[0] + 1)
     late = np.flatnonzero(np.diff(t) <= 0)
     if len(late):
         raise CommonlawError("times-not-increasing", sample=late[0] + 2)
-    highest = min(_HIGHEST, len(t) // 4)
+    highest = min(_MAX_ORDER, len(t) // 4)
     by_order = enumerate(differences(t, x, highest), start=1)
     estimates = np.array([[_scale(column, order) for column in each.T] for order, each in by_order])
     orders = _smallest_that_agrees(estimates, len(t) - highest)
@@ -82,7 +82,7 @@ def noise_order(times: Floats, values: Floats) -> int | None:
     That is the smallest one that agrees with all higher ones, see `noise_level`, with and without outliers, as far as
     squares tell that vary so; None if no two orders agree.
     """
-    highest = min(_HIGHEST, len(times) // 4)
+    highest = min(_MAX_ORDER, len(times) // 4)
     listed = [each[:, 0] for each in differences(times, values[:, np.newaxis], highest)]
     squares = listed[-1] ** 2
     count = 3 * float(np.sum(squares) ** 2 / max(np.sum(squares**2), np.finfo(float).tiny))
@@ -103,7 +103,7 @@ def noise_degrees_of_freedom(samples: int) -> float:
     Of differences of second order, which most smooth states take: they are correlated, so that the estimate is worth
     half as many independent ones.
     """
-    if samples < _LEAST:
+    if samples < _MIN_SAMPLES:
         return 0.0
     return (samples - 2) / noise_correlation(2)
 

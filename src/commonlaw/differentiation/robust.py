@@ -13,7 +13,7 @@ from commonlaw.differentiation.penalized import SmoothingSpline, cross_validated
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import check_number
 
-_FEW = 16
+_MIN_SAMPLES = 16
 """Values of which none can be called an outlier."""
 _OUTLYING = 5.0
 """Scales beyond which a value does not fit in with its neighbours."""
@@ -129,7 +129,7 @@ def _remembered(spline: RobustSpline, known: bytes, values: bytes, times: bytes)
 def _without_spikes(times: Floats, values: Floats) -> Indices:
     """Return the indices of the values that are left when spikes are taken out, the largest first."""
     kept = np.arange(len(times))
-    while len(kept) >= _FEW:
+    while len(kept) >= _MIN_SAMPLES:
         every, order, _ = _differences(times[kept], values[kept])
         sizes = every[order]
         peak = int(np.argmax(sizes))
@@ -148,7 +148,7 @@ def _outlyingness(times: Floats, values: Floats) -> Floats:
     from scipy.ndimage import maximum_filter1d
 
     outlyingness = np.zeros(len(times))
-    if len(times) < _FEW:
+    if len(times) < _MIN_SAMPLES:
         return outlyingness
     sizes, quietest, hidden = _differences(times, values)
     least = np.median(sizes[quietest])

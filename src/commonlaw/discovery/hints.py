@@ -29,7 +29,7 @@ from commonlaw.trials.check import Finding
 _BAND = 1.96
 """Half width of a 95 % interval in standard deviations."""
 
-_NEAR = 0.1
+_MAX_EXCESS_SHARE = 0.1
 """Share of a range: margin around visited states, and spread of similar initial values."""
 
 _Found = tuple[Floats, Forecast, Forecast, tuple[int, int]]
@@ -59,7 +59,7 @@ def _discriminating_start(law: Law, rival: Law, times: Floats) -> _Found | None:
     found: _Found | None = None
     # Solutions outside of the visited ranges do not count, see `_within`
     ends = [visited.get(name, (-np.inf, np.inf)) for name in law.terms.variables.states]
-    limit = max(max(abs(low), abs(high)) + _NEAR * (high - low) for low, high in ends)
+    limit = max(max(abs(low), abs(high)) + _MAX_EXCESS_SHARE * (high - low) for low, high in ends)
     for start in _starts(law):
         with suppress(CommonlawError):
             alone = (with_other_laws(each, ()) for each in (law, rival))
@@ -83,7 +83,11 @@ def _starts(law: Law) -> Iterator[Floats]:
     values = []
     for name in variables:
         low, high = visited[name]
-        middle = 0.0 if name in rate_names(law) and _beyond(np.zeros(1), (low, high))[0] <= _NEAR else (low + high) / 2
+        middle = (
+            0.0
+            if name in rate_names(law) and _beyond(np.zeros(1), (low, high))[0] <= _MAX_EXCESS_SHARE
+            else (low + high) / 2
+        )
         values.append((middle, low, high))
     for _, start in zip(range(27), product(*values), strict=False):
         yield np.array(start)
@@ -99,7 +103,9 @@ def _within(law: Law, forecast: Forecast) -> Floats:
     """Return 1 while a forecast stays near the visited ranges and 0 from then on, shape (n, 1)."""
     visited, (states, _) = law.provenance.domain.visited, _first(forecast)
     pairs = zip(law.schema.states, states.T, strict=True)
-    near = np.all([_beyond(np.nan_to_num(own, nan=np.inf), visited[name]) <= _NEAR for name, own in pairs], axis=0)
+    near = np.all(
+        [_beyond(np.nan_to_num(own, nan=np.inf), visited[name]) <= _MAX_EXCESS_SHARE for name, own in pairs], axis=0
+    )
     return np.logical_and.accumulate(near)[:, np.newaxis].astype(np.float64)
 
 
@@ -282,7 +288,7 @@ def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
     varying = ", with coefficients by trial," if found.by_trial else ""
     rms = " or ".join(f"{value:.3g}" for value in found.rms[:_LISTED])
     cause = ""
-    if all(high - low <= _NEAR * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
+    if all(high - low <= _MAX_EXCESS_SHARE * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
         cause = f", because all trials have similar initial conditions{_ranges(found, trials.schema)}"
     return note(
         "confounded",

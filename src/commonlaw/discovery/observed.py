@@ -39,7 +39,7 @@ _SAME = 0.01
 """Difference of sums of logarithms below which two ends of this search are one."""
 _SOUGHT, _FITTED = 4, 3
 """How many ends are followed by leaving out terms, and how many laws are fitted to the trials."""
-_NEAR = 20.0
+_MAX_SCORE_DIFFERENCE = 20.0
 """Laws whose scores are worse than the best by as much are not fitted to trials: twice what is very strong evidence."""
 _LACK_OF_FIT = 1.5
 """Sum of squares with all terms, in its degrees of freedom, from which on terms are missing."""
@@ -354,7 +354,7 @@ def discover_observed(
         if search.scale < _LACK_OF_FIT:
             break
     found = search.candidates(ends)
-    near = [each for each in found[:_FITTED] if each.score - found[0].score < _NEAR]
+    near = [each for each in found[:_FITTED] if each.score - found[0].score < _MAX_SCORE_DIFFERENCE]
     laws, refused = list[tuple[float, Law]](), list[CommonlawError]()
     for i, candidate in enumerate(near):
         progress(f"fitting law {i + 1} of {len(near)}")

@@ -1,4 +1,4 @@
-"""From a law and trials to the function that its objects share in what the law leaves: candidates, fit, shares."""
+"""Estimate the discrepancy of a law, a function that its objects share: candidates, fit, shares of the residuals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress

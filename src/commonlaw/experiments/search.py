@@ -37,7 +37,7 @@ _PATIENCE = 6
 _EXCHANGES = 2
 """How often each of several experiments may be exchanged for another."""
 
-_FAR = 1000
+_MAX_EXCURSION_RATIO = 1000
 """A forecast that goes so many times farther than states have been, or start from, diverges: what a law predicts there,
 linearised about its coefficients, means nothing, and rivals on their way to infinity take steps without end."""
 
@@ -181,7 +181,7 @@ class Search:
         names, visited = self.law.terms.variables.states, self.law.provenance.domain.visited
         been = [value for name in names for value in visited.get(name, ())]
         starts = [value for name in names for value in numbers_of(self.settings.options.get(name, ()))]
-        return _FAR * float(np.abs([*been, *starts]).max()) if been else None
+        return _MAX_EXCURSION_RATIO * float(np.abs([*been, *starts]).max()) if been else None
 
     def chance(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> float:
         """Return how probable it is that the right law is the most probable after these experiments."""

@@ -423,7 +423,7 @@ def _beyond_computing(value: Any) -> list[Any]:
 
 
 def _read_other(saved: OtherDocument, law: Law) -> Law:
-    """Return what else the law could be that is saved with it."""
+    """Return the plausible laws that are saved with a law."""
     terms, objects = law.terms, law.objects
     if saved.terms is not None:
         terms = parse_terms(saved.terms, replace(terms.variables, parameters=tuple(saved.constants)))

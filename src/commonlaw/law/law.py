@@ -540,7 +540,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         noise: Mapping[str, float] | None = None,
         huber_threshold: float = HUBER_THRESHOLD,
     ) -> "Discrepancy[Law]":
-        """Find what the law leaves unexplained as a smooth function of a coordinate, the same for all objects.
+        """Estimate the discrepancy: the residuals as a smooth function of a coordinate, the same for all objects.
 
         The function is a Gaussian process in the likelihood of the trajectories, fitted with the coefficients and all
         initial states; its amplitude and length scale are integrated out. Departures that differ between trials are a

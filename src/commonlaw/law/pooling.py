@@ -25,7 +25,7 @@ from commonlaw.trials.trial import property_names
 if TYPE_CHECKING:
     import pandas as pd
 
-_ALIKE, _OWN = 0.9, 0.1
+_MIN_SHARED, _MAX_SPECIFIC = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""
 
 
@@ -68,7 +68,7 @@ def pool_objects(law: Law, universal: Bools | None = None, others: bool = True) 
     lefts = left_hand_sides(law)
     for j, k in np.argwhere(support):
         share = shrinkage[j, k]
-        how = "shared" if share > _ALIKE else "object-specific" if share < _OWN else "partly pooled"
+        how = "shared" if share > _MIN_SHARED else "object-specific" if share < _MAX_SPECIFIC else "partly pooled"
         choices.append(f"{law.terms.names[k]} in {lefts[j]}: {how} ({share:.2f})")
     reason = "shrinkage of each object's coefficient to the mean, by the between-object variance"
     diagnostics = law.diagnostics

@@ -20,7 +20,7 @@ _DIGITS = 2
 _LEAST_PROBABILITY = 1e-9
 """Below it a probability is shown as such: the models that it is computed from are not known so well."""
 
-_MOST = 9
+_MAX_DIGITS = 9
 """Significant digits of a number; where its error would ask for more, the two are written apart."""
 
 
@@ -68,9 +68,9 @@ def rounded(value: float, error: float) -> str:
     """
     if not (isfinite(error) and error > 0 and isfinite(value)):
         return f"{value:.4g}"
-    last, size = _leading_digit(error, _DIGITS) - _DIGITS + 1, _leading_digit(max(abs(value), error), _MOST)
-    if size - last >= _MOST:
-        return f"{value:.{_MOST}g}"
+    last, size = _leading_digit(error, _DIGITS) - _DIGITS + 1, _leading_digit(max(abs(value), error), _MAX_DIGITS)
+    if size - last >= _MAX_DIGITS:
+        return f"{value:.{_MAX_DIGITS}g}"
     if not _PLAIN[0] <= size < _PLAIN[1]:
         return f"{value:.{size - last}e}"
     return f"{round(value, -last):z.{max(-last, 0)}f}"
@@ -93,9 +93,9 @@ def _rounded(value: float, error: float, digits: int) -> tuple[str, str, int]:
     if error == 0:
         mantissa, _, power = f"{value:.{digits}g}".partition("e")
         return mantissa, "", int(power or 0)
-    last, size = _leading_digit(error, _DIGITS) - _DIGITS + 1, _leading_digit(max(abs(value), error), _MOST)
-    if size - last >= _MOST:
-        return f"{value:.{_MOST}g}", f"{error:.{_DIGITS}g}", 0
+    last, size = _leading_digit(error, _DIGITS) - _DIGITS + 1, _leading_digit(max(abs(value), error), _MAX_DIGITS)
+    if size - last >= _MAX_DIGITS:
+        return f"{value:.{_MAX_DIGITS}g}", f"{error:.{_DIGITS}g}", 0
     exponent = 0 if _PLAIN[0] <= size < _PLAIN[1] else size
     indices = exponent - last
 

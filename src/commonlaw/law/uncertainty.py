@@ -1,4 +1,4 @@
-"""How accurate a law is: errors of coefficients and measurements, what decides them, what else it could be."""
+"""Uncertainty of a law: errors of coefficients and measurements, relations to properties, plausible laws."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -163,7 +163,7 @@ class Uncertainty:
     explanation
         What decides the coefficients, if `Law.explain` was asked.
     other_laws
-        What else the law could be, with probabilities, see `Law.models`.
+        Plausible laws besides this one, with posterior probabilities, see `Law.models`.
     """
 
     covariance: Floats | None = None
@@ -213,7 +213,7 @@ class Uncertainty:
         return self.covariance is not None and self.noise is not None
 
     def map_other_laws(self, change: Callable[[Any], Any]) -> tuple[PlausibleLaw[Any], ...]:
-        """Return what else the law could be, each law changed alike."""
+        """Return the plausible laws, the same change made to each."""
         return tuple(PlausibleLaw(each.probability, change(each.law)) for each in self.other_laws)
 
     def reach(self, states: int, level: float = 0.95) -> Floats:

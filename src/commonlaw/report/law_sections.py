@@ -162,7 +162,7 @@ _FAILURES = (CommonlawError, ArithmeticError, np.linalg.LinAlgError)
 
 
 def residuals(case: LawCase) -> Section:
-    """Return the part on what the law leaves unexplained."""
+    """Return the part on residuals and the discrepancy."""
     blocks = (*_patterns(case), *_discrepancy(case), *_errors(case))
     return Section("residuals", "Residuals and discrepancy", blocks)
 
@@ -195,7 +195,7 @@ def _patterns(case: LawCase) -> Iterator[Block]:
 
 
 def _discrepancy(case: LawCase) -> Iterator[Block]:
-    """Yield what the law leaves as a function that objects share."""
+    """Yield the discrepancy, a function that objects share."""
     if len(case.law.objects) > 100:
         yield Text("A discrepancy shared by all objects was not estimated: there are many objects.")
         return
@@ -336,7 +336,7 @@ def _by_object(law: Law) -> pd.DataFrame:
 
 
 def candidates(case: LawCase) -> Section:
-    """Return the part on what else the law could be."""
+    """Return the part on candidate laws."""
     law, blocks = case.law, list[Block]()
     if not law.provenance.alternatives:
         text = "The terms were given; no other law was compared."

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _SHORT = 5  # samples; fewer leave nothing to judge a rate by
 _JITTER = 0.1  # of the median step
 _REGULAR = 0.075  # of the median step: 5 ms for video at 15 frames a second
-_FEW = 0.25  # of the steps; where more are irregular, no frame is out of the ordinary
+_MAX_IRREGULAR_SHARE = 0.25  # of the steps; where more are irregular, no frame is out of the ordinary
 _JUMP = 10.0  # robust standard deviations of second differences
 _ROUNDED = 1e-4  # of the median step
 _EVEN = 1e-9  # of the median step; what steps differ by less is rounding
@@ -177,7 +177,7 @@ def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | 
     """Yield findings about a trial's length, steps and gaps."""
     if row.samples < _SHORT:
         yield _in(trial, f"very short, {row.samples} samples")
-    if row.clipped and np.mean(_irregular(trial.times, tolerance)) <= _FEW:
+    if row.clipped and np.mean(_irregular(trial.times, tolerance)) <= _MAX_IRREGULAR_SHARE:
         kept = row.samples - row.clipped
         text = f"irregular frame: `clip_irregular()` would keep {kept} of {row.samples} samples"
         yield _in(trial, text, kept, schema.time)

@@ -23,7 +23,7 @@ each of shape (n, columns)."""
 _RANDOM = 1.5
 """Standard deviations from the number of times that rows in random order go back, beyond which they are in no such."""
 
-_FEW = 0.1
+_MAX_MISPLACED_SHARE = 0.1
 """Of the rows of a trial, those that may stand out of place without being asked about."""
 _HOLE = 1.5
 """Median steps that times are apart between which a row is missing: more than one step, less than two."""
@@ -179,7 +179,7 @@ def _is_out_of_order(times: Floats, back: Codes) -> bool:
     """Say whether times go back, at these indices, not as in reverse nor by a few single rows that are out of place."""
     if not 0 < len(back) < len(times) - 1:
         return False
-    if len(back) > max(2, _FEW * len(times)):
+    if len(back) > max(2, _MAX_MISPLACED_SHARE * len(times)):
         return True
     # Whether times can increase up to a row, if single rows before it, no two adjacent, are left out
     can = [True, True]

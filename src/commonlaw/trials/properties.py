@@ -14,7 +14,7 @@ from commonlaw.trials.files import read_table
 from commonlaw.trials.headers import label
 from commonlaw.trials.trial import Property, property_names
 
-_FEW = 0.1
+_MAX_MISTAKEN_SHARE = 0.1
 """Of an object's rows, those that may be mistaken in a column that is a property."""
 
 
@@ -90,7 +90,7 @@ def _refuse_nearly_constant(table: Table, name: str, cells: Floats, codes: Codes
     sizes, most = np.bincount(codes), np.zeros(codes.max() + 1, dtype=np.int64)
     np.maximum.at(most, pairs // len(cells), counts)
     odd = sizes - most
-    few = (odd < most) & (odd <= np.maximum(1, _FEW * sizes))
+    few = (odd < most) & (odd <= np.maximum(1, _MAX_MISTAKEN_SHARE * sizes))
     row = int(np.argmax(counts[which] < most[codes]))
     usual = cells[(codes == codes[row]) & (counts[which] == most[codes[row]])][0]
     if not few.all() or 2 * np.sum(odd > 0) > len(odd) or np.isnan(usual):

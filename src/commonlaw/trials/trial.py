@@ -21,7 +21,7 @@ PropertyTable = Mapping[Any, Mapping[str, Property]]
 Start = float | str | Mapping[str, float] | None
 """A number, the name of a property, a number for each object, or None for what is to be found in each trial."""
 
-_LEAST = 5
+_MIN_MEASURED = 5
 """Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""
 _EXTREME = float(np.finfo(np.float64).max ** (1 / 6))
 """Largest time, and inverse of the smallest step: squares of second derivatives go with the fourth power of the step,
@@ -418,7 +418,8 @@ def _sparse(trials: Sequence[Trial], schema: Schema) -> tuple[int, int, int] | N
     counts = np.array([np.sum(~np.isnan(trial.states), axis=0) for trial in trials])
     samples = [int(np.sum(~np.isnan(trial.states).all(axis=1))) for trial in trials]  # Others have inputs alone
     least = [
-        min(1 if np.isnan(trial.states[-1]).all() else _LEAST, own) for trial, own in zip(trials, samples, strict=True)
+        min(1 if np.isnan(trial.states[-1]).all() else _MIN_MEASURED, own)
+        for trial, own in zip(trials, samples, strict=True)
     ]
     few = np.argwhere((counts < np.array(least)[:, np.newaxis]) & (counts > 0) & ~schema.unmeasured).tolist()
     return (few[0][0], few[0][1], least[few[0][0]]) if few else None

@@ -22,9 +22,9 @@ _WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
 _NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
 _REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]*\d+")
 """A word of two letters at least, and a number."""
-_FEW, _MANY = 4, 8
+_MIN_LIKE_COLUMNS, _MIN_COLUMNS = 4, 8
 """Columns of like names, and of any names, from which on they may be an object each."""
-_ALIKE = 0.1
+_MAX_REPLICATE_DIFFERENCE = 0.1
 """Of the range of their mean, by how much replicates differ from it; and of all values, by how much starts differ."""
 
 
@@ -38,9 +38,9 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     wells = {name: found for name in names if (found := _WELL.fullmatch(name))}
     stems = {name: found[1] for name in names if (found := _REPLICATE.fullmatch(name))}
     groups = [[name for name in stems if stems[name] == stem] for stem in dict.fromkeys(stems.values())]
-    if len(wells) >= _FEW and len({found[1] for found in wells.values()}) == 1:
+    if len(wells) >= _MIN_LIKE_COLUMNS and len({found[1] for found in wells.values()}) == 1:
         letters = {found[2] for found in wells.values()}
-        alike = [*wells] if len(letters) > 1 or len(wells) >= _MANY or _start_alike(table, [*wells]) else []
+        alike = [*wells] if len(letters) > 1 or len(wells) >= _MIN_COLUMNS or _start_alike(table, [*wells]) else []
     elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
         individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
         values = _complete(table, names)
@@ -70,7 +70,7 @@ def _complete(table: Table, names: Sequence[str]) -> Floats:
 def _start_alike(table: Table, names: Sequence[str]) -> bool:
     """Return whether the first values of columns differ by little of the range of all."""
     values = _complete(table, names)
-    return bool(len(values)) and bool(np.ptp(values[0]) < _ALIKE * np.ptp(values))
+    return bool(len(values)) and bool(np.ptp(values[0]) < _MAX_REPLICATE_DIFFERENCE * np.ptp(values))
 
 
 def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
@@ -79,14 +79,17 @@ def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
     mean = values.mean(axis=1, keepdims=True)
     if not len(values):
         return False
-    return bool(np.sqrt(np.mean((values - mean) ** 2)) < _ALIKE * np.ptp(mean) or np.ptp(values) < _ALIKE * span)
+    return bool(
+        np.sqrt(np.mean((values - mean) ** 2)) < _MAX_REPLICATE_DIFFERENCE * np.ptp(mean)
+        or np.ptp(values) < _MAX_REPLICATE_DIFFERENCE * span
+    )
 
 
 def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
     """Return a note if columns that were taken as the states of one object may well be an object each."""
     stems = {found[1].casefold() if (found := _NUMBERED.fullmatch(name)) else name for name in states}
-    alike = len(states) >= _FEW and len(stems) == 1
-    if not alike and (len(states) < _MANY or len({table.units.get(name) for name in states}) > 1):
+    alike = len(states) >= _MIN_LIKE_COLUMNS and len(stems) == 1
+    if not alike and (len(states) < _MIN_COLUMNS or len({table.units.get(name) for name in states}) > 1):
         return ()
     return (
         f"{shown_columns(states)} are taken as states of one object; if each is an object of its own, read them with "

@@ -151,7 +151,7 @@ def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
 
 
 def _left(fit: Fit) -> str:
-    """Return what white noise does not explain of what the law leaves, in words; nothing under other errors."""
+    """Return in words which patterns of the residuals white noise does not explain; nothing under other errors."""
     return "" if fit.problem.errors else in_words(fit.departures)
 
 
