@@ -185,6 +185,19 @@ class Fit:
         return decrease
 
     @property
+    def laplace_correction(self) -> float:
+        """What minus twice the log-likelihood at the estimates exceeds the minimum of its linearization by.
+
+        With R_0 the least sum of squares of the linearization, R = R_0 + `predicted_decrease` that at the estimates, and
+        d(R) the `NoiseScale.deviance`, it is d(R) - d(R_0). The Laplace approximation is about a maximum; away from it,
+        outliers and noise levels at the estimates do not belong to R_0, which may even be less than the outliers alone.
+        """
+        least = self.evidence.squares(self.supports)
+        count, noise_scale = self.size * len(self.estimates), self.evidence.noise_scale
+        there, here = (noise_scale.deviance(squares, count) for squares in (least + self.predicted_decrease, least))
+        return float(there - here)
+
+    @property
     def has_converged(self) -> bool:
         """Whether the predicted decrease is negligible; otherwise the Laplace approximation does not hold."""
         return self.predicted_decrease < settings.MAX_PREDICTED_DECREASE * len(self.estimates)
@@ -274,14 +287,23 @@ def best_of(fits: Sequence[Fit]) -> Fit:
 def fitted(problem: SearchProblem, estimates: Sequence[Estimate] | None, supports: Bools, model_error: float) -> Fit:
     """Return the fit of supports from initial estimates at a model error, zero for solutions of the law.
 
-    It is a failed fit without estimates, or if the likelihood is not computable.
+    Estimated coefficients outside of the supports start, and remain, at zero. It is a failed fit without estimates, or
+    if the likelihood is not computable.
     """
     if estimates is None:
         return Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error)
+    kept = supports | ~np.isnan(problem.known)
+    starts = [
+        replace(estimate, coefficients=np.where(inside, estimate.coefficients, 0.0))
+        for estimate, inside in zip(estimates, kept, strict=True)
+    ]
     try:
-        done = fit_each(problem.models, estimates, supports, errors_to_fit(model_error))
+        done = fit_each(problem.models, starts, supports, errors_to_fit(model_error))
         fit = Fit(problem, supports, done, model_error, Score({}))
-        return fit.with_score(fit.evidence.score(supports))
+        score = fit.evidence.score(supports)
+        if not fit.has_converged:
+            score = score.plus("Laplace correction", fit.laplace_correction)
+        return fit.with_score(score)
     except NotPositiveError:
         return Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error)
 

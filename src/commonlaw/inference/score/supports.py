@@ -84,8 +84,7 @@ class SupportEvidence:
         """Return minus twice the log-evidence and log prior of supports of all equations, in its parts."""
         indices, objects = np.flatnonzero(supports), len(self.problems)
         evidence = minus_twice_log_evidence(self._random_effects, indices, self.noise_scale)
-        squares = residual_squares(self._random_effects, indices)
-        likelihood = float(self.noise_scale.deviance(squares, len(indices) * objects))
+        likelihood = float(self.noise_scale.deviance(self.squares(supports), len(indices) * objects))
         coefficients = coefficient_penalty(len(indices), objects, self.noise_scale)
         return Score(
             {
@@ -96,6 +95,10 @@ class SupportEvidence:
                 "structure": sum(self.structure_prior.of(support) for support in supports),
             }
         )
+
+    def squares(self, supports: Bools) -> float:
+        """Return the residual sum of squares of supports of all equations."""
+        return residual_squares(self._random_effects, np.flatnonzero(supports))
 
     def noise_variance(self, supports: Bools) -> float:
         """Return the noise variance from the residuals of supports of all equations, in units of its present value."""
