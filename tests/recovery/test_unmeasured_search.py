@@ -84,6 +84,29 @@ def pendulum(_, state, g, c, force, r):
     return [-r * drive, rate, -g * np.sin(angle) - c * rate + force * drive]
 
 
+@pytest.fixture(scope="module")
+def outbreaks():
+    """Counts of infected people in three towns, with relative errors of 4 %."""
+    generator, times = np.random.default_rng(7), np.arange(0, 20.5, 0.5)
+    numbers = {"Abbey": (5200, 1.9, 0.9), "Bere": (2400, 1.6, 0.8), "Corfe": (9100, 2.2, 1.0)}
+    counts = []
+    for size, b, g in numbers.values():
+        rates = {"t_eval": times, "args": (b / size, g), "rtol": 1e-9}
+        infected = solve_ivp(epidemic, (0, 20), (size - 5, 5), **rates).y[1]
+        counts.append(np.round(infected * (1 + 0.04 * generator.standard_normal(len(times)))))
+    return numbers, cl.Trials.from_arrays([times] * 3, counts, object=[*numbers], names=["infected"])
+
+
+@pytest.mark.slow
+def test_errors_in_proportion_choose_among_laws_by_their_likelihood_and_not_by_that_of_a_linearization(outbreaks):
+    numbers, trials = outbreaks
+    law = cl.discover(trials, library="poly:3", unmeasured=1, order=1)
+    assert law.structure == ("infected' = a infected + b infected u", "u' = c infected u")
+    assert law.comparison.query("chosen")["terms"].tolist() == ["infected, infected u", "infected u"]
+    truth = np.array([[-g, b, -b / size] for size, b, g in numbers.values()])
+    np.testing.assert_allclose(named_parameters(law).values, truth, rtol=0.08)
+
+
 @pytest.mark.slow
 def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
     typical, start = (4.0, 0.2, 1.5, 0.25), [1.0, 1.2, 0.0]

@@ -65,6 +65,25 @@ def test_what_cannot_be_computed_has_a_status(problem):
     assert failed(problem).refitted(supports).status is Status.HAS_POLE
 
 
+def test_coefficients_outside_of_a_support_are_zero_wherever_a_fit_begins(problem, fits):
+    everywhere = [replace(each, coefficients=np.full_like(each.coefficients, -1.0)) for each in problem.starts]
+    fit = fitted(problem, everywhere, supports_of(problem, "x"), NO_ERROR)
+    for estimate, expected in zip(fit.estimates, fits[1].estimates, strict=True):
+        np.testing.assert_allclose(estimate.coefficients, expected.coefficients, atol=1e-3)
+
+
+def test_a_score_at_estimates_is_that_of_their_residuals_and_at_the_optimum_that_of_the_linearization(fits):
+    best = fits[1]
+    assert best.score_at_estimates.total == pytest.approx(best.score.total, abs=0.01)
+    moved = [replace(each, coefficients=each.coefficients + [[0.0, 0.05, 0.0]]) for each in best.estimates]
+    away = replace(best, estimates=tuple(moved))
+    score, noise_scale = away.score_at_estimates, away.evidence.noise_scale
+    least, count = away.evidence.squares(away.supports), away.size * len(moved)
+    expected = noise_scale.deviance(least + away.predicted_decrease, count) - noise_scale.deviance(least, count)
+    assert score - away.score == pytest.approx(expected)
+    assert expected > 1.0
+
+
 def test_fits_of_one_model_are_of_equal_models(problem, fits):
     one, other, third = fits
     assert one.model != other.model != third.model

@@ -185,17 +185,17 @@ class Fit:
         return decrease
 
     @property
-    def laplace_correction(self) -> float:
-        """What minus twice the log-likelihood at the estimates exceeds the minimum of its linearization by.
+    def score_at_estimates(self) -> Score:
+        """The score by the likelihood at the estimates instead of the maximum of its linearization.
 
-        With R_0 the least sum of squares of the linearization, R = R_0 + `predicted_decrease` that at the estimates, and
-        d(R) the `NoiseScale.deviance`, it is d(R) - d(R_0). The Laplace approximation is about a maximum; away from it,
+        With R_0 the least sum of squares of the linearization, R = R_0 + `predicted_decrease` that at the estimates,
+        and d(R) the `NoiseScale.deviance`, it is larger by d(R) - d(R_0). Both are equal at convergence; elsewhere,
         outliers and noise levels at the estimates do not belong to R_0, which may even be less than the outliers alone.
         """
         least = self.evidence.squares(self.supports)
         count, noise_scale = self.size * len(self.estimates), self.evidence.noise_scale
         there, here = (noise_scale.deviance(squares, count) for squares in (least + self.predicted_decrease, least))
-        return float(there - here)
+        return self.score.plus("Laplace correction", float(there - here))
 
     @property
     def has_converged(self) -> bool:
@@ -300,10 +300,7 @@ def fitted(problem: SearchProblem, estimates: Sequence[Estimate] | None, support
     try:
         done = fit_each(problem.models, starts, supports, errors_to_fit(model_error))
         fit = Fit(problem, supports, done, model_error, Score({}))
-        score = fit.evidence.score(supports)
-        if not fit.has_converged:
-            score = score.plus("Laplace correction", fit.laplace_correction)
-        return fit.with_score(score)
+        return fit.with_score(fit.evidence.score(supports))
     except NotPositiveError:
         return Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error)
 

@@ -403,7 +403,7 @@ class _Object:
         with np.errstate(over="ignore"):  # Far from any law
             squares = float(np.sum(residuals_at(x) ** 2))
             if np.isfinite(squares) and np.isfinite(slopes(x)).all():
-                tolerance = settings.SAME_DEVIANCE / max(squares, 1.0)
+                tolerance = max(settings.SAME_DEVIANCE / max(squares, 1.0), np.finfo(float).eps)
                 solved = least_squares(residuals_at, x, slopes, ftol=tolerance)
                 x, squares = solved.x, float(2 * solved.cost)
         states, laws = solutions(x[np.newaxis])

@@ -99,7 +99,8 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
 
 def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Pool:
     """Return a pool with fits of a latent state; of equivalent ones only the first, with the evidence of the best."""
-    without = pool.best
+    # A fit with lack of fit may end away from its optimum, where the Laplace approximation is too large
+    without = pool.best.with_score(pool.best.score_at_estimates)
     best = min([without, *(fit for _, fit in fits)])
     equivalent = [pair for pair in fits if _is_equivalent(pair[1], best)]
     others = [fit for _, fit in fits if not _is_equivalent(fit, best)]

@@ -186,7 +186,8 @@ def estimate_error_model(fit: Fit, kind: ErrorKind) -> Fit:
     fit = _with_levels(fit.problem.about(fit.estimates) if grows else fit.problem, fit, kind)
     for _ in range(1, fit.problem.errors.rounds):
         fit = _with_levels(fit.problem.about(fit.estimates), fit, kind) if fit.is_usable else fit
-    return rescale_noise(fit)
+    fit = rescale_noise(fit)
+    return fit.with_score(fit.score_at_estimates) if fit.is_usable and not fit.has_converged else fit
 
 
 def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:

@@ -140,7 +140,7 @@ def score_of_order(fit: Fit) -> Score:
     the optimum of its linearization.
     """
     problem, states = fit.problem, len(fit.problem.noise)
-    score = fit.score if not fit.has_converged else fit.score.plus("Laplace correction", fit.laplace_correction)
+    score = fit.score if "Laplace correction" in fit.score.parts else fit.score_at_estimates
     if not len(with_rates(problem.order, states)):
         return score
     rates = np.concatenate([each[:, states:] for own in problem.smoothed for each in own])
