@@ -75,7 +75,7 @@ def test_coefficients_outside_of_a_support_are_zero_wherever_a_fit_begins(proble
 def test_a_score_at_estimates_is_that_of_their_residuals_and_at_the_optimum_that_of_the_linearization(fits):
     best = fits[1]
     assert best.score_at_estimates.total == pytest.approx(best.score.total, abs=0.01)
-    moved = [replace(each, coefficients=each.coefficients + [[0.0, 0.05, 0.0]]) for each in best.estimates]
+    moved = [replace(each, coefficients=np.add(each.coefficients, [[0.0, 0.05, 0.0]])) for each in best.estimates]
     away = replace(best, estimates=tuple(moved))
     score, noise_scale = away.score_at_estimates, away.evidence.noise_scale
     least, count = away.evidence.squares(away.supports), away.size * len(moved)
