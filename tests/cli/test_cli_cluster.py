@@ -67,8 +67,8 @@ def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(
     assert code == 0, err
     rows = [line.split() for line in out.splitlines()]
     medians = next(row for row in rows if row[:1] == ["median"])
-    strangest = rows[next(i for i, row in enumerate(rows) if "farthest" in row and "by" in row) + 2]
-    assert strangest[:2] == ["Ball", "60"]
+    outlying = rows[next(i for i, row in enumerate(rows) if "farthest" in row and "by" in row) + 2]
+    assert outlying[:2] == ["Ball", "60"]
     table = pd.read_csv(tmp_path / "r.csv")
     assert len(table) == 120
     assert float(medians[2]) == pytest.approx(table[table["term"] == "v"]["value"].median(), rel=1e-3)

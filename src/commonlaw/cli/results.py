@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from commonlaw.verdict import Findings
 
 
-_STRANGEST, _MAX_CANDIDATES = 10, 4
+_MAX_LISTED, _MAX_CANDIDATES = 10, 4
 """Objects, and candidates of each equation, that are printed."""
 
 
@@ -52,16 +52,16 @@ def print_spread(law: "Law", heads: list[str]) -> None:
     Nothing of a law that has none.
     """
     from commonlaw.law.parameters import named_parameters
-    from commonlaw.law.tables import letter_values, strangest
+    from commonlaw.law.tables import letter_values, outlying
 
     if not heads:
         return
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
     print_frame(letter_values(dict(zip(heads, values.T, strict=True)), "object"))
-    say(f"\nThe {_STRANGEST} objects farthest from the medians, in standard deviations of a normal spread:\n")
+    say(f"\nThe {_MAX_LISTED} objects farthest from the medians, in standard deviations of a normal spread:\n")
     rows: list[list[object]] = []
-    for i, *rest in zip(*strangest(values, heads, _STRANGEST), strict=True):
+    for i, *rest in zip(*outlying(values, heads, _MAX_LISTED), strict=True):
         own = zip(values[i].tolist(), np.nan_to_num(errors[i]).tolist(), strict=True)
         rows.append([law.objects[i], *own, *rest])
     print_table([law.schema.object, *heads, "farthest in", "by"], rows)

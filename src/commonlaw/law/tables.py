@@ -268,7 +268,7 @@ def letter_values(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
     return pd.concat([names, pd.DataFrame(found, columns=list(columns))], axis=1)
 
 
-def strangest(values: Floats, heads: Sequence[str], count: int) -> tuple[list[int], list[str], list[float]]:
+def outlying(values: Floats, heads: Sequence[str], count: int) -> tuple[list[int], list[str], list[float]]:
     """Return the indices of the objects farthest from the medians, the columns in which they are, and by how much.
 
     Distances are in standard deviations of a normal distribution with the same fourths; values have the shape

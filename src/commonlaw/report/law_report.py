@@ -12,7 +12,7 @@ from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.script import Source
-from commonlaw.law.tables import letter_values, strangest
+from commonlaw.law.tables import letter_values, outlying
 from commonlaw.law.text import MANY, with_error
 from commonlaw.plots import plot_intervals
 from commonlaw.report import curves, law_sections
@@ -106,8 +106,8 @@ def law_report(
     return Report(title, summary, (*sections, law_sections.again(case, command, table)), below)
 
 
-_STRANGEST = 10
-"""Objects that are named each, those with the strangest coefficients and those with the worst forecasts."""
+_MAX_LISTED = 10
+"""Objects that are named each, those with outlying coefficients and those with the worst forecasts."""
 
 
 def all_objects(found: ManyFindings) -> Section:
@@ -133,7 +133,7 @@ def _forecasts(found: ManyFindings) -> Iterator[Block]:
     if len(relative) > MANY:
         caption = "Errors of the forecasts of objects, in units of the spread of the states: letter values."
         yield Table("errors-of-all", caption, letter_values({"rms error": relative.to_numpy()}, "object"))
-    worst = found.relative.iloc[::-1][:_STRANGEST]
+    worst = found.relative.iloc[::-1][:_MAX_LISTED]
     frame = pd.DataFrame({name: worst.index.astype(str), "rms error": worst.to_numpy()})
     caption = f"The {counted(len(worst), 'object')} with the worst forecasts, in the same units."
     yield Table("worst", caption, frame)
@@ -152,7 +152,7 @@ def _coefficients(law: Law) -> Iterator[Block]:
         )
         spread = letter_values(dict(zip(heads, values.T, strict=True)), "object")
         yield Table("spread", "Coefficients of all objects: letter values (Tukey 1977).", spread)
-        indices, columns, far = strangest(values, heads, _STRANGEST)
+        indices, columns, far = outlying(values, heads, _MAX_LISTED)
         cells = [
             [with_error(*pair) for pair in zip(values[i].tolist(), np.nan_to_num(errors[i]).tolist(), strict=True)]
             for i in indices
@@ -161,5 +161,5 @@ def _coefficients(law: Law) -> Iterator[Block]:
         frame.insert(0, law.schema.object, [law.objects[i] for i in indices])
         caption = "The objects farthest from the medians, in standard deviations of a normal spread."
         frame["farthest in"], frame["by"] = columns, far
-        yield Table("strangest", caption, frame)
+        yield Table("outlying", caption, frame)
     yield Picture("coefficients-of-all", "Coefficients of all objects in order.", partial(plot_intervals, law))
