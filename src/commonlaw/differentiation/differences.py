@@ -1,8 +1,9 @@
 """Derivatives of states as measured: finite differences, and Fourier transforms of periodic ones."""
 
-from collections.abc import Callable
+from abc import abstractmethod
 from dataclasses import dataclass
 from math import factorial
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,8 +13,29 @@ from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import check_number, check_whole_number
 
 
+class _RepeatedDifference(AbstractDifferentiator):
+    """States as measured, and each derivative as the first difference of the one before."""
+
+    least: ClassVar[int]
+    words: ClassVar[str]
+
+    @abstractmethod
+    def rate(self, times: Floats, states: Floats) -> Floats:
+        """Return the first derivative at the samples, shape (n, d)."""
+
+    def reach(self, order: int) -> int | None:
+        return order
+
+    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
+        need_samples(len(times), self.least, self.words)
+        derivatives = [states]
+        for _ in range(order):
+            derivatives.append(self.rate(times, derivatives[-1]))
+        return Rates(states, tuple(derivatives[1:]))
+
+
 @dataclass(frozen=True)
-class CenteredDifference(AbstractDifferentiator):
+class CenteredDifference(_RepeatedDifference):
     """Centred differences, repeated for higher derivatives (de Silva et al. 2020, "Numerical differentiation").
 
     Inside ``(x[i+1] - x[i-1]) / (t[i+1] - t[i-1])``; at both ends the one-sided formula of third order over four
@@ -32,24 +54,18 @@ class CenteredDifference(AbstractDifferentiator):
     [3.0, 3.0, 3.0, 3.0, 3.0]
     """
 
-    def reach(self, order: int) -> int | None:
-        return order
+    least, words = 4, "centred differences"
 
-    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
-        need_samples(len(times), 4, "centred differences")
-        return _repeated(_centered_rate, times, states, order)
-
-
-def _centered_rate(times: Floats, states: Floats) -> Floats:
-    rate, end = np.empty_like(states), np.array([-11 / 6, 3, -3 / 2, 1 / 3])
-    rate[1:-1] = (states[2:] - states[:-2]) / (times[2:] - times[:-2])[:, np.newaxis]
-    rate[0] = end @ states[:4] / (times[1] - times[0])
-    rate[-1] = -end @ states[:-5:-1] / (times[-1] - times[-2])
-    return rate
+    def rate(self, times: Floats, states: Floats) -> Floats:
+        rate, end = np.empty_like(states), np.array([-11 / 6, 3, -3 / 2, 1 / 3])
+        rate[1:-1] = (states[2:] - states[:-2]) / (times[2:] - times[:-2])[:, np.newaxis]
+        rate[0] = end @ states[:4] / (times[1] - times[0])
+        rate[-1] = -end @ states[:-5:-1] / (times[-1] - times[-2])
+        return rate
 
 
 @dataclass(frozen=True)
-class ForwardDifference(AbstractDifferentiator):
+class ForwardDifference(_RepeatedDifference):
     """Forward differences, repeated for higher derivatives (LeVeque 2007, section 1.1).
 
     ``(x[i+1] - x[i]) / (t[i+1] - t[i])``; at the last sample the one-sided formula of second order
@@ -62,28 +78,13 @@ class ForwardDifference(AbstractDifferentiator):
     Raises `CommonlawError` if a trial has fewer than 3 samples.
     """
 
-    def reach(self, order: int) -> int | None:
-        return order
+    least, words = 3, "forward differences"
 
-    def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
-        need_samples(len(times), 3, "forward differences")
-        return _repeated(_forward_rate, times, states, order)
-
-
-def _forward_rate(times: Floats, states: Floats) -> Floats:
-    steps = np.diff(times)
-    rate = np.empty_like(states)
-    rate[:-1] = np.diff(states, axis=0) / steps[:, np.newaxis]
-    rate[-1] = (1.5 * states[-1] - 2 * states[-2] + 0.5 * states[-3]) / steps[-1]
-    return rate
-
-
-def _repeated(difference: Callable[[Floats, Floats], Floats], times: Floats, states: Floats, order: int) -> Rates:
-    """Return states as measured and their derivatives up to `order`, each the first difference of the one before."""
-    derivatives = [states]
-    for _ in range(order):
-        derivatives.append(difference(times, derivatives[-1]))
-    return Rates(states, tuple(derivatives[1:]))
+    def rate(self, times: Floats, states: Floats) -> Floats:
+        rate, steps = np.empty_like(states), np.diff(times)
+        rate[:-1] = np.diff(states, axis=0) / steps[:, np.newaxis]
+        rate[-1] = (1.5 * states[-1] - 2 * states[-2] + 0.5 * states[-3]) / steps[-1]
+        return rate
 
 
 @dataclass(frozen=True)

@@ -155,15 +155,13 @@ def _smallest_that_agrees(estimates: Floats, count: float) -> Indices:
     """Return for each state the smallest order whose estimate agrees with those of all higher ones, shape (d,)."""
     chosen: Indices = np.full(estimates.shape[1], len(estimates))
     for k in range(len(estimates) - 1, 0, -1):
-        slack = [1 + 3 * _standard_error(k, j, count) for j in range(k + 1, len(estimates) + 1)]
+        higher = range(k + 1, len(estimates) + 1)
+        # Standard errors of the logarithms of the ratios of estimates, for a regular grid and normal noise
+        variances = [_covariance(k, k) + _covariance(j, j) - 2 * _covariance(k, j) for j in higher]
+        slack = [1 + 3 * sqrt(each / (2 * count)) for each in variances]
         agrees = estimates[k - 1] <= np.array(slack)[:, np.newaxis] * estimates[k:]
         chosen = np.where(agrees.all(axis=0), k, chosen)
     return chosen
-
-
-def _standard_error(low: int, high: int, count: float) -> float:
-    """Return that of the logarithm of the ratio of two orders' estimates, for a regular grid and normal noise."""
-    return sqrt((_covariance(low, low) + _covariance(high, high) - 2 * _covariance(low, high)) / (2 * count))
 
 
 def _covariance(j: int, k: int) -> float:

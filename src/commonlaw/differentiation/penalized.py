@@ -245,18 +245,14 @@ class TotalVariationDerivative(AbstractDifferentiator):
         mean, deviation = states.mean(axis=0), states.std(axis=0)
         scale = np.where(deviation > 0, deviation, 1)
         scaled = ((states - mean) / scale).T
-        weight = self.strength * len(times)
-        return np.asarray(mean + scale * np.stack([_converged(steps, column, weight) for column in scaled], axis=1))
-
-
-def _converged(steps: Floats, state: Floats, weight: float) -> Floats:
-    """Sweep until no slope changes by more than a thousandth of the state's deviation over the trial's duration."""
-    bands = slope_bands(steps)
-    smoothed, slopes = state, np.diff(state) / steps
-    for _ in range(300):
-        bands[3, INNER] = -np.hypot(np.diff(slopes), 1e-6) / weight
-        smoothed, _ = Factors.of(bands).solve(state)
-        before, slopes = slopes, np.diff(smoothed) / steps
-        if np.abs(slopes - before).max() < 1e-3:
-            break
-    return smoothed
+        bands, columns = slope_bands(steps), list[Floats]()
+        for state in scaled:
+            smoothed, slopes = state, np.diff(state) / steps
+            for _ in range(300):
+                bands[3, INNER] = -np.hypot(np.diff(slopes), 1e-6) / (self.strength * len(times))
+                smoothed, _ = Factors.of(bands).solve(state)
+                before, slopes = slopes, np.diff(smoothed) / steps
+                if np.abs(slopes - before).max() < 1e-3:  # Of the state's deviation over the trial's duration
+                    break
+            columns.append(smoothed)
+        return np.asarray(mean + scale * np.stack(columns, axis=1))

@@ -93,7 +93,9 @@ class RobustSpline(AbstractDifferentiator):
         far &= distances > FAR * _scales(distances, distances)
         while far.any():
             turns = binary_opening(far, np.ones(4, dtype=np.bool_))  # More than three in a row
-            around = _of_neighbours(~far, _outlyingness(times[~far], values[~far]))
+            before: Indices = np.cumsum(~far) - ~far
+            kept = _outlyingness(times[~far], values[~far])
+            around = np.maximum(kept[np.maximum(before - 1, 0)], kept[np.minimum(before, len(kept) - 1)])
             restored = turns | far & (around > np.maximum(_OUTLYING, outlyingness))
             if not restored.any():
                 rates = SmoothingSpline(self.strength).differentiate(times[~far], values[~far, np.newaxis], 1)
@@ -179,12 +181,6 @@ def _differences(times: Floats, values: Floats) -> tuple[dict[int, Floats], int,
 def _sizes(times: Floats, values: Floats, highest: int) -> dict[int, Floats]:
     """Return the sizes of the differences of one state by their order."""
     return {k: np.abs(each[:, 0]) for k, each in enumerate(differences(times, values[:, np.newaxis], highest), 1)}
-
-
-def _of_neighbours(kept: Bools, outlyingness: Floats) -> Floats:
-    """Return the outlyingness of the kept samples, shape (kept,), at those next to each sample, shape (n,)."""
-    before: Indices = np.cumsum(kept) - kept
-    return np.maximum(outlyingness[np.maximum(before - 1, 0)], outlyingness[np.minimum(before, len(outlyingness) - 1)])
 
 
 def _scales(sizes: Floats, ordinary: Floats) -> Floats:

@@ -101,10 +101,23 @@ def rows_by_object(
     Trials are cut into so many segments; `sampled` keeps some trials of each object. Raises `CommonlawError` if a trial
     cannot be used.
     """
-    found = dict[str, ObjectRows]()
-    for some, problems in _with_problems(_in_order(trials, segments), form, terms, segments, n_jobs):
-        kept = tuple(map(_middle, some)) if sampled else ()
-        _add(found, {some[0].object: ObjectRows((tuple(problems),), 1, _extremes(some), kept)})
+
+    def work(some: tuple[Trial, ...]) -> tuple[tuple[Trial, ...], list[LeastSquaresProblem]]:
+        return some, form.problems(some[0], terms, segments) if len(some) == 1 else [form.problem(some, terms)]
+
+    pairs, found = map(work, _in_order(trials, segments)), dict[str, ObjectRows]()
+    if n_jobs != 1:
+        from joblib import Parallel, cpu_count, delayed
+
+        parallel = Parallel(n_jobs=min(n_jobs, cpu_count()), return_as="generator", initializer=end_with_parent)
+        pairs = parallel(delayed(work)(some) for some in _in_order(trials, segments))
+    for some, problems in pairs:
+        columns, kept = _columns(some), list[Trial]()
+        for trial in some if sampled else ():  # Samples in the middle show how accurate the rows of a trial are
+            left_out = max(0, len(trial) - SAMPLES) // 2
+            kept.append(trial.rows(slice(left_out, left_out + SAMPLES)) if left_out else trial)
+        extremes = np.array([[each.min() for each in columns], [each.max() for each in columns]])
+        _add(found, {some[0].object: ObjectRows((tuple(problems),), 1, extremes, tuple(kept))})
     return found
 
 
@@ -119,12 +132,6 @@ def _in_order(trials: Iterable[Trial], segments: int) -> Iterator[tuple[Trial, .
         size += len(trial)
     if held:
         yield tuple(held)
-
-
-def _extremes(trials: Sequence[Trial]) -> Floats:
-    """Return the least and the largest value of each state in some trials, shape (2, states)."""
-    columns = _columns(trials)
-    return np.array([[each.min() for each in columns], [each.max() for each in columns]])
 
 
 def _columns(trials: Sequence[Trial]) -> Floats:
@@ -150,38 +157,14 @@ def some_trials(trials: Trials, objects: Sequence[str]) -> tuple[tuple[Trial, ..
     return tuple(trials.of_object(name)[:_TRIALS_FOR_ACCURACY] for name in objects)
 
 
-def _middle(trial: Trial) -> Trial:
-    """Return the samples of a trial that tell how accurate its rows are."""
-    left_out = max(0, len(trial) - SAMPLES) // 2
-    return trial.rows(slice(left_out, left_out + SAMPLES)) if left_out else trial
-
-
-def _with_problems(
-    trials: Iterable[tuple[Trial, ...]], form: AbstractFormulation, terms: Terms, segments: int, n_jobs: int
-) -> Iterator[tuple[tuple[Trial, ...], list[LeastSquaresProblem]]]:
-    def work(some: tuple[Trial, ...]) -> tuple[tuple[Trial, ...], list[LeastSquaresProblem]]:
-        return some, form.problems(some[0], terms, segments) if len(some) == 1 else [form.problem(some, terms)]
-
-    if n_jobs == 1:
-        return map(work, trials)
-    from joblib import Parallel, cpu_count, delayed
-
-    parallel = Parallel(n_jobs=min(n_jobs, cpu_count()), return_as="generator", initializer=end_with_parent)
-    return iter(parallel(delayed(work)(some) for some in trials))
-
-
 def refuse_vanishing_states(trials: Trials) -> None:
     """Refuse states that are so small that their powers vanish."""
-    sizes = np.fmax.reduce([_sizes(some) for some in _in_order(trials, 1)])
+    sizes = np.fmax.reduce(
+        [[max(high, -low) for low, high in map(value_range, _columns(some))] for some in _in_order(trials, 1)]
+    )
     for state, size in zip(trials.schema.states, sizes, strict=True):
         if 0 < size < 1e-50:  # The square of the cube of what is larger is still a number
             raise CommonlawError("state-too-large", state=state, size=size)
-
-
-def _sizes(trials: Sequence[Trial]) -> Floats:
-    """Return the largest size of each state in some trials, NaN where it was never measured, shape (states,)."""
-    columns = _columns(trials)
-    return np.array([max(high, -low) for low, high in map(value_range, columns)])
 
 
 def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:

@@ -193,22 +193,19 @@ def differentiation_bias(
 
     Raises `CommonlawError` if a trial cannot be differentiated.
     """
-    errors = [_round_trip(form, terms, trial, target, coefficients) for trial in trials]
-    return float(np.mean(np.concatenate(errors) ** 2))
-
-
-def _round_trip(form: StrongForm, terms: Terms, trial: Trial, target: int, coefficients: Floats) -> Floats:
-    """Return what the rates of a trial change by when they are integrated and differentiated, shape (n,)."""
     from scipy.interpolate import CubicSpline
 
-    whole, order = replace(form, trim=0), order_of_each(form.order, trial.states.shape[1])[target]
-    values, _ = whole.samples(trial)
-    rates = terms.evaluate(values) @ coefficients
-    state = CubicSpline(trial.times, rates).antiderivative(order)(trial.times)
-    # Constants and straight lines are lost on the way; the trial's own ends give them back
-    measured = trial.states[:, target]
-    missing = np.where(np.isnan(measured), values[:, target], measured) - state
-    elapsed = (trial.times - trial.times[0]) / (trial.times[-1] - trial.times[0])
-    state += missing[0] + (missing[-1] - missing[0]) * elapsed * (order > 1)
-    again = form.differentiation.differentiate(trial.times, state[:, np.newaxis], order).derivatives[-1][:, 0]
-    return np.asarray((again - rates)[form.trim : len(trial) - form.trim])
+    whole, errors = replace(form, trim=0), list[Floats]()
+    for trial in trials:
+        order = order_of_each(form.order, trial.states.shape[1])[target]
+        values, _ = whole.samples(trial)
+        rates = terms.evaluate(values) @ coefficients
+        state = CubicSpline(trial.times, rates).antiderivative(order)(trial.times)
+        # Constants and straight lines are lost on the way; the trial's own ends give them back
+        measured = trial.states[:, target]
+        missing = np.where(np.isnan(measured), values[:, target], measured) - state
+        elapsed = (trial.times - trial.times[0]) / (trial.times[-1] - trial.times[0])
+        state += missing[0] + (missing[-1] - missing[0]) * elapsed * (order > 1)
+        again = form.differentiation.differentiate(trial.times, state[:, np.newaxis], order).derivatives[-1][:, 0]
+        errors.append((again - rates)[form.trim : len(trial) - form.trim])
+    return float(np.mean(np.concatenate(errors) ** 2))

@@ -65,7 +65,12 @@ class CompactTestFunctions:
         centres = np.interp((np.arange(int(passed[-1]) + 1) + passed[-1] % 1 / 2), passed, grid)
         radii = np.minimum(radius, np.minimum(centres, last - centres))
         step = (times[-1] - times[0]) / last
-        return cls(times[0] + step * centres, step * radii)._without_gaps(times)
+        found, steps = cls(times[0] + step * centres, step * radii), np.diff(times)
+        # No step that a test function takes is longer than half of its radius
+        first = np.maximum(np.searchsorted(times, found.centres - found.radii, side="right") - 1, 0)
+        after = np.minimum(np.searchsorted(times, found.centres + found.radii), len(steps))
+        widest = np.array([steps[i:j].max() for i, j in zip(first, after, strict=True)])
+        return found._take(widest <= found.radii / 2)
 
     def joined(self, other: "CompactTestFunctions") -> "CompactTestFunctions":
         """Return the test functions of both."""
@@ -101,14 +106,6 @@ class CompactTestFunctions:
 
     def _take(self, chosen: Bools) -> "CompactTestFunctions":
         return CompactTestFunctions(self.centres[chosen], self.radii[chosen])
-
-    def _without_gaps(self, times: Floats) -> "CompactTestFunctions":
-        """Return the test functions none of whose steps is longer than half of their radius."""
-        steps = np.diff(times)
-        first = np.maximum(np.searchsorted(times, self.centres - self.radii, side="right") - 1, 0)
-        last = np.minimum(np.searchsorted(times, self.centres + self.radii), len(steps))
-        widest = np.array([steps[i:j].max() for i, j in zip(first, last, strict=True)])
-        return self._take(widest <= self.radii / 2)
 
     def _values(self, points: Floats, factors: Floats, derivative: int) -> "csr_array":
         """Return a derivative of the functions at increasing points, times a factor for each, shape (k, points)."""
