@@ -215,7 +215,15 @@ class CappedLibrary(AbstractLibrary):
     def bind(self, variables: Variables) -> Terms:
         terms = self.library.bind(variables)
         columns = [(variables.index(name), count) for name, count in self.levels]
-        return terms.take([i for i, term in enumerate(terms.terms) if not _is_sum_of_lower(term, columns, terms.terms)])
+
+        def is_sum_of_lower(term: Term) -> bool:
+            powers = term.exponents or {}
+            return any(
+                powers.get(i, 0) >= count and all(monomial(powers | {i: k}) in terms.terms for k in range(count))
+                for i, count in columns
+            )
+
+        return terms.take([i for i, term in enumerate(terms.terms) if not is_sum_of_lower(term)])
 
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         return self.library.parametric(variables)
@@ -233,15 +241,6 @@ class CappedLibrary(AbstractLibrary):
     @property
     def seeks_unmeasured(self) -> bool:
         return self.library.seeks_unmeasured
-
-
-def _is_sum_of_lower(term: Term, columns: Sequence[tuple[int, int]], among: Sequence[Term]) -> bool:
-    """Return whether a term has as high a power of a column as that has values, and all lower powers are there."""
-    powers = term.exponents or {}
-    return any(
-        powers.get(i, 0) >= count and all(monomial(powers | {i: k}) in among for k in range(count))
-        for i, count in columns
-    )
 
 
 @dataclass(frozen=True)

@@ -39,19 +39,6 @@ class Fraction(str):
         return f"{number}{times}{self}"
 
 
-def _fraction(term: Term, write: Callable[[Term], str], form: str, measured: int) -> Fraction | None:
-    """Return the name of a term that is divided by something with parameters; None for any other.
-
-    `write` returns names of terms and of their parts, `form` joins them, and parameters follow so many measured
-    variables.
-    """
-    below = term.denominator
-    if max(below.columns(), default=0) < measured:
-        return None
-    above = term.numerator
-    return Fraction(write(term), f"({write(above)})" if above.is_sum else write(above), write(below), form)
-
-
 @dataclass(frozen=True)
 class Terms:
     """Terms over named variables, evaluated together."""
@@ -81,10 +68,15 @@ class Terms:
         return self._factors(lambda term: term.latex(names), r"\left({}\right)", r"\frac{{{}}}{{{}}}")
 
     def _factors(self, write: Callable[[Term], str], brackets: str, form: str) -> tuple[str, ...]:
-        measured = len(self.variables.measured)
-        plain = (brackets.format(write(term)) if term.is_sum else write(term) for term in self.terms)
-        pairs = zip(self.terms, plain, strict=True)
-        return tuple(_fraction(term, write, form, measured) or name for term, name in pairs)
+        measured, found = len(self.variables.measured), list[str]()
+        for term in self.terms:
+            text, above, below = write(term), term.numerator, term.denominator
+            if max(below.columns(), default=0) < measured:
+                found.append(brackets.format(text) if term.is_sum else text)
+            else:  # Divided by something with parameters
+                over = f"({write(above)})" if above.is_sum else write(above)
+                found.append(Fraction(text, over, write(below), form))
+        return tuple(found)
 
     @cached_property
     def complexities(self) -> Floats:

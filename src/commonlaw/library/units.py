@@ -31,17 +31,12 @@ def term_unit(term: Term, variables: Variables, units: "Mapping[str, str | pint.
     names = {column: variables.names[column] for column in term.columns()}
     if not all(name in units for name in names.values()):
         return None
-    return _unit(term, {column: _of_variable(name, units[name]) for column, name in names.items()})
-
-
-def _of_variable(name: str, unit: "str | pint.Unit") -> "pint.Unit":
-    return parse_unit(check_unit(unit, f"variable {name!r}")) if isinstance(unit, str) else unit
-
-
-def _unit(term: Term, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":
-    found = registry().dimensionless
+    known, found = dict[int, "pint.Unit"](), registry().dimensionless
+    for column, name in names.items():
+        own = units[name]
+        known[column] = parse_unit(check_unit(own, f"variable {name!r}")) if isinstance(own, str) else own
     for factor, power in term.powers:
-        unit = units[factor.column] if factor.column is not None else _expression_unit(factor, units)
+        unit = known[factor.column] if factor.column is not None else _expression_unit(factor, known)
         if unit is None:
             return None
         found = found * unit**power
@@ -100,21 +95,14 @@ def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Uni
             if isinstance(op, ast.Add | ast.Sub):
                 own = next((each for each in (*units, wanted) if each is not None), None)
                 sides = own, own
-            else:
-                sides = _units_of_operands(isinstance(op, ast.Mult), wanted, *units)
+            elif wanted is None:
+                sides = None, None
+            else:  # From that of the result and of the other operand
+                is_product, (one, other) = isinstance(op, ast.Mult), units
+                of_left = None if other is None else wanted / other if is_product else wanted * other
+                sides = of_left, None if one is None else wanted / one if is_product else one / wanted
             _look(left, sides[0], known, first)
             _look(right, sides[1], known, first)
-
-
-def _units_of_operands(
-    is_product: bool, wanted: "pint.Unit | None", left: "pint.Unit | None", right: "pint.Unit | None"
-) -> "tuple[pint.Unit | None, pint.Unit | None]":
-    """Return the units of the operands of a product or a quotient, from that of the result and of the other one."""
-    if wanted is None:
-        return None, None
-    of_left = None if right is None else wanted / right if is_product else wanted * right
-    of_right = None if left is None else wanted / left if is_product else left / wanted
-    return of_left, of_right
 
 
 def _tree_unit(tree: ast.expr, known: "Mapping[int, pint.Unit]") -> "pint.Unit | None":
