@@ -1,6 +1,6 @@
 """Equilibria of a law with their stability, and the modes of linear laws."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,6 @@ from commonlaw.law.law import Law
 from commonlaw.law.quantiles import Function
 from commonlaw.library import with_rates
 from commonlaw.library.grammar import columns_in
-from commonlaw.library.term import Factor
 
 Complexes = NDArray[np.complex128]
 
@@ -133,20 +132,31 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
     if any(law.terms.terms[k].columns() & outer for k in used):
         return
     system = _System(law)
-    for point, eigenvalues in _fixed_points(system, system.coefficients(parameters), *_box(law)):
+    visited, sizes = law.provenance.domain.visited, {} if law.observation is None else law.observation.sizes
+    ends = [visited.get(name, (-sizes.get(name, 1e3), sizes.get(name, 1e3))) for name in law.schema.states]
+    low, high = np.array(ends).T
+    # The range of the states with as much on both sides, but no negative values of what was none
+    width = np.maximum(high - low, 1e-3 * np.abs(high) + 1e-12)
+    low, high = np.where(low >= 0, np.minimum(0.0, low), low - width), high + width
+
+    def leading(at: Floats, state: Floats) -> float:
+        """Return the largest real part of the eigenvalues."""
+        return float(system.eigenvalues(system.coefficients(at), state).real.max())
+
+    for point, eigenvalues in _fixed_points(system, system.coefficients(parameters), low, high):
         errors, is_sure = np.full(len(point), np.nan), True
         if covariance is not None:
             slopes = system.slopes(parameters, point)
             errors = np.sqrt(np.maximum(np.einsum("jp,pq,jq->j", slopes, covariance, slopes), 0.0))
             steps = np.sqrt(np.diagonal(covariance)) * 1e-3
             ahead, behind = (
-                [_leading(system, parameters + sign * step, point + sign * slopes @ step) for step in np.diag(steps)]
+                [leading(parameters + sign * step, point + sign * slopes @ step) for step in np.diag(steps)]
                 for sign in (1, -1)
             )
             gradient = (np.array(ahead) - np.array(behind)) / np.where(steps > 0, 2 * steps, 1.0)
             error = float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
-            leading = float(eigenvalues.real.max())
-            is_sure = abs(leading) > reach * error or abs(leading) <= _NEUTRAL * np.abs(eigenvalues).max()
+            largest = abs(float(eigenvalues.real.max()))
+            is_sure = largest > reach * error or largest <= _NEUTRAL * np.abs(eigenvalues).max()
         yield Equilibrium(point, errors, kind(eigenvalues) if is_sure else "stability uncertain")
 
 
@@ -181,20 +191,6 @@ def _fixed_points(
         yield point, system.eigenvalues(coefficients, point)
 
 
-def _leading(system: "_System", parameters: Floats, point: Floats) -> float:
-    """Return the largest real part of the eigenvalues at a point."""
-    return float(system.eigenvalues(system.coefficients(parameters), point).real.max())
-
-
-def _box(law: Law) -> tuple[Floats, Floats]:
-    """Return the range of the states with as much on both sides, but no negative values of what was none."""
-    visited, sizes = law.provenance.domain.visited, {} if law.observation is None else law.observation.sizes
-    ends = [visited.get(name, (-sizes.get(name, 1e3), sizes.get(name, 1e3))) for name in law.schema.states]
-    low, high = np.array(ends).T
-    width = np.maximum(high - low, 1e-3 * np.abs(high) + 1e-12)
-    return np.where(low >= 0, np.minimum(0.0, low), low - width), high + width
-
-
 def kind(eigenvalues: Complexes) -> str:
     """Return ``stable node``, ``saddle``, ``centre of its linearization`` or another kind by its eigenvalues."""
     real, is_complex = eigenvalues.real, np.any(eigenvalues.imag != 0)
@@ -206,10 +202,6 @@ def kind(eigenvalues: Complexes) -> str:
     if (real > 0).any() and (real < 0).any():
         return "saddle"
     return f"{'stable' if real[0] < 0 else 'unstable'} {'focus' if is_complex else 'node'}"
-
-
-def _is_state(powers: Sequence[tuple[Factor, int]]) -> bool:
-    return len(powers) == 1 and powers[0][0].column is not None and powers[0][1] == 1
 
 
 def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
@@ -227,7 +219,8 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
     dynamic = {*range(len(variables.states))}
     used = [law.terms.terms[k] for k in np.flatnonzero(law.support.any(axis=0) & law.terms.is_factor)]
     with_states = [[pair for pair in each.powers if columns_in(pair[0]) & dynamic] for each in used]
-    if not any(with_states) or any(each and not _is_state(each) for each in with_states):
+    is_state = [len(each) == 1 and each[0][0].column is not None and each[0][1] == 1 for each in with_states]
+    if not any(with_states) or any(each and not own for each, own in zip(with_states, is_state, strict=True)):
         return
     origin, unit = np.zeros(system.states), law.schema.units.get(law.schema.time, "")
 

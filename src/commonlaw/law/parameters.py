@@ -57,27 +57,33 @@ class Parameters:
     @cached_property
     def errors(self) -> Floats:
         """Standard errors to first order, shape (objects, parameters); NaN where unknown."""
-        errors, covariance = np.full(self.values.shape, np.nan), self.law.uncertainty.covariance
-        for i, each in enumerate(self.definitions):
-            indices = self._indices(each)
-            if covariance is not None and indices:
-                slopes, inner = each.gradient(self.law.coefficients), covariance[:, indices][:, :, indices]
-                with np.errstate(invalid="ignore"):
-                    errors[:, i] = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", slopes, inner, slopes), 0.0))
+        with np.errstate(invalid="ignore"):
+            errors = np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
         errors.flags.writeable = False
         return errors
 
-    @property
+    @cached_property
     def covariance(self) -> Floats:
         """Covariance to first order, shape (objects, parameters, parameters); NaN where unknown."""
         if self.law.uncertainty.covariance is None:
             return np.full((*self.values.shape, self.values.shape[1]), np.nan)
-        slopes = np.full((*self.values.shape, int(self.law.support.sum())), np.nan)
-        for i, each in enumerate(self.definitions):
-            if indices := self._indices(each):
-                slopes[:, i] = 0.0
-                slopes[:, i, indices] = each.gradient(self.law.coefficients)
+        slopes = self.slopes(self.law.coefficients)
         return np.asarray(slopes @ self.law.uncertainty.covariance @ slopes.transpose(0, 2, 1))
+
+    def slopes(self, coefficients: Floats) -> Floats:
+        """Return the derivatives by coefficients, shape (objects, parameters, coefficients in the support).
+
+        NaN for a parameter that has a coefficient outside of the support.
+        """
+        places = {(j, k): i for i, (j, k) in enumerate(np.argwhere(self.law.support).tolist())}
+        found = np.zeros((len(coefficients), len(self.definitions), len(places)))
+        for i, each in enumerate(self.definitions):
+            own = [(part.equation, part.term) for part in each.parts]
+            if places.keys() >= {*own}:
+                found[:, i, [places[place] for place in own]] = each.gradient(coefficients)
+            else:
+                found[:, i] = np.nan
+        return found
 
     @cached_property
     def units(self) -> tuple[str | None, ...]:
@@ -114,12 +120,6 @@ class Parameters:
             placed[..., model.support] = drawn
             draws[rows] = _by_terms_of(law, model, placed)
         return np.stack([each.of(draws) for each in self.definitions], axis=-1)
-
-    def _indices(self, parameter: Coefficient) -> list[int]:
-        """Return the indices of its coefficients among those in the support; none if one is not in it."""
-        indices = {(j, k): i for i, (j, k) in enumerate(np.argwhere(self.law.support).tolist())}
-        positions = [indices.get((part.equation, part.term)) for part in parameter.parts]
-        return [each for each in positions if each is not None] if None not in positions else []
 
 
 def named_parameters(law: Law) -> Parameters:

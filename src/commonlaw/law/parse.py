@@ -15,7 +15,7 @@ from commonlaw.law.provenance import Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
-from commonlaw.library.equation import Equation, Meanings, Summand, only_product, split_equations, with_parameters
+from commonlaw.library.equation import Equation, Meanings, only_product, split_equations, with_parameters
 from commonlaw.library.functions import Function
 from commonlaw.library.term import parse_term
 from commonlaw.trials import Schema
@@ -125,7 +125,13 @@ def read_equations(
     """
     equations = split_equations(given)
     by_state = {each.state: each for each in equations}
-    _check_states(tuple(by_state), schema)
+    missing = [name for name in schema.states if name not in by_state]
+    others = [name for name in by_state if name not in schema.states]
+    if missing or others:
+        remedy = Diagnostic("equation-or-input", {"inputs": missing})
+        if schema.wide and len(others) == 1:
+            remedy = Diagnostic("columns-of-objects", {"name": others[0]})
+        raise CommonlawError("equations-of-other-states", equations=(*by_state,), states=schema.states, remedy=remedy)
     ordered = tuple(by_state[state] for state in schema.states)
     order = one_order([each.order for each in ordered])
     meanings = meanings_of(schema, order)
@@ -165,7 +171,10 @@ def read_equations(
     for j, row in enumerate(rows):
         for each in row:
             known[j, listed.index(each.term)] = np.nan if each.coefficients else each.factor
-    owners = _owners_of_parameters(rows, variables)
+    used = [frozenset().union(*(each.term.columns() for each in row)) for row in rows]
+    columns = {name: variables.index(name) for name in variables.parameters}
+    # The first equation in whose terms each parameter stands
+    owners = {name: next((j for j, own in enumerate(used) if i in own), 0) for name, i in columns.items()}
     own = [Product(j, len(listed) + i, 1.0, ((name, 1),)) for i, (name, j) in enumerate(owners.items())]
     found += tuple(Coefficient(name, (Part(each.equation, each.term),)) for name, each in zip(owners, own, strict=True))
     known = np.column_stack([known, *(np.where(np.arange(len(rows)) == j, np.nan, 0.0) for j in owners.values())])
@@ -202,13 +211,6 @@ def latex_summands(
 def observation_equation(name: str, right: str) -> Equation:
     """Return the equation of a measured quantity, or of an initial value, which gives no derivative."""
     return Equation(f"{name} = {right}", name, -1, len(name) + 2)
-
-
-def _owners_of_parameters(rows: Sequence[Sequence[Summand]], variables: Variables) -> dict[str, int]:
-    """Return the first equation, by its index, in whose terms each constant stands."""
-    used = [frozenset().union(*(each.term.columns() for each in row)) for row in rows]
-    columns = {name: variables.index(name) for name in variables.parameters}
-    return {name: next((j for j, own in enumerate(used) if i in own), 0) for name, i in columns.items()}
 
 
 def meanings_of(schema: Schema, order: Order) -> Meanings:
@@ -268,16 +270,6 @@ def stated_law(
             raise CommonlawError("parameter-out-of-bounds", name=bound.name, bound=bound.text)
     provenance = Provenance(equations=given.texts)
     return given.terms, schema, given.order, objects, coefficients, Uncertainty(), provenance
-
-
-def _check_states(given: tuple[str, ...], schema: Schema) -> None:
-    missing = [name for name in schema.states if name not in given]
-    others = [name for name in given if name not in schema.states]
-    if missing or others:
-        remedy = Diagnostic("equation-or-input", {"inputs": missing})
-        if schema.wide and len(others) == 1:
-            remedy = Diagnostic("columns-of-objects", {"name": others[0]})
-        raise CommonlawError("equations-of-other-states", equations=given, states=schema.states, remedy=remedy)
 
 
 def _by_object(name: str, value: float | Mapping[str, float], objects: Sequence[str]) -> Floats:

@@ -318,15 +318,12 @@ class _Estimates:
         coefficients = np.zeros((len(law.objects) + 1, *law.support.shape))
         coefficients[:-1, law.support], coefficients[-1] = own.coefficients, mean.coefficients[0]
         covariances = np.concatenate([own.covariance, mean.uncertainty.known_covariance()])
-        indices = {(j, k): i for i, (j, k) in enumerate(np.argwhere(law.support).tolist())}
         parameters = named_parameters(law)
-        slopes = np.zeros((len(coefficients), len(parameters.names), len(indices)))
-        values = np.zeros(slopes.shape[:2])
+        values = np.zeros((len(coefficients), len(parameters.names)))
         for i, each in enumerate(parameters.definitions):
             values[:, i] = each.of(coefficients)
-            places = [(part.equation, part.term) for part in each.parts]
-            if indices.keys() >= {*places}:  # Otherwise it is at a bound of zero, without an error
-                slopes[:, i, [indices[place] for place in places]] = each.gradient(coefficients)
+        # A parameter at a bound of zero has no error
+        slopes = np.nan_to_num(parameters.slopes(coefficients), posinf=np.inf, neginf=-np.inf)
         return cls(parameters, values, slopes @ covariances @ slopes.transpose(0, 2, 1))
 
     def error(self, row: Floats) -> float:

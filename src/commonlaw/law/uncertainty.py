@@ -336,22 +336,17 @@ def _checked_explanation(explanation: Explanation, size: int) -> Explanation:
     relations = explanation.relations
     if len(relations) != size:
         raise CommonlawError("relations-count", given=len(relations), expected=size)
-    wrong = next((each for each in relations if each and not _is_whole(each)), None)
-    if wrong is not None:
-        raise CommonlawError("relation-damaged", kind=wrong.kind)
+    for each in filter(None, relations):
+        follows = len(each.properties)
+        powers = follows if each.kind is RelationKind.POWER_LAW else 0
+        factors = 1 + follows if each.kind is RelationKind.AFFINE else 1
+        alone = each.kind in (RelationKind.UNIVERSAL, RelationKind.OWN) and follows
+        counts = len(each.factors), len(each.errors), len(each.exponents)
+        zero = bool(powers) and 0.0 in (*each.factors, each.typical)
+        least = min(each.scatter, each.scatter_error, *each.errors, 0.0)
+        if alone or counts != (factors, factors, powers) or not least >= 0 or zero:
+            raise CommonlawError("relation-damaged", kind=each.kind)
     count = sum(len(each.factors) for each in relations if each)
     return Explanation(
         relations, checked(explanation.covariance, "covariance of factors", "factors, the same", (count, count))
     )
-
-
-def _is_whole(relation: Relation) -> bool:
-    """Return whether the numbers of a relation are as many as its kind has, and can be."""
-    follows = len(relation.properties)
-    powers = follows if relation.kind is RelationKind.POWER_LAW else 0
-    factors = 1 + follows if relation.kind is RelationKind.AFFINE else 1
-    alone = relation.kind in (RelationKind.UNIVERSAL, RelationKind.OWN) and follows
-    counts = len(relation.factors), len(relation.errors), len(relation.exponents)
-    numbers = (relation.scatter, relation.scatter_error, *relation.errors)
-    zero = bool(powers) and 0.0 in (*relation.factors, relation.typical)
-    return not alone and counts == (factors, factors, powers) and min(numbers) >= 0 and not zero
