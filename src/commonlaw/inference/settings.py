@@ -4,32 +4,32 @@ from commonlaw.runtime.fit_options import FitOptions
 
 # Rounding and iterations
 ROUNDING = 1e-6
-"""Relative differences, or changes in units of a scale, up to which two numbers are the same."""
+"""Relative difference, or change in units of a scale, up to which two numbers are equal."""
 MIN_SINGULAR_VALUE = 1e-7
-"""Of columns of unit norm: directions that are smaller are collinear, about half of the digits of a number."""
+"""Singular value of normalized columns below which they are collinear, about half of the digits of a number."""
 COLLINEAR = 1e-10
 """Squared norm outside of the span of others up to which a column of unit norm is collinear with them."""
 MAX_ITERATIONS = 30
 """Newton, Gauss-Newton or Levenberg-Marquardt steps of a minimization."""
 MAX_SWEEPS = 4
-"""Rounds of alternating choices, or Gauss-Newton steps, that improve what is fitted to the end afterwards."""
+"""Rounds of alternating choices, or Gauss-Newton steps, before the final fit."""
 DIFFERENCE_SPACING = 0.02
 """Spacing of central differences of functions known to some ten digits, in variables of order one."""
 
 # Comparisons of fits, in twice the log-likelihood
 SAME_DEVIANCE = 0.01
-"""Fits that differ by less are the same, and a step that gains less is the last."""
+"""Difference below which fits are equal, and at which iterations end."""
 INDIFFERENT = 2.0
-"""Differences that are not worth more than a bare mention (Kass and Raftery 1995)."""
+"""2 log B up to which evidence is not worth more than a bare mention (Kass and Raftery 1995)."""
 VERY_STRONG = 10.0
 """2 log B above which evidence is very strong (Kass and Raftery 1995)."""
 
 # Noise before any law
 MIN_NOISE = 1e-4
-"""Noise, in standard deviations of a state: few things are measured more exactly than laws are integrated here."""
+"""Smallest noise, in standard deviations of a state, at the size of discretization errors."""
 RESOLVED_NOISE = 0.1
-"""Share of the noise that steps resolve, and of the least noise that exact measurements may show: less would take much
-finer meshes."""
+"""Share of the noise that steps resolve, and of the noise floor to which residual noise is bounded: a smaller one would
+take much finer meshes."""
 ASSUMED_NOISE = 0.05
 """Noise, in standard deviations of a state, where a trial has too few samples for an estimate."""
 MIN_FREEDOM = 4
@@ -43,7 +43,7 @@ MAX_FROM_MULTIPLE = 1e-3
 MAX_STANDARDIZED_RESIDUAL = 4.0
 """Residuals, in standard deviations; larger ones are outliers."""
 VAGUE = 100.0
-"""Standard deviation of initial values that nothing is known of, in scales of their states."""
+"""Standard deviation of free initial values of latent states, in scales of the states."""
 
 # Samples, objects and trials
 MAX_SAMPLES = FitOptions.max_samples
@@ -54,15 +54,15 @@ MIN_RESOLUTION = 8
 """Strides of samples that the stride from which differences still estimate the noise must hold; at half of it, errors
 of the mesh exceed those of coefficients by noise."""
 MAX_CURVE_POINTS = 200
-"""Points in a row that stand for a trial, its window or its segment."""
+"""Points in a row that represent a trial, a window or a segment."""
 MAX_WINDOWS = 4
-"""Windows of an object, or trials and objects, for what would take long with all of them."""
+"""Windows of an object, or trials and objects, in expensive computations."""
 MAX_OBJECTS = 12
-"""Objects, segments of an object, or trials, that stand for all."""
+"""Objects, segments of an object, or trials, that represent all."""
 
 # Models
 MAX_TERMS = 20
-"""Terms of an equation; longer ones nobody reads."""
+"""Terms of an equation, for legibility."""
 MIN_SAMPLES_PER_TERM = 5
 """Samples of all objects for each term of an equation; with fewer, terms follow the noise."""
 MAX_SEARCHED_TERMS = 70
@@ -117,8 +117,8 @@ GENERIC_POINTS = 16
 """Random points at which terms are compared or averaged."""
 LATENT_MODEL_ERRORS = (1.0, 0.1, 0.01)
 """Model errors relative to the noise, from the measurements to the law."""
-ALIKE = 0.2
-"""Relative difference up to which coefficients of objects, or of fits that are not finished, are alike."""
+MAX_RELATIVE_DIFFERENCE = 0.2
+"""Relative difference up to which coefficients of objects, or of unconverged fits, are equal."""
 
 # Errors in time
 CORRELATED_SHARES = (0.2, 0.4, 0.6, 0.8, 0.95)
@@ -162,9 +162,9 @@ SHORT_SCHEDULE = (3.0, 0.3, *FINAL_MODEL_ERRORS)
 MAX_MESH_POINTS = (4, 8, 64)
 """Points for each sampling step: with a random walk, in a search, and of the estimate that is reported."""
 MAX_MESH_CHANGE = 1.0
-"""Twice the log-likelihood that a finer mesh may change; a term is worth many times that."""
+"""Change of twice the log-likelihood on a finer mesh that is negligible compared with that by a term."""
 MAX_PREDICTED_DECREASE = 4.0
-"""Of minus twice the log-likelihood, for each object, of a fit that converged: hardly more than it may be held by."""
+"""Predicted decrease of minus twice the log-likelihood, for each object, of a converged fit."""
 MIN_GAIN = 0.1
 """Twice the log-likelihood (for each object) that a further fit gains, and that one of a latent state may be short of
 its maximum."""
@@ -175,7 +175,7 @@ CONVERGED_NOISE = 1e-3
 
 # Objects, trials and samples of checks
 MIN_OBJECTS = 3
-"""Objects, or trials, from which on their scatter says what one of them does not."""
+"""Objects, or trials, from which on their scatter is estimated."""
 MAX_CHECKED_OBJECTS = 30
 """Objects whose forecasts, trials and trajectories are checked, evenly spread."""
 MAX_PAIRS = 500
@@ -189,11 +189,11 @@ LEVEL_MEASUREMENTS = 300
 
 # Estimates
 SIGNIFICANT = 2.0
-"""Standard errors from which on a coefficient differs from zero, or forecasts from what they say."""
+"""Standard errors from which on a coefficient differs from zero, or a forecast error from its prediction."""
 PRIOR_OBSERVATIONS = 2.0
-"""Observations that a first estimate is worth: of the noise, and of the errors of forecasts that a law says itself."""
+"""Prior observations of a first estimate: of the noise, and of predicted forecast errors."""
 MAX_DEVIANCE_RATIO = 1.2
-"""Deviance of an object with coefficients like those of others, over that with its own."""
+"""Ratio of the deviance of an object with pooled coefficients to that with object-specific ones."""
 PRIOR_WIDTH = (3.0, 0.1)
 """Scatter of parameters between objects as a prior: times the observed one, and at least this share of the median."""
 BOOTSTRAP = (30, 500)

@@ -197,7 +197,12 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
     parameters, constants = len(structure.pairs), len(structure.pairs) + len(structure.events)
     natural = [heyoka.exp(state) if j in structure.logarithmic else state for j, state in enumerate(states)]
     inside = [heyoka.expression(0.0) if i is None else heyoka.par[i] for i in structure.inside]
-    variables = [*natural, *_inputs(structure, constants), heyoka.time, *inside]
+    # Inputs are polynomials, whose knot and coefficients are the parameters after the constants
+    since, inputs = heyoka.time - heyoka.par[constants], [heyoka.expression(0.0)] * structure.inputs
+    for power in reversed(range(structure.powers)):
+        first = constants + 1 + power * structure.inputs
+        inputs = [value * since + heyoka.par[first + j] for j, value in enumerate(inputs)]
+    variables = [*natural, *inputs, heyoka.time, *inside]
     terms = [translated(term, variables) for term in structure.terms]
     sums: list[list[Any]] = [[] for _ in range(structure.equations)]
     for i, (equation, index) in enumerate(structure.pairs):
@@ -226,17 +231,6 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
         **events,
     )
     return Compiled(stepper, len(states), constants, terminal, occurred, initial_sensitivities)
-
-
-def _inputs(structure: Structure, first: int) -> list[Any]:
-    """Return the inputs as polynomials with knot and coefficients as parameters from the index `first` on."""
-    since, inputs = heyoka.time - heyoka.par[first], []
-    for j in range(structure.inputs):
-        value = heyoka.expression(0.0)
-        for power in reversed(range(structure.powers)):
-            value = value * since + heyoka.par[first + 1 + power * structure.inputs + j]
-        inputs.append(value)
-    return inputs
 
 
 def _events(structure: Structure, variables: list[Any]) -> tuple[list[int], Occurred, dict[str, list[Any]]]:
@@ -287,7 +281,11 @@ class HeyokaIntegrator(AbstractIntegrator):
             self.compiled.start(problem, self._levels(problem))
             path = _propagate(self.compiled, problem, self.options)
             rows = np.full((len(problem.times), path.rows.shape[1]), np.nan)
-            reached = _within_limit(problem, self.options, path.rows[:, :width])
+            reached, states = len(path.rows), np.abs(path.rows[:, :width])
+            # Most states are small relative to the initial ones: then rates are not needed
+            if self.options.limit is not None or not states.max() <= FAR * np.max(np.abs(problem.initial)):
+                within = (states <= largest_state(problem, self.options)).all(axis=1)
+                reached = int(np.logical_and.accumulate(within).sum())
             rows[:reached] = path.rows[:reached]
             ended, outcome = path.ended, None
             if path.has_diverged or reached < len(path.rows):
@@ -407,12 +405,3 @@ def _divergence(
         if peak > limit:
             return time, diverged(time, f"a state reached {peak:.3g}", problem.where)
     return time, not_integrated(time, _NOT_FINITE, problem.where)
-
-
-def _within_limit(problem: InitialValueProblem, options: OutputOptions, states: Floats) -> int:
-    """Return the number of first rows within the limit."""
-    # Most states are small relative to the initial ones: then rates are not needed
-    if options.limit is None and np.max(np.abs(states)) <= FAR * np.max(np.abs(problem.initial)):
-        return len(states)
-    limit = largest_state(problem, options)
-    return int(np.logical_and.accumulate((np.abs(states) <= limit).all(axis=1)).sum())

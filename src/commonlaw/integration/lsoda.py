@@ -14,7 +14,7 @@ import numpy as np
 from scipy.integrate import LSODA, DenseOutput, OdeSolution
 from scipy.optimize import brentq
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Floats
 from commonlaw.integration.problem import (
     FAR,
     AbstractIntegrator,
@@ -78,7 +78,11 @@ def sensitivities(
     steps = _halved(problem, path, edges[:-1], edges[1:])
     for round_ in range(_ROUNDS + 1):
         path_slopes = _along(steps, slopes[0])
-        coarse = _coarse(steps, path_slopes, scale, tolerance)
+        with np.errstate(all="ignore"):  # Steps with an error above the tolerance
+            residuals = steps.off_by_states @ path_slopes[:-1]
+            residuals[:, :, :size] += steps.off_added
+            error, after = (np.abs(array).max(axis=1) * scale for array in (residuals, path_slopes[1:]))
+            coarse = (error > tolerance * np.maximum(1.0, after)).any(axis=1)
         if not coarse.any() or round_ == _ROUNDS or len(coarse) > 300_000:
             break
         starts, ends = steps.starts[coarse], steps.ends[coarse]
@@ -100,15 +104,6 @@ def _along(steps: _Steps, first: Floats) -> Floats:
             np.matmul(by_states, slopes[k - 1], out=slopes[k])
             slopes[k, :, :size] += added
     return slopes
-
-
-def _coarse(steps: _Steps, slopes: Floats, scale: Floats, tolerance: float) -> Bools:
-    """Return which steps have an error above the tolerance, given the sensitivities at their starts, shape (m,)."""
-    with np.errstate(all="ignore"):
-        residuals = steps.off_by_states @ slopes[:-1]
-        residuals[:, :, : steps.off_added.shape[2]] += steps.off_added
-        error, after = (np.abs(array).max(axis=1) * scale for array in (residuals, slopes[1:]))
-        return np.asarray((error > tolerance * np.maximum(1.0, after)).any(axis=1))
 
 
 def _halved(problem: InitialValueProblem, path: Callable[[Floats], Floats], starts: Floats, ends: Floats) -> _Steps:
@@ -188,7 +183,7 @@ class LsodaIntegrator(AbstractIntegrator):
         if not options.sensitivities:
             return result
         assert isinstance(result.dense, _DenseOutput)
-        # Derivatives begin anew after four steps of the states
+        # Sensitivity steps of four steps of the states
         knots, reached = np.array(result.dense.knots[::4]), int(np.isfinite(result.states[:, 0]).sum())
         derivatives = sensitivities(problem, result.dense, knots, reached, options.tolerance)
         return replace(result, sensitivities=derivatives, dense=result.dense if options.dense else None)

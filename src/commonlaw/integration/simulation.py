@@ -209,23 +209,19 @@ def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _
 
         return LsodaIntegrator(options)
 
-    fast = "" if method == "scipy" else _fast(vector_field, options)
-    if not isinstance(fast, str):
-        return _Choice(fast, lsoda if method == "auto" else None)
-    if method == "heyoka":
-        raise CommonlawError("heyoka-failed", reason=fast)
-    return _Choice(lsoda(), reason=fast)
-
-
-def _fast(vector_field: VectorField, options: OutputOptions) -> AbstractIntegrator | str:
-    """Return the compiled integrator of a law, or the reason why there is none."""
+    if method == "scipy":
+        return _Choice(lsoda())
     if vector_field.terms.variables.inputs and options.dense:
-        return "the law has inputs, and states between the times are wanted"
-    if find_spec("heyoka") is None:
-        return "heyoka is not installed, pip install 'commonlaw[fast]'"
-    from commonlaw.integration.heyoka import HeyokaIntegrator, UnsupportedError
+        reason = "the law has inputs, and states between the times are wanted"
+    elif find_spec("heyoka") is None:
+        reason = "heyoka is not installed, pip install 'commonlaw[fast]'"
+    else:
+        from commonlaw.integration.heyoka import HeyokaIntegrator, UnsupportedError
 
-    try:
-        return HeyokaIntegrator.of(vector_field, options)
-    except UnsupportedError as error:
-        return str(error)
+        try:
+            return _Choice(HeyokaIntegrator.of(vector_field, options), lsoda if method == "auto" else None)
+        except UnsupportedError as error:
+            reason = str(error)
+    if method == "heyoka":
+        raise CommonlawError("heyoka-failed", reason=reason)
+    return _Choice(lsoda(), reason=reason)

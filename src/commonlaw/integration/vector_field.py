@@ -72,13 +72,13 @@ class Inputs:
         """
         if len(mesh) == 1:
             return cls.of(mesh, function(mesh), "held")
-        begins, widths = mesh[:-1], np.diff(mesh)
+        starts, widths = mesh[:-1], np.diff(mesh)
         to_powers = np.linalg.inv(np.vander(_NODES, increasing=True))
         knots, coefficients, largest = list[Floats](), list[Floats](), float(np.finfo(float).tiny)
 
         def values(shares: Floats) -> Floats:
-            return function((begins[:, np.newaxis] + shares * widths[:, np.newaxis]).ravel()).reshape(
-                len(begins), len(shares), -1
+            return function((starts[:, np.newaxis] + shares * widths[:, np.newaxis]).ravel()).reshape(
+                len(starts), len(shares), -1
             )
 
         for halving in range(_HALVINGS + 1):
@@ -87,12 +87,12 @@ class Inputs:
             largest = max(largest, float(np.abs(seen).max(initial=0.0)))
             errors = np.abs(np.vander(_CHECKED, len(_NODES), increasing=True) @ polynomials - checked)
             done = (errors.max(axis=(1, 2)) <= tolerance * largest) | (halving == _HALVINGS)
-            knots.append(begins[done])
+            knots.append(starts[done])
             powers = widths[done, np.newaxis, np.newaxis] ** np.arange(len(_NODES))[:, np.newaxis]
             coefficients.append(polynomials[done] / powers)
             halves = widths[~done] / 2
-            begins, widths = np.concatenate([begins[~done], begins[~done] + halves]), np.tile(halves, 2)
-            if not len(begins):
+            starts, widths = np.concatenate([starts[~done], starts[~done] + halves]), np.tile(halves, 2)
+            if not len(starts):
                 break
         order = np.argsort(np.concatenate(knots), kind="stable")
         return cls(np.concatenate(knots)[order], np.concatenate(coefficients)[order])

@@ -41,20 +41,16 @@ def addresses(structures: Sequence[Packed], counts: Sequence[int] | None = None)
     return pointers if counts is None else np.repeat(pointers, counts)
 
 
-_MODELS: "WeakKeyDictionary[TrajectoryModel, Packed | None]" = WeakKeyDictionary()
+_MODELS: "WeakKeyDictionary[TrajectoryModel, Packed]" = WeakKeyDictionary()
 
 
 def packed(model: TrajectoryModel) -> Packed | None:
     """Return the structures of a model; None if the kernel does not apply."""
-    if model not in _MODELS:
-        suits = (model.order == 1 or not model.terms.variables.logarithmic) and not model.terms.program.calls
-        _MODELS[model] = _packed(model) if suits else None
-    return _MODELS[model]
-
-
-def _packed(model: TrajectoryModel) -> Packed:
-    program = model.terms.program
-    noise = model.observation.noise
+    if model in _MODELS:
+        return _MODELS[model]
+    if (model.order != 1 and model.terms.variables.logarithmic) or model.terms.program.calls:
+        return None
+    program, noise = model.terms.program, model.observation.noise
     meshes = [_mesh(mesh, noise, steps) for mesh, steps in zip(model.meshes, model.latent_steps, strict=True)]
     unit, logarithmic = contiguous(model.unit), np.zeros(model.width, dtype=np.uint8)
     second, highest = (of(model.order, model.equations).astype(np.int64) for of in (with_rates, highest_columns))
@@ -88,9 +84,9 @@ def _packed(model: TrajectoryModel) -> Packed:
     )
     kept = (unit, std, logarithmic, inside, second, highest, prior, program, meshes)
     structures = (MeshStructure * len(meshes))(*(structure for structure, _ in meshes))
-    return Packed(
-        structure, structures, np.frombuffer(memoryview(structures), np.uint64).reshape(len(meshes), -1), kept
-    )
+    words = np.frombuffer(memoryview(structures), np.uint64).reshape(len(meshes), -1)
+    _MODELS[model] = Packed(structure, structures, words, kept)
+    return _MODELS[model]
 
 
 _PROGRAMS: "WeakKeyDictionary[Program, ProgramStructure]" = WeakKeyDictionary()
@@ -146,15 +142,13 @@ def linearize_each(
     factors, log_determinants = triangles(library, where, meshes, free, states, coefficients, model_error)
     cuts = np.cumsum(counts)[:-1]
     parts = zip(models, np.split(factors, cuts), np.split(log_determinants, cuts), strict=True)
-    return [Linearization(_merged(model, triangle), float(logs.sum())) for model, triangle, logs in parts]
-
-
-def _merged(model: TrajectoryModel, factors: Floats) -> LeastSquaresProblem:
-    """Return the problem of one object from the factors of its meshes, shape (meshes, columns + 1, columns + 1)."""
-    width, terms = model.width + model.latent.width, factors.shape[1] - 1
-    rows = [int(np.count_nonzero(mesh.contiguous)) * width for mesh in model.meshes]
-    pairs = zip(factors, rows, strict=True)
-    return merge(LeastSquaresProblem(np.asfortranarray(factor), terms, count) for factor, count in pairs)
+    linearizations = []
+    for model, triangle, logs in parts:
+        rows = [np.count_nonzero(mesh.contiguous) * (model.width + model.latent.width) for mesh in model.meshes]
+        pairs = zip(triangle, rows, strict=True)
+        problem = merge(LeastSquaresProblem(np.asfortranarray(r), columns - 1, int(count)) for r, count in pairs)
+        linearizations.append(Linearization(problem, float(logs.sum())))
+    return linearizations
 
 
 def triangles(

@@ -49,8 +49,9 @@ class Regression:
                 block, columns = rows[seen], np.where(mesh.still, d, np.arange(d))[seen]
                 if not np.isfinite(block).all() or np.abs(block).max(initial=0.0) > np.sqrt(np.finfo(float).max):
                     return None
-                basis = _basis(block[:, :width])
-                if basis is None:
+                initial = block[:, :width]
+                basis, singular, _ = np.linalg.svd(initial / column_scales(initial), full_matrices=False)
+                if len(basis) < width or not singular[-1] > 1e-10 * singular[0]:  # Collinear
                     return None
                 parts.append(block[:, width:] - basis @ (basis.T @ block[:, width:]))
                 states.append(columns)
@@ -67,24 +68,18 @@ def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Flo
     """Return the sensitivities of states to initial states and coefficients, (n, D, D + p), by a parallel scan."""
     width, size = model.width, int(free.sum())
     linear = jacobians(model.field(coefficients, free), mesh, states[:, :width])
-    steps, begins = np.zeros((len(mesh), width, width)), np.zeros((len(mesh), width, width + size))
-    begins[mesh.first] = np.eye(width, width + size)
+    steps, sensitivities = np.zeros((len(mesh), width, width)), np.zeros((len(mesh), width, width + size))
+    sensitivities[mesh.first] = np.eye(width, width + size)
     on = mesh.contiguous
     solved = np.linalg.solve(linear.end[on], -np.concatenate([linear.start[on], linear.coefficients[on]], axis=2))
     after = np.flatnonzero(on) + 1
-    steps[after], begins[after, :, width:] = solved[:, :, :width], solved[:, :, width:]
+    steps[after], sensitivities[after, :, width:] = solved[:, :, :width], solved[:, :, width:]
     stride = 1
     while stride < len(mesh):
-        begins[stride:] += steps[stride:] @ begins[:-stride]
+        sensitivities[stride:] += steps[stride:] @ sensitivities[:-stride]
         steps[stride:] = steps[stride:] @ steps[:-stride]
         stride *= 2
-    return begins
-
-
-def _basis(columns: Floats) -> Floats | None:
-    """Return an orthonormal basis of columns; None if they are collinear."""
-    basis, values, _ = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
-    return basis if len(basis) >= columns.shape[1] and values[-1] > 1e-10 * values[0] else None
+    return sensitivities
 
 
 MISSING = 100.0

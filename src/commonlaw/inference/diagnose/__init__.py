@@ -1,1 +1,1 @@
-"""What a fitted law leaves open."""
+"""Diagnostics of data and fits: confounded variables, origins of scales, between-trial heterogeneity."""

@@ -65,6 +65,7 @@ class ConfoundedVariables:
     visited: dict[str, tuple[float, float]]
 
 
+@np.errstate(all="ignore")
 def confounded_sets(
     trials: Trials, order: Order, library: LibraryGiven | None = None
 ) -> tuple[ConfoundedVariables, ...]:
@@ -81,11 +82,7 @@ def confounded_sets(
 
     Raises `CommonlawError` if the library does not fit the variables.
     """
-    with np.errstate(all="ignore"):
-        return _confounded_sets(trials, order, None if library is None else parse_library(library))
-
-
-def _confounded_sets(trials: Trials, order: Order, given: AbstractLibrary | None) -> tuple[ConfoundedVariables, ...]:
+    given = None if library is None else parse_library(library)
     curves = _curves(trials, order)
     variables, states = law_variables(trials.schema, order), trials.schema.states
     orders = order_of_each(order, len(states))

@@ -81,18 +81,16 @@ def _equilibrium_outcomes(law: Law, trials: Trials) -> Iterator[Outcome]:
     if rate_names(law) or law.schema.logarithmic or len(law.terms.variables.states) > len(trials.schema.states):
         return  # Unmeasured rates and states may differ from zero
     noise = np.zeros(len(law.schema.states)) if law.uncertainty.noise is None else law.uncertainty.noise
-    starting = [trial for trial in trials if _leaves_zero(trial, noise) and _is_equilibrium(law, trial)]
-    starting = [trial for trial in starting if not _starts_as_measured(law, trials.with_trials([trial]), noise)]
+    starting = []
+    for trial in trials:
+        sizes, std = np.abs(trial.states), trial.std(noise)
+        leaves_zero = np.all(sizes[:1] <= _NOISES * std[:1]) and np.any(sizes > 5 * _NOISES * std)
+        if leaves_zero and _is_equilibrium(law, trial):
+            starting += [] if _starts_as_measured(law, trials.with_trials([trial]), noise) else [trial]
     if starting:
         names = " or ".join(law.schema.states)
         began = f"initial values of {counted(len(starting), 'trial')} are zero within the noise"
         yield note("starts-at-rest", began=began, names=names)
-
-
-def _leaves_zero(trial: Trial, noise: Floats) -> bool:
-    """Return whether all states are zero initially, within the noise, and some state is not later."""
-    begins = np.abs(trial.states[:1]) <= _NOISES * trial.std(noise)[:1]
-    return bool(begins.all() and np.any(np.abs(trial.states) > 5 * _NOISES * trial.std(noise)))
 
 
 def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
@@ -103,8 +101,8 @@ def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
     if law.order == 0:
         return False
     with suppress(CommonlawError):
-        begins = law.predict(trial, start="all", averaged=False).trajectories[0].states[0]
-        return bool(np.all(np.abs(begins - trial[0].states[0]) <= _MAX_MISFIT * trial[0].std(noise)[0]))
+        fitted = law.predict(trial, start="all", averaged=False).trajectories[0].states[0]
+        return bool(np.all(np.abs(fitted - trial[0].states[0]) <= _MAX_MISFIT * trial[0].std(noise)[0]))
     return False
 
 

@@ -241,13 +241,13 @@ def _continuation(problem: SearchProblem, given: Bools | None, model_errors: Seq
         except NotPositiveError:
             break
         chosen = _selected(problem, evidence, supports) if given is None else given
-        begin: Sequence[Estimate] | None = estimates
+        initial: Sequence[Estimate] | None = estimates
         if given is not None or not np.array_equal(chosen, supports):
-            supports, begin = chosen, restricted(problem, evidence, estimates, chosen)
+            supports, initial = chosen, restricted(problem, evidence, estimates, chosen)
         if given is None and not model_error:
-            fit = refine_support(problem, supports, begin, model_error)
+            fit = refine_support(problem, supports, initial, model_error)
         else:
-            fit = fitted(problem, begin, supports, model_error)
+            fit = fitted(problem, initial, supports, model_error)
         if not fit.is_usable:
             break
         fits.append(fit)

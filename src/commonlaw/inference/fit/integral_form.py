@@ -158,12 +158,13 @@ class IntegralRegression:
 
     def refined(self, plain: Sequence[int], others: Sequence[int], indices: Sequence[int]) -> tuple[Floats, ...]:
         """Return the parameters of least residual squares near grid values, by Gauss-Newton steps."""
-        begin = [self.grids.parameters[a][i] for a, i in zip(others, indices, strict=True)]
-        if not any(map(len, begin)):
-            return tuple(begin)
-        cuts = np.cumsum([len(theta) for theta in begin])[:-1]
+        initial = [self.grids.parameters[a][i] for a, i in zip(others, indices, strict=True)]
+        if not any(map(len, initial)):
+            return tuple(initial)
+        cuts = np.cumsum([len(theta) for theta in initial])[:-1]
         optimum = gauss_newton(
-            lambda values: self._projected(plain, self._changed(others, np.split(values, cuts))), np.concatenate(begin)
+            lambda values: self._projected(plain, self._changed(others, np.split(values, cuts))),
+            np.concatenate(initial),
         )
         return tuple(np.split(optimum, cuts))
 
@@ -269,12 +270,12 @@ def forward_difference_points(values: Floats) -> Floats:
     return np.vstack([values, values + np.diag(settings.ROUNDING * _sizes(values))])
 
 
-def gauss_newton(linearized: Callable[[Floats], tuple[Floats, Floats]], begin: Floats) -> Floats:
+def gauss_newton(linearized: Callable[[Floats], tuple[Floats, Floats]], initial: Floats) -> Floats:
     """Return the values of least sum of squares, by damped Gauss-Newton steps.
 
     Residuals and their derivatives by relative changes of the values are those of `variable_projection`.
     """
-    theta, (here, slopes) = begin, linearized(begin)
+    theta, (here, slopes) = initial, linearized(initial)
     for _ in range(settings.MAX_SWEEPS):
         step = np.linalg.lstsq(slopes, -here, rcond=settings.MIN_SINGULAR_VALUE)[0] * _sizes(theta)
         there = linearized(theta + step)

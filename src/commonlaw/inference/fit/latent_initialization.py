@@ -133,10 +133,10 @@ def initial_latent_estimates(
         for i in evenly_spaced(len(first), settings.MAX_OBJECTS)
     ]
     best = [obj.best([*listed, *obj.fits(some)]) for obj, listed in zip(objects, fits, strict=True)]
-    likeliest = [ranked[0][0].coefficients for ranked in best]
-    typical = min(likeliest, key=lambda candidate: sum(_distance(candidate, likely) for likely in likeliest))
+    leading = [ranked[0][0].coefficients for ranked in best]
+    typical = min(leading, key=lambda candidate: sum(_distance(candidate, likely) for likely in leading))
     nearest = [min(ranked, key=lambda fitted: _distance(fitted[0].coefficients, typical)) for ranked in best]
-    tolerance = settings.ALIKE * np.isnan(known[0]).sum()
+    tolerance = settings.MAX_RELATIVE_DIFFERENCE * np.isnan(known[0]).sum()
     distant = [_distance(estimate.coefficients, typical) > tolerance for estimate, _ in nearest]
     if 2 * sum(distant) < len(distant):
         nearest = [
@@ -145,7 +145,7 @@ def initial_latent_estimates(
         ]
     different: list[Floats] = []
     for theta in (nearest[0][0].coefficients, *(estimate.coefficients for estimate, _ in best[0])):
-        if not any(np.allclose(theta, listed, rtol=settings.ALIKE, atol=0.0) for listed in different):
+        if not any(np.allclose(theta, listed, rtol=settings.MAX_RELATIVE_DIFFERENCE, atol=0.0) for listed in different):
             different.append(theta)
     return [estimate for estimate, _ in nearest], [curve for _, curve in nearest], different[1:]
 
@@ -323,12 +323,12 @@ class _Object:
         starts = np.where(self.free, [draw.starts for draw in tried], np.nan)
         pairs = list(zip(self.group, self.curves, strict=True))
         followed = [_integrated(self.model.terms, *pair, drawn, starts, self.started) for pair in pairs]
-        begins = []
+        candidates = []
         for coefficients, *states in zip(drawn, *followed, strict=True):
             if all(np.isfinite(path).all() for path in states):
                 filled = self._filled(states)
-                begins.append((*self._along(filled, coefficients), filled))
-        best = sorted(begins, key=lambda candidate: candidate[0])[: 2 * settings.MIN_DRAWS[0]]
+                candidates.append((*self._along(filled, coefficients), filled))
+        best = sorted(candidates, key=lambda candidate: candidate[0])[: 2 * settings.MIN_DRAWS[0]]
         free, fits = np.isnan(self.known), list[Candidate]()
         for _, coefficients, filled in best:
             start = Estimate(tuple(interpolate([states for states, _ in filled])), coefficients)

@@ -43,7 +43,7 @@ from commonlaw.trials.trial import with_typical
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem:
-    """What is inferred from: trials of all objects, candidate terms, noise, and initial estimates.
+    """The data and settings of inference: trials of all objects, candidate terms, noise, and initial estimates.
 
     Parameters
     ----------
@@ -396,8 +396,8 @@ def prepare(
             models, trials, curves, known, np.zeros_like(known) if guess is None else guess
         )
     else:
-        begins = known if guess is None else np.where(np.isnan(known) & ~terms.is_factor, guess, known)
-        starts, equivalent_optima = _smoothed_estimates(models, groups, curves, begins), []
+        initial = known if guess is None else np.where(np.isnan(known) & ~terms.is_factor, guess, known)
+        starts, equivalent_optima = _smoothed_estimates(models, groups, curves, initial), []
     typical = typical_states(curves)
     measured = tuple(int(sum(trial.counts[:, ~trial.absent].sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(filled_curves(curve, typical)) for curve in curves)

@@ -16,7 +16,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.formulation import column_scales
-from commonlaw.inference.settings import ALIKE, GENERIC_POINTS, MIN_SINGULAR_VALUE, ROUNDING
+from commonlaw.inference.settings import GENERIC_POINTS, MAX_RELATIVE_DIFFERENCE, MIN_SINGULAR_VALUE, ROUNDING
 from commonlaw.integration import VectorField
 from commonlaw.integration.vector_field import LinearizedField
 from commonlaw.library import Terms, highest_columns, with_rates
@@ -88,7 +88,7 @@ def are_confounded(terms: Terms, known: Floats, sizes: Floats) -> Bools:
     columns = linear.by_parameters.reshape(len(points) * len(terms.variables.states), -1)
     _, singular, directions = np.linalg.svd(columns / column_scales(columns), full_matrices=False)
     combined = np.zeros(known.shape, dtype=np.bool_)
-    combined[free] = np.linalg.norm(directions[singular < MIN_SINGULAR_VALUE], axis=0) > ALIKE
+    combined[free] = np.linalg.norm(directions[singular < MIN_SINGULAR_VALUE], axis=0) > MAX_RELATIVE_DIFFERENCE
     return combined
 
 

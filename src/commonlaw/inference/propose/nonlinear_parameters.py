@@ -406,7 +406,7 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequ
         if len(sizes) == len(directions) and sizes[-1] > settings.MIN_SINGULAR_VALUE:
             return
         listed.append(np.abs(directions[-1]))
-    part = np.mean(listed, axis=0) > settings.ALIKE
+    part = np.mean(listed, axis=0) > settings.MAX_RELATIVE_DIFFERENCE
     found = np.zeros(profiles[0].known.shape, dtype=np.bool_)
     found[np.isnan(profiles[0].known)] = part
     _refuse_combination(law, found)
