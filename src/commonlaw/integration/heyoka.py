@@ -86,26 +86,10 @@ Occurred = list[tuple[int, float, Floats]]
 class Structure:
     """The compiled part of a problem, the same for all objects of a law.
 
-    Parameters
-    ----------
-    terms
-        Terms of the equations.
-    pairs
-        Equation and term of each coefficient.
-    free
-        Coefficients with sensitivities.
-    inside
-        Coefficients that are the nonlinear parameters, None for one that is zero.
-    equations, second
-        Number of equations, and the indices of those of second order.
-    inputs, powers
-        Number of inputs, and of the coefficients of their polynomials.
-    logarithmic
-        Indices of log-scaled states.
-    events
-        Expression, direction and whether terminal.
-    tolerance, sensitivities
-        See `OutputOptions`.
+    It has the terms of the equations; the pair of equation and term of each coefficient; which coefficients have
+    sensitivities (`free`), and which are nonlinear parameters (`inside`, None for one that is zero); the number of
+    equations, the indices of those of second order, and of log-scaled states; the number of inputs, and of the
+    coefficients of their polynomials (`powers`); expression, direction and terminality of events.
     """
 
     terms: tuple[Term, ...]

@@ -160,26 +160,16 @@ class LsodaIntegrator(AbstractIntegrator):
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
         """Return the trajectory of a problem; sensitivities solve the variational equations along it."""
-        options, vector_field, width = self.options, problem.field, len(problem.initial)
-        search = None
+        options, vector_field, search = self.options, problem.field, None
         if options.events:
             functions = EventFunctions(options.events, vector_field)
             first = functions.at_start(problem.start, problem.initial, float(np.ptp(problem.times)))
             search = _EventSearch(functions, problem.start, first)
-        dense = options.dense or options.sensitivities
-        arguments = (
-            problem.initial,
-            problem.times,
-            options.tolerance,
-            problem.where,
-            search,
-            dense,
-            problem.stops,
-            options.limit,
-        )
-        result = solve(RightHandSide(vector_field, vector_field.jacobian), *arguments)
-        events = occurrences(options.events, search.crossings if search else [], width)
-        result = replace(result, events=events)
+        rhs, dense = RightHandSide(vector_field, vector_field.jacobian), options.dense or options.sensitivities
+        arguments = problem.initial, problem.times, options.tolerance, problem.where, search, dense, problem.stops
+        result = solve(rhs, *arguments, options.limit)
+        crossings = search.crossings if search else []
+        result = replace(result, events=occurrences(options.events, crossings, len(problem.initial)))
         if not options.sensitivities:
             return result
         assert isinstance(result.dense, _DenseOutput)

@@ -179,7 +179,7 @@ def _by_scipy(
         return np.asarray(jacobian @ moving)
 
     def switch(k: int, t: float, y: Floats) -> None:
-        """Change a switch, with the saltation ``-(f_before - f_after) dt/dp`` of sensitivities at the crossing."""
+        """Change a switch, with the saltation ``(f_before - f_after) dt/dp`` of sensitivities at the crossing."""
         before = program.evaluate(point(t, y[:count]))[0, :count]
         shift = None if slopes is None else total(t, y)[count + k] / (switching_rates(t, y)[k] or np.inf)
         switches[k] = 1 - switches[k]

@@ -36,7 +36,7 @@ def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps 
     """Return the defects of all steps, followed by those of latent processes, shape (n - 1, D + w)."""
     z, hidden = np.split(states, [field.width], axis=1)
     forces = _forces(field, hidden, latent)
-    derivatives = field.derivatives(_at_points(mesh, z)) + forces
+    derivatives = field.derivatives(np.column_stack([z, mesh.inputs, mesh.times])) + forces
     first, last = derivatives[:-1], derivatives[1:]
     if mesh.held:
         last = field.derivatives(_at_ends(mesh, z)) + forces[1:]
@@ -49,7 +49,7 @@ def jacobians(field: VectorField, mesh: Mesh, states: Floats, latent: LatentStep
     """Return the defects of all steps and their derivatives with respect to states and the field's parameters."""
     z, hidden = np.split(states, [field.width], axis=1)
     forces = _forces(field, hidden, latent)
-    at_points = field.linearize(_at_points(mesh, z))
+    at_points = field.linearize(np.column_stack([z, mesh.inputs, mesh.times]))
     first = LinearizedField(*(block[:-1] for block in at_points))
     last = field.linearize(_at_ends(mesh, z)) if mesh.held else LinearizedField(*(block[1:] for block in at_points))
     derivatives = first.derivatives + forces[:-1], last.derivatives + forces[1:]
@@ -99,11 +99,6 @@ def _forces(field: VectorField, hidden: Floats, latent: LatentSteps | None) -> F
         equations = len(field.coefficients)
         forces[:, field.highest] = hidden[:, latent.force : latent.force + equations]
     return forces
-
-
-def _at_points(mesh: Mesh, states: Floats) -> Floats:
-    """Return the variables at the points, shape (n, variables)."""
-    return np.column_stack([states, mesh.inputs, mesh.times])
 
 
 def _at_ends(mesh: Mesh, states: Floats) -> Floats:

@@ -189,8 +189,8 @@ def whitened(
     """Return the whitened rows of each mesh as `linearization.whitened` does, up to rounding."""
     blocks = []
     for index in range(len(model.meshes)):
-        rows, mixed, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
-        blocks.append((np.column_stack([rows[:, :-1] @ mixed, rows[:, -1]]), log_determinant))
+        rows, triangle, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
+        blocks.append((np.column_stack([rows[:, :-1] @ triangle, rows[:, -1]]), log_determinant))
     return blocks
 
 
@@ -200,9 +200,9 @@ def _linearize_by_parts(
     """Return the linearization of one object with rows compressed by LAPACK."""
     problems, total = [], 0.0
     for index in range(len(model.meshes)):
-        rows, mixed, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
+        rows, triangle, log_determinant = _whitened(library, model, packed, index, estimate, model_error, free)
         factor = LeastSquaresProblem.of(rows[:, :-1], rows[:, -1:]).factor
-        few = LeastSquaresProblem.of(factor[:, :-1] @ mixed, factor[:, -1:])
+        few = LeastSquaresProblem.of(factor[:, :-1] @ triangle, factor[:, -1:])
         problems.append(LeastSquaresProblem(few.factor, few.terms, len(rows)))
         total += log_determinant
     return Linearization(merge(problems), total)
@@ -240,7 +240,7 @@ def _whitened(
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
         raise NotPositiveError
     # Orthogonal columns keep their digits where terms are nearly collinear, far from the origin
-    basis, mixed = orthogonalized(columns, free, model)
+    basis, triangle = orthogonalized(columns, free, model)
     rows = np.column_stack([basis, target])
     states, result = contiguous(estimate.states[index]), np.empty(1)
     failed = library.commonlaw_whiten(
@@ -250,7 +250,7 @@ def _whitened(
     _check(failed)
     if not mesh.contiguous.all():
         rows = rows[np.repeat(mesh.contiguous, linear.defects.shape[1])]
-    return rows, mixed, float(result[0])
+    return rows, triangle, float(result[0])
 
 
 def _check(failed: int) -> None:

@@ -178,7 +178,7 @@ def _whitened(
     if not np.isfinite(library).all():
         raise NotPositiveError
     # Orthogonal columns keep their digits where terms are nearly collinear, far from the origin
-    basis, mixed = orthogonalized(library, free, model)
+    basis, triangle = orthogonalized(library, free, model)
     starts = linear.start * mesh.first[:-1, np.newaxis, np.newaxis] if from_starts else np.empty((*defects.shape, 0))
     rows = np.column_stack([starts.reshape(defects.size, -1), basis, target])
     allowed = (model_error * model.unit) ** 2 * mesh.relative_steps[:, np.newaxis]
@@ -191,7 +191,7 @@ def _whitened(
         raise NotPositiveError
     white, _ = lapack.dtbtrs(factor, rows, uplo="L")
     before = starts.shape[2]
-    white = np.column_stack([white[:, :before], white[:, before:-1] @ mixed, white[:, -1]])
+    white = np.column_stack([white[:, :before], white[:, before:-1] @ triangle, white[:, -1]])
     # From the density of defects to that of the states at the end of each step
     turned = np.linalg.slogdet(linear.end[mesh.contiguous])[1]
     log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned)) - unmeasured
@@ -208,12 +208,12 @@ def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tupl
     units = np.tile(units, len(library) // len(units))[:, np.newaxis]
     library = library / units
     if len(library) < counts.max(initial=0):
-        basis, mixed = np.linalg.qr(library)
-        return units * basis, mixed
-    basis, mixed, ends = np.empty(library.shape), np.zeros((library.shape[1],) * 2), np.cumsum(counts)
+        basis, triangle = np.linalg.qr(library)
+        return units * basis, triangle
+    basis, triangle, ends = np.empty(library.shape), np.zeros((library.shape[1],) * 2), np.cumsum(counts)
     for columns in map(slice, ends - counts, ends):
-        basis[:, columns], mixed[columns, columns] = _orthogonal(library[:, columns])
-    return units * basis, mixed
+        basis[:, columns], triangle[columns, columns] = _orthogonal(library[:, columns])
+    return units * basis, triangle
 
 
 def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:

@@ -29,23 +29,18 @@ class FittedSamples:
 
 
 def subsample(trials: Trials, noise: Floats, most: int = settings.MAX_SAMPLES) -> FittedSamples:
-    """Return the trials, subsampled if they have more samples than the limit.
-
-    Parameters
-    ----------
-    trials
-        The measurements.
-    noise
-        Noise standard deviation of each state, estimated from all samples, shape (states,).
-    most
-        Limit of the number of samples.
-    """
+    """Return the trials with at most `most` samples, given the noise of each state by all samples, shape (states,)."""
     total = sum(map(len, trials))
     if total <= most:
         return FittedSamples(trials)
     wanted = -(-total // most)
-    # Inputs between omitted samples would be lost
-    stride = 1 if trials.schema.inputs else _stride(list(trials), noise, wanted)
+    longest, coarse, most_coarse = max(trials, key=len), 1, settings.MIN_RESOLUTION * wanted
+    if not trials.schema.inputs:  # Inputs between omitted samples would be lost
+        while coarse < most_coarse and _resolves_noise(
+            longest, noise, 2 * coarse
+        ):  # Samples once in a cycle are aliased
+            coarse *= 2
+    stride = max(min(wanted, coarse // settings.MIN_RESOLUTION), 1)
     thinned = [trial.rows(slice(None, None, stride)) for trial in trials]
     groups = [[trial for trial in thinned if trial.object == name] for name in trials.objects]
     share = max(_share([sum(map(len, group)) for group in groups], most), settings.MAX_CURVE_POINTS)
@@ -63,15 +58,6 @@ def can_be_subsampled(trials: Trials) -> bool:
     for trial in trials:
         of_objects[trial.object] += len(trial)
     return sum(min(count, settings.MAX_CURVE_POINTS) for count in of_objects.values()) <= settings.MAX_SAMPLES
-
-
-def _stride(trials: Sequence[Trial], noise: Floats, wanted: int) -> int:
-    """Return the stride of thinning, at most as wanted and 1/`MIN_RESOLUTION` of one that resolves the noise."""
-    longest, coarse = max(trials, key=len), 1
-    # From fine to coarse: samples once in a cycle are aliased
-    while coarse < settings.MIN_RESOLUTION * wanted and _resolves_noise(longest, noise, 2 * coarse):
-        coarse *= 2
-    return max(min(wanted, coarse // settings.MIN_RESOLUTION), 1)
 
 
 def _resolves_noise(trial: Trial, noise: Floats, stride: int) -> bool:

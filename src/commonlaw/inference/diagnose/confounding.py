@@ -24,8 +24,8 @@ from commonlaw.differentiation import SmoothingSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales, law_variables
 from commonlaw.inference import settings
-from commonlaw.inference.fit.integral_form import initial_conditions, integrated, outside_span
-from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
+from commonlaw.inference.fit.integral_form import integrated, outside_span
+from commonlaw.library import Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.library.libraries import LibraryGiven
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import natural
@@ -143,7 +143,7 @@ class _Rows:
         values = terms.evaluate(curve.values)
         if np.isfinite(values).all():
             values = integrated(curve.times, values, order)
-        start = initial_conditions(curve.times / curve.times[-1], order)
+        start = np.vander(curve.times / curve.times[-1], order)
         return cls(curve.times, np.column_stack([values, curve.states]), start)
 
     @cached_property

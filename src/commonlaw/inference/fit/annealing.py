@@ -60,8 +60,8 @@ def anneal(
 
     show(0)
     pays = threads_are_worthwhile(problem.models)
-    ways = in_parallel(lambda schedule: _continuation(problem, None, schedule), schedules, pays=pays, done=show)
-    return [fit for way in ways for fit in way]
+    by_schedule = in_parallel(lambda schedule: _continuation(problem, None, schedule), schedules, pays=pays, done=show)
+    return [fit for fits in by_schedule for fit in fits]
 
 
 def refine_support(
@@ -90,8 +90,8 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
     so, as larger ones lead between equivalent optima.
     """
     *larger, smallest = model_errors
-    ways = dict.fromkeys(((tuple(larger) if problem.trials.schema.starts else (*larger, smallest)), (smallest,)))
-    fits = [fit for way in ways for fit in _continuation(problem, supports, way)]
+    schedules = dict.fromkeys(((tuple(larger) if problem.trials.schema.starts else (*larger, smallest)), (smallest,)))
+    fits = [fit for schedule in schedules for fit in _continuation(problem, supports, schedule)]
     last = [fit for fit in fits if fit.model_error == smallest]
     compared = [*(fit for fit in fits if fit.model_error != smallest), *sorted(last, key=_objective)[:1]]
     return min(compared, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, smallest))
@@ -110,8 +110,13 @@ def fit_with(
     if start is not None:
         return fitted(problem, start, supports, model_error)
     larger = [error for error in settings.MODEL_ERRORS if error > model_error]
-    ways = dict.fromkeys(((*larger, model_error), (model_error,)))
-    fits = [fit for way in ways for fit in _continuation(problem, supports, way) if fit.model_error == model_error]
+    schedules = dict.fromkeys(((*larger, model_error), (model_error,)))
+    fits = [
+        fit
+        for schedule in schedules
+        for fit in _continuation(problem, supports, schedule)
+        if fit.model_error == model_error
+    ]
     return min(fits, key=_objective, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error))
 
 

@@ -75,19 +75,9 @@ class InitialConditionPrior:
 class _InitialConditions:
     """The likelihood of initial conditions and coefficients, linearized about a fit.
 
-    Parameters
-    ----------
-    fit
-        The fit.
-    starts
-        Initial states of all trials less their mean, shape (trials, states).
-    triangles
-        Triangular factors of each trial, shape (trials, size, size); columns are the initial state, the allowed terms
-        of all equations, and the target.
-    counts
-        Number of trials of each object.
-    log_determinant
-        Of the information on the other states.
+    Initial states of all trials, less their mean, have shape (trials, states). Triangular factors of each trial, shape
+    (trials, size, size), have as columns the initial state, the allowed terms of all equations, and the target;
+    `counts` are the trials of each object.
     """
 
     fit: Fit

@@ -233,7 +233,7 @@ class Integrals:
             if variables.states[equation] in variables.logarithmic:
                 rows = rows / values[before + points, equation]
             rows = np.column_stack([rows, mesh.measured[points[observed], equation]]) / std[:, np.newaxis]
-            initial = initial_conditions((times - times[0])[observed], order) / std[:, np.newaxis]
+            initial = np.vander((times - times[0])[observed], order, increasing=True) / std[:, np.newaxis]
             rows = outside_span(initial, rows)
             indices.append(before + points)
             operators.append(rows[:, :-1])
@@ -252,11 +252,6 @@ def integrated(times: Floats, rates: Floats, order: int) -> Floats:
     from scipy.interpolate import CubicSpline
 
     return np.asarray(CubicSpline(times, rates).antiderivative(order)(times))
-
-
-def initial_conditions(elapsed: Floats, order: int) -> Floats:
-    """Return ``t^k``, k < order, shape (n, order): the columns of the initial state, and rate for second order."""
-    return np.column_stack([elapsed**k for k in range(order)])
 
 
 def outside_span(columns: Floats, values: Floats) -> Floats:

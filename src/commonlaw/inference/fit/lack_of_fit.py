@@ -54,8 +54,8 @@ NO_LAW = Departure("lack of fit: no law of this library fits the measurements wi
 def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[Departure, ...]:
     """Return the departures of residuals from white noise, state by state.
 
-    They are heteroscedastic or autocorrelated if a model that includes it has a larger likelihood by more than the
-    penalty log n of each of its parameters (BIC): ``-m log(1 - r^2) > 2 log n`` for the autocorrelation r of m pairs.
+    They are heteroscedastic or autocorrelated if twice the log-likelihood ratio of a model with it exceeds log n for
+    each of its parameters (BIC): ``-m log(1 - r^2) > 2 log n`` for the autocorrelation r of m pairs.
     """
     # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)

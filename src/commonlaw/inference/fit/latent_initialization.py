@@ -211,7 +211,7 @@ class _Guesses:
         return scales
 
     def relative_speed(self, coefficients: Floats) -> float:
-        """Return how fast latent states change, besides changes by their scales within a trial."""
+        """Return the sum of relative rates of latent states times the duration of a trial."""
         parameters = coefficients[:, list(self.terms.parameters)].sum(axis=0)
         rates = np.abs(coefficients) * self._sizes(self.scales, parameters) / self.scales[:, np.newaxis]
         return self._duration * float(np.sum(rates[self.trials.schema.unmeasured]))

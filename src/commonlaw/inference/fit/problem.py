@@ -45,41 +45,14 @@ from commonlaw.trials.trial import with_typical
 class SearchProblem:
     """The data and settings of inference: trials of all objects, candidate terms, noise, and initial estimates.
 
-    Parameters
-    ----------
-    trials
-        The fitted samples.
-    models
-        Of each object: terms, meshes with measurements, observation model.
-    starts
-        Initial estimates of each object, by default from `gradient_matching`.
-    smoothed
-        Smoothed states (and rates) of the trials of each object, each of shape (n, D).
-    measured
-        Measured numbers of each object.
-    noise, noise_reason
-        Noise standard deviations of the states, shape (d,), and the description of their estimator.
-    known
-        Fixed coefficients, shape (objects, equations, terms), NaN for free ones.
-    noise_estimate, noise_given
-        The noise before any law, and whether it is given, and so kept.
-    points
-        Mesh points for each sampling step.
-    errors
-        Levels of errors besides white noise.
-    samples
-        Description of the subsample, empty if all samples are fitted.
-    equivalent_optima
-        Coefficients, each of shape (equations, terms), that fit the first object about as well as its initial estimate,
-        with latent states.
-    excluded_terms
-        Number of candidate terms that were screened out before.
-    residuals_estimate_noise
-        Whether residuals estimate the noise of trials that are too short for difference-based estimates.
-    solver
-        Lists candidate supports; None for given terms.
-    differentiation
-        Estimates rates for forecasts.
+    For each object there are a model (terms, meshes with measurements), an initial estimate (`starts`), smoothed states
+    (and rates) of its trials, each of shape (n, D), and the number of measurements. Standard deviations of the `noise`
+    have shape (d,); `noise_estimate` is that before any law, which is kept if it is given. Fixed coefficients, `known`,
+    have shape (objects, equations, terms), NaN for free ones. `points` are points of a sampling step; `samples`
+    describe the subsample, empty if all are fitted. With latent states, `equivalent_optima` fit the first
+    object about as well as its initial estimate, each of shape (equations, terms). `excluded_terms` candidates were
+    screened out before. With `residuals_estimate_noise`, residuals estimate the noise of trials that are too short for
+    differences. The solver lists candidate supports, None for given terms; the differentiation is that of forecasts.
     """
 
     trials: Trials
@@ -338,22 +311,12 @@ def prepare(
     most_samples: int = settings.MAX_SAMPLES,
     guess: Floats | None = None,
 ) -> SearchProblem:
-    """Return the inference problem of these trials.
+    """Return the inference problem of these trials and candidate terms.
 
-    Parameters
-    ----------
-    trials, terms
-        The measurements, and candidate terms.
-    known
-        Fixed coefficients, shape (objects, equations, terms), NaN for free ones.
-    noise
-        Standard deviation of each state, shape (d,), see `known_noise`. Default: estimated from all samples.
-    huber_threshold
-        See `ObservationModel`.
-    most_samples
-        Limit of fitted samples, see `subsample`.
-    guess
-        Initial nonlinear parameters, and signs of coefficients in equations of latent states, of the shape of `known`.
+    Fixed coefficients have shape (objects, equations, terms), NaN for free ones. A guess of this shape has initial
+    nonlinear parameters, and signs of coefficients in equations of latent states. The noise of each state, shape (d,),
+    see `known_noise`, is by default estimated from all samples, of which `most_samples` are fitted (see `subsample`);
+    for the Huber threshold see `ObservationModel`.
 
     Raises `CommonlawError` if a trial is too short, or a term is not finite on it; the message names the trial.
     """

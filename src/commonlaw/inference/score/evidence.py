@@ -75,8 +75,8 @@ class NoiseScale:
     def deviance(self, squares: Floats | float, coefficients: int) -> Floats | float:
         """Return minus twice the log-likelihood of residual squares R with the noise scale integrated out.
 
-        With nu degrees of freedom it is ``nu log s^2 + (R - outliers + prior) / s^2``: the logarithm of a t density,
-        but for a constant, above the lower bound of s^2, and of a normal one at the bound. For known noise it is R.
+        It is ``freedom log s^2 + (R - outliers + prior) / s^2``: above the lower bound of s^2 that of a t density, up
+        to a constant, and at the bound that of a normal density. For known noise it is R.
         """
         if np.isinf(self.freedom):
             return squares

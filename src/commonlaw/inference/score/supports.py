@@ -26,28 +26,13 @@ from commonlaw.solvers import AbstractSolver
 
 @dataclass(frozen=True, eq=False)
 class SupportEvidence:
-    """The evidence for supports of the equations that all objects share.
+    """The evidence for supports of the equations that all objects share, with at most `most` terms of each equation.
 
-    Parameters
-    ----------
-    problems
-        Of each object, with residuals of unit variance; columns are all terms of the first equation, then of the
-        second, ...
-    allowed
-        Candidate terms of each equation, shape (equations, terms).
-    noise_scale
-        The posterior of the noise variance.
-    structure_prior
-        Of the support of one equation.
-    most
-        The largest number of terms of an equation.
-    offsets
-        Parts of the score that all supports have in common.
-    stated
-        Equations that keep all their allowed terms, shape (equations,).
-    log_parametrized
-        Values of coefficients whose logarithms are random effects, shape (objects, columns), zero for others: nonlinear
-        parameters, and the coefficients of terms that contain them.
+    Problems, one for each object, have residuals of unit variance, and as columns all terms of the first equation, then
+    of the second, ... The `allowed` terms of each equation have shape (equations, terms); equations that are `stated`,
+    shape (equations,), keep all of theirs. Offsets are parts of the score that all supports have in common. Random
+    effects are the logarithms of coefficients with a value other than zero in `log_parametrized`, shape (objects,
+    columns): nonlinear parameters, and coefficients of terms that contain them.
     """
 
     problems: Sequence[LeastSquaresProblem]
