@@ -50,8 +50,8 @@ def _print_comparison(names: Sequence[str], quick: bool) -> None:
 
 def _alternate(name: str, case: Case, quick: bool) -> Runs:
     """Run the contestants in turns; a slow one drops out of later turns."""
-    runs: dict[str, list[Measurement]] = {each: [] for each in case.contestants if _is_here(each)}
-    for turn in range(1 if quick else max(each.repeats for each in case.contestants.values())):
+    runs: dict[str, list[Measurement]] = {contestant: [] for contestant in case.contestants if _is_here(contestant)}
+    for turn in range(1 if quick else max(contestant.repeats for contestant in case.contestants.values())):
         for each, measured in runs.items():
             if turn < case.contestants[each].repeats:
                 start = time.perf_counter()
@@ -62,7 +62,7 @@ def _alternate(name: str, case: Case, quick: bool) -> Runs:
 
 def _compared(case: Case, runs: Runs) -> Iterator[str]:
     """Yield a line of the table for each contestant."""
-    peers = [each for each in runs if each.startswith("PySINDy")]
+    peers = [run for run in runs if run.startswith("PySINDy")]
     for i, (each, measured) in enumerate(runs.items()):
         took, goal = _median(measured), case.contestants[each].goal
         against = peers if each.startswith("commonlaw") else []

@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print("\n".join([*by_kind(scores), "", *by_probability(scores)]), flush=True)
     print(f"\n{time.perf_counter() - begun:.0f} s in {chosen.jobs} process(es).")
     if chosen.out:
-        chosen.out.write_text(json.dumps([asdict(each) for each in scores], indent=1))
+        chosen.out.write_text(json.dumps([asdict(score) for score in scores], indent=1))
     if chosen.parameters:
         print("\n| constant | value | laws that change, a fifth less | a fifth more |\n|---|---|---|---|")
         for line in _by_constants(scores, cases, chosen.jobs):
@@ -106,8 +106,8 @@ def score_of(kind: str, seed: int, changed: Mapping[str, float] | None = None) -
 def _score(problem: SmallProblem, law: cl.Law, seconds: float) -> Score:
     table, stated, listed = law.comparison, 1.0, True
     found = tuple(tuple(law.terms.names[k] for k in np.flatnonzero(own)) for own in law.support)
-    for left, true in zip(problem.shape.equations, problem.support, strict=True):
-        own = table[table["equation"] == left]
+    for equation, true in zip(problem.shape.equations, problem.support, strict=True):
+        own = table[table["equation"] == equation]
         stated *= float(own.loc[own["chosen"], "weight"].sum())
         listed &= {*true} in [{*each.split(", ")} for each in own["terms"]]
     inside, given = (
@@ -134,8 +134,8 @@ def by_kind(scores: Sequence[Score]) -> list[str]:
         "averaged intervals that hold | given the terms | given the terms, where these are right | s a draw |",
         "|---" * 12 + "|",
     ]
-    for name in [*dict.fromkeys(each.kind for each in scores), "all"]:
-        own = [each for each in scores if name in (each.kind, "all")]
+    for name in [*dict.fromkeys(score.kind for score in scores), "all"]:
+        own = [score for score in scores if name in (score.kind, "all")]
         law = [each for each in own if each.stated is not None]
         low, high = interval(_share(own, lambda each: each.right), len(own))
         counts = f"{sum(each.empty for each in own)} | {len(own) - len(law)}"
@@ -154,7 +154,7 @@ def by_probability(scores: Sequence[Score]) -> list[str]:
     lines = ["| stated | laws | mean stated | right | its 95 % interval |", "|---|---|---|---|---|"]
     for low, high in pairwise(BINS):
         last = high == BINS[-1]
-        own = [each for each in scores if each.stated is not None and low <= each.stated < high + last]
+        own = [score for score in scores if score.stated is not None and low <= score.stated < high + last]
         if own:
             right = _share(own, lambda each: each.right)
             least, most = interval(right, len(own))
@@ -164,12 +164,12 @@ def by_probability(scores: Sequence[Score]) -> list[str]:
 
 
 def _share(scores: Sequence[Score], what: Callable[[Score], float]) -> float:
-    return float(np.mean([what(each) for each in scores])) if scores else float("nan")
+    return float(np.mean([what(score) for score in scores])) if scores else float("nan")
 
 
 def _held(scores: Sequence[Score], given: bool = False) -> str:
-    count = sum(each.intervals for each in scores)
-    held = sum(each.hold_given if given else each.hold for each in scores)
+    count = sum(score.intervals for score in scores)
+    held = sum(score.hold_given if given else score.hold for score in scores)
     return f"{held / count:.3f} of {count}" if count else ""
 
 
@@ -212,7 +212,7 @@ def _by_constants(scores: Sequence[Score], cases: Sequence[tuple[str, int]], n_j
         shares = []
         for factor in (0.8, 1.2):
             moved = Parallel(n_jobs=n_jobs)(delayed(score_of)(*case, {path: factor * value}) for case in cases)
-            shares.append(np.mean([one.terms != other.terms for one, other in zip(scores, moved, strict=True)]))
+            shares.append(np.mean([score.terms != other.terms for score, other in zip(scores, moved, strict=True)]))
         yield f"| `{path.removeprefix('commonlaw.')}` | {value:g} | {shares[0]:.3f} | {shares[1]:.3f} |"
 
 

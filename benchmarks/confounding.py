@@ -35,8 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"{machine()}\n\n| second height | data check | law |\n|---|---|---|")
     for second in (HEIGHT, *SECOND):
         experiments = [drops(second, seed) for seed in range(chosen.draws)]
-        checked = sum(said_by_check(each, chosen.library) for each in experiments)
-        found = sum(said_by_law(each, chosen.library) for each in experiments) if chosen.laws else "-"
+        checked = sum(said_by_check(experiment, chosen.library) for experiment in experiments)
+        found = sum(said_by_law(experiment, chosen.library) for experiment in experiments) if chosen.laws else "-"
         of = "none" if second == HEIGHT else f"{second:g} m"
         print(f"| {of} | {checked} of {chosen.draws} | {found} |", flush=True)
 
@@ -55,13 +55,13 @@ def drops(second: float, seed: int) -> cl.Trials:
 
 def said_by_check(trials: cl.Trials, library: str) -> bool:
     """Whether the data check says what trials cannot tell."""
-    return any("fit alike" in each for each in trials.check(order=2, library=library).findings)
+    return any("fit alike" in finding for finding in trials.check(order=2, library=library).findings)
 
 
 def said_by_law(trials: cl.Trials, library: str) -> bool:
     """Whether the law says so."""
     law = cl.discover(trials, order=2, library=library)
-    return any(each.kind is OutcomeKind.NOT_IDENTIFIABLE for each in law.diagnostics)
+    return any(diagnostic.kind is OutcomeKind.NOT_IDENTIFIABLE for diagnostic in law.diagnostics)
 
 
 def _errors(count: int, random: np.random.Generator) -> Floats:

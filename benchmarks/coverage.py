@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def held(laws: Iterable[Stated | None], truth: Floats) -> NDArray[np.bool_]:
     """Return which 95 % intervals hold the truth, in draws of the right support: (draws, objects, parameters)."""
-    right = [abs(each.coefficients - truth) <= each.reach * each.errors for each in laws if each is not None]
+    right = [abs(law.coefficients - truth) <= law.reach * law.errors for law in laws if law is not None]
     return np.stack(right) if right else np.empty((0, *truth.shape), dtype=bool)
 
 
@@ -55,7 +55,9 @@ def interval(share: float, count: float) -> tuple[float, float]:
 
 def _line(name: str, level: float, count: int, n_jobs: int) -> str:
     outcomes, truth = draw(name, level, count, n_jobs), experiment(name).coefficients
-    inside, own = (held(laws, truth) for laws in zip(*((each.found, each.own) for each in outcomes), strict=True))
+    inside, own = (
+        held(laws, truth) for laws in zip(*((outcome.found, outcome.own) for outcome in outcomes), strict=True)
+    )
     start = f"| {name} | {100 * level:g} | {len(inside)} of {count} | {inside.size}"
     if not inside.size:
         return f"{start} | | | | |"

@@ -85,7 +85,7 @@ class Experiment:
             [self.times] * len(self.states),
             [*self.states[:, :, np.newaxis]],
             object=[f"object {i + 1}" for i in range(len(self.states))],
-            noise=[np.full((len(each), 1), NOISE) for each in self.states] if kind == "columns" else None,
+            noise=[np.full((len(state), 1), NOISE) for state in self.states] if kind == "columns" else None,
             names=["x"],
         )
 
@@ -180,7 +180,7 @@ def line(verb: str, name: str, samples: int, objects: int, kind: str, draws: int
             of_average.append(holds(*stated_of_terms(law, drawn.family, True), truth))
         held.append(holds(middle, half, truth))
         widths.append(np.median(half / reference[1]))
-        others += bool(np.isnan(half).any()) or any(each.kind.name == "ERRORS" for each in law.diagnostics)
+        others += bool(np.isnan(half).any()) or any(diagnostic.kind.name == "ERRORS" for diagnostic in law.diagnostics)
     width = f"{np.nanmedian(widths):.2f}" if np.isfinite(widths).any() else ""
     shares = f"{share(held)} | {share(of_average) if by_terms else ''} | {share(references)}"
     return f"| {verb} | {name} | {samples} | {objects} | {kind} | {shares} | {width} | {others} |"

@@ -55,11 +55,11 @@ def relative_errors(estimates: Sequence[Floats], truth: Floats, bounds: Floats) 
 def _line(name: str, level: float, count: int, n_jobs: int) -> str:
     known, outcomes = experiment(name), draw(name, level, count, n_jobs)
     bounds = known.bounds(level)
-    own = [each.own.coefficients for each in outcomes if each.own is not None]
+    own = [outcome.own.coefficients for outcome in outcomes if outcome.own is not None]
     ours = relative_errors(own, known.coefficients, bounds)
-    found = [each.found.coefficients for each in outcomes if each.found is not None]
+    found = [outcome.found.coefficients for outcome in outcomes if outcome.found is not None]
     pooled, _ = relative_errors(found, known.coefficients, bounds)
-    smoothed = zip(*(each.plain for each in outcomes), strict=True)
+    smoothed = zip(*(outcome.plain for outcome in outcomes), strict=True)
     *plain, rates = min(
         (*relative_errors(each, known.coefficients, bounds), words)
         for each, words in zip(smoothed, SMOOTHINGS, strict=True)

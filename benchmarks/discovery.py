@@ -164,7 +164,7 @@ def library_of(info: Mapping[str, Any]) -> AbstractLibrary:
 
 
 def _named(names: Sequence[str], coefficients: NDArray[np.float64]) -> dict[str, float]:
-    return {name: float(each) for name, each in zip(names, coefficients, strict=True) if each}
+    return {name: float(coefficient) for name, coefficient in zip(names, coefficients, strict=True) if coefficient}
 
 
 def compared(scores: Sequence[Score], levels: Sequence[float]) -> list[str]:
@@ -176,7 +176,7 @@ def compared(scores: Sequence[Score], levels: Sequence[float]) -> list[str]:
             lines.append(_cells([row.title, "commonlaw", *_means(mine, row.measure, levels)]))
             for who, values in (("best baseline", row.baseline), ("goal", row.goal)):
                 known = dict(zip(LEVELS, values, strict=True))
-                lines.append(_cells(["", who, *(f"{known[each]:.2f}" if each in known else "" for each in levels)]))
+                lines.append(_cells(["", who, *(f"{known[level]:.2f}" if level in known else "" for level in levels)]))
     return lines
 
 
@@ -222,7 +222,7 @@ def _means(scores: Sequence[Score], measure: str, levels: Sequence[float]) -> li
     how = np.median if measure == "coef_err" else np.mean
     digits = ".2f" if measure in ("all_exact", "r2_ok", "f1") else ".2g"
     values = [[score[measure] for score in scores if score["noise"] == level] for level in levels]
-    return [f"{how(each):{digits}}" if each else "" for each in values]
+    return [f"{how(value):{digits}}" if value else "" for value in values]
 
 
 def _cells(cells: Iterable[str]) -> str:

@@ -79,7 +79,7 @@ def dropped(seed: int, equation: str) -> list[list[float]]:
     shares, rows = [*_held(found, seed)], []
     for name in drops.objects:
         radius, mass = (float(drops.properties[name][each]) for each in ("radius", "mass"))
-        fastest = max(abs(np.gradient(each.states[:, 0], each.times)).max() for each in drops.of_object(name))
+        fastest = max(abs(np.gradient(trial.states[:, 0], trial.times)).max() for trial in drops.of_object(name))
         speeds = np.linspace(SPEEDS[0], SPEEDS[1], 15) * fastest
         slope = found.law.coefficients[object_index(found.law, name)][0, found.law.terms.index("v")]
         reynolds = reynolds_number(speeds, 2 * radius)

@@ -70,8 +70,8 @@ def plain_regression(experiment: Experiment, trials: cl.Trials, smoothing: Abstr
     coefficients = []
     for name in trials.objects:
         rates = [smoothing.differentiate(trial.times, trial.states, family.order) for trial in trials.of_object(name)]
-        values = np.concatenate([np.hstack([each.states, *each.derivatives[:-1]]) for each in rates])
-        targets = np.concatenate([each.derivatives[-1] for each in rates])
+        values = np.concatenate([np.hstack([rate.states, *rate.derivatives[:-1]]) for rate in rates])
+        targets = np.concatenate([rate.derivatives[-1] for rate in rates])
         own: list[float] = []
         for equation, target in zip(family.equations, targets.T, strict=True):
             library = np.stack([term_values(term, family.variables, values) for term in equation], axis=1)

@@ -171,7 +171,7 @@ def _smooth(known: Experiment, level: float, generator: np.random.Generator) -> 
 
 
 def _with_noise(states: Sequence[Floats], noise: Floats, generator: np.random.Generator) -> list[Floats]:
-    return [each + noise * generator.standard_normal(each.shape) for each in states]
+    return [state + noise * generator.standard_normal(state.shape) for state in states]
 
 
 def _highest_rates(known: Experiment, clean: Floats) -> Floats:

@@ -127,10 +127,10 @@ def experiment(name: str, objects: int = 5, trials: int = 2) -> Experiment:
     coefficients = np.array([family.coefficients(generator) for _ in range(objects)])
     runs = tuple(
         tuple(
-            solve(family.variables, family.equations, own, np.array(family.start(generator)), family.times)
+            solve(family.variables, family.equations, coefficient, np.array(family.start(generator)), family.times)
             for _ in range(trials)
         )
-        for own in coefficients
+        for coefficient in coefficients
     )
     return Experiment(family, coefficients, runs)
 

@@ -54,8 +54,8 @@ class MixedSystem:
                 states.append(self._solved(times, own, phase, start))
                 inputs.append(np.sin(times + phase)[:, np.newaxis])
                 owners.append(f"object {i + 1}")
-        scale = level * np.mean([each.std(axis=0) for each in states], axis=0)
-        values = [each + scale * noise.standard_normal(each.shape) for each in states]
+        scale = level * np.mean([state.std(axis=0) for state in states], axis=0)
+        values = [state + scale * noise.standard_normal(state.shape) for state in states]
         names = [*self.orders, *(["u"] if self.driven else [])]
         return cl.Trials.from_arrays(
             [times] * len(values), values, object=owners, names=names, inputs=inputs if self.driven else None

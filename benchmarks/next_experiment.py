@@ -110,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--save", type=Path, help="where each draw is added when it is done; what is there is kept")
     chosen = parser.parse_args(arguments)
     outcomes = read(chosen.save) if chosen.save and chosen.save.exists() else []
-    done, names = {(each.family, each.seed, each.designed) for each in outcomes}, chosen.family.split(",")
+    done, names = {(outcome.family, outcome.seed, outcome.designed) for outcome in outcomes}, chosen.family.split(",")
     kinds = [each == "designed" for each in KINDS if chosen.only in (None, each)]
     for seed, name, designed in itertools.product(range(chosen.draws), names, kinds):
         if (name, seed, designed) not in done:
@@ -131,7 +131,7 @@ def table(outcomes: Sequence[Outcome], experiments: int) -> str:
     head = ["family", "experiments", "draws", *(f"after {k}" for k in range(experiments + 1)), "made", "not sure"]
     rows = [head, ["---"] * len(head)]
     for name, designed in itertools.product(BEGINNINGS, (True, False)):
-        found = [each for each in outcomes if (each.family, each.designed) == (name, designed)]
+        found = [outcome for outcome in outcomes if (outcome.family, outcome.designed) == (name, designed)]
         if found:
             right = [sum(each.right_after(k) for each in found) for k in range(experiments + 1)]
             unsure = sum(each.probability[-1] < SURE for each in found)
@@ -142,9 +142,9 @@ def table(outcomes: Sequence[Outcome], experiments: int) -> str:
 
 def calibration(outcomes: Sequence[Outcome]) -> str:
     """Return what was promised against what was right, at first and after one experiment."""
-    started = [each for each in outcomes if each.made]
+    started = [outcome for outcome in outcomes if outcome.made]
     kinds = {
-        "at first": [(each.probability[0], each.right[0]) for each in outcomes if each.designed],
+        "at first": [(outcome.probability[0], outcome.right[0]) for outcome in outcomes if outcome.designed],
         "after one random experiment": [(each.probability[1], each.right[1]) for each in started if not each.designed],
         "after one designed experiment": [(each.probability[1], each.right[1]) for each in started if each.designed],
         "after one designed experiment, beforehand": [
@@ -168,7 +168,7 @@ def drawn(name: str, seed: int, count: int, designed: bool, each: bool) -> Outco
     for k in range(count + 1):
         law = first.discover(trials)
         right.append(first.estimates(law) is not None)
-        laws.append([("; ".join(one.law.structure), one.probability) for one in law.models])
+        laws.append([("; ".join(model.law.structure), model.probability) for model in law.models])
         if k == count or law.models[0].probability >= SURE:
             break
         space = Settings.of(law, vary, {})
@@ -202,10 +202,10 @@ def first_trials(name: str, seed: int) -> Experiment:
     coefficients = np.array([family.coefficients(generator) for _ in range(beginning.objects)])
     runs = tuple(
         tuple(
-            solve(family.variables, family.equations, own, np.array(family.start(generator)), family.times)
+            solve(family.variables, family.equations, coefficient, np.array(family.start(generator)), family.times)
             for _ in range(beginning.trials)
         )
-        for own in coefficients
+        for coefficient in coefficients
     )
     return Experiment(family, coefficients, runs)
 
@@ -215,13 +215,13 @@ def made(
 ) -> list[cl.Trial]:
     """Return a further trial of the object with these settings, or of each, as the true law and the noise have it."""
     family = first.family
-    start = np.array([float(str(settings[each])) for each in family.variables])
+    start = np.array([float(str(settings[variable])) for variable in family.variables])
     times = np.linspace(0, float(str(settings["duration"])), round(float(str(settings["samples"]))))
     found = []
-    for i, own in enumerate(first.coefficients):
+    for i, coefficient in enumerate(first.coefficients):
         if settings["object"] not in (f"object {i + 1}", "each"):
             continue
-        clean = solve(family.variables, family.equations, own, start, times).states[:, : len(family.equations)]
+        clean = solve(family.variables, family.equations, coefficient, start, times).states[:, : len(family.equations)]
         states = clean + noise * random.standard_normal(clean.shape)
         found.append(cl.Trial(f"object {i + 1}", label, times, states))
     return found

@@ -226,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print("\n| noise | dropped | laws | what was learned | elsewhere | CPU s, mean |\n|---|---|---|---|---|---|")
     for noise in chosen.noise:
         for dropped in chosen.dropped:
-            print(_sum([each for each in scores if (each.noise, each.dropped) == (noise, dropped)]))
+            print(_sum([score for score in scores if (score.noise, score.dropped) == (noise, dropped)]))
 
 
 def _scores(chosen: argparse.Namespace) -> Iterator[Score]:
@@ -275,9 +275,9 @@ def _row(score: Score) -> str:
 
 
 def _sum(scores: Sequence[Score]) -> str:
-    counts = [sum(getattr(each, name) > ENOUGH for each in scores) for name in ("learned", "elsewhere")]
+    counts = [sum(getattr(score, name) > ENOUGH for score in scores) for name in ("learned", "elsewhere")]
     shares = " | ".join(f"{count} ({count / len(scores):.0%})" for count in counts)
-    seconds = np.mean([each.seconds for each in scores])
+    seconds = np.mean([score.seconds for score in scores])
     return f"| {100 * scores[0].noise:g} % | {scores[0].dropped:g} | {len(scores)} | {shares} | {seconds:.1f} |"
 
 

@@ -54,8 +54,8 @@ def relaxations(level: float, seed: int) -> cl.Trials:
         for start in generator.uniform(-1, 6, TRIALS):
             states.append(rest + (start - rest) * np.exp(-rate * times))
             owners.append(f"object {i + 1}")
-    noise = level * np.mean([each.std() for each in states])
-    measured = [each + noise * generator.standard_normal(each.shape) for each in states]
+    noise = level * np.mean([state.std() for state in states])
+    measured = [state + noise * generator.standard_normal(state.shape) for state in states]
     return cl.Trials.from_arrays([times] * len(states), measured, object=owners, names=["x"])
 
 

@@ -57,8 +57,8 @@ def bootstrap_rows(problem: Problem) -> Run:
         form, terms, (trial,) = _compressing(problem)
         library, targets = form.rows(trial, terms)
         generator, counts = np.random.default_rng(0), np.empty((problem.models, len(library)))
-        for own in counts:
-            own[:] = np.bincount(generator.integers(len(library), size=len(library)), minlength=len(library))
+        for count in counts:
+            count[:] = np.bincount(generator.integers(len(library), size=len(library)), minlength=len(library))
         return np.stack([_solved([each], problem.thresholds[0]) for each in redrawn_rows(library, targets, counts)])
 
     return run

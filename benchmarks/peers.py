@@ -19,7 +19,7 @@ def fit(problem: Problem) -> Run:
 
 def thresholds(problem: Problem) -> Run:
     """Laws at many thresholds, each a fit of its own."""
-    return lambda: np.stack([_fitted(problem, _stlsq(each)).coefficients() for each in problem.thresholds])
+    return lambda: np.stack([_fitted(problem, _stlsq(threshold)).coefficients() for threshold in problem.thresholds])
 
 
 def bootstrap(problem: Problem) -> Run:

@@ -38,11 +38,11 @@ def shares(scores: Sequence[Score]) -> dict[str, list[float]]:
     """
     found = dict[str, list[float]]()
     for row in ROWS:
-        own = [each for each in scores if (each["bench"], each["trials"]) == (row.bench, row.trials)]
+        own = [score for score in scores if (score["bench"], score["trials"]) == (row.bench, row.trials)]
         values = [[each[row.measure] for each in own if each["noise"] == level] for level in LEVELS]
         if not all(values):
             raise ValueError(f"no scores at some level: {row.title}")
-        found[row.title] = [round(float(np.mean(each)), 4) for each in values]
+        found[row.title] = [round(float(np.mean(value)), 4) for value in values]
     return found
 
 
@@ -53,7 +53,7 @@ def table(titles: Mapping[str, str], known: Mapping[str, Sequence[float]]) -> st
     lines = [f"| problems, by noise | method | {levels} |", f"|---|---|{'---|' * len(LEVELS)}"]
     for name, title in titles.items():
         for first, who, values in ((title, "commonlaw", known[name]), ("", "baseline", rows[name].baseline)):
-            lines.append(f"| {first} | {who} | {' | '.join(f'{each:.2f}' for each in values)} |")
+            lines.append(f"| {first} | {who} | {' | '.join(f'{value:.2f}' for value in values)} |")
     return "\n".join(lines) + "\n"
 
 

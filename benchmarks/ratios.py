@@ -42,7 +42,7 @@ class Kinetics(NamedTuple):
     def noise(self, level: float) -> float:
         """Return the standard deviation of the noise: a share of that of all states."""
         return level * float(
-            np.std([self.solution(start, own) for own in self.objects.values() for start in self.starts])
+            np.std([self.solution(start, name) for name in self.objects.values() for start in self.starts])
         )
 
     def measured(self, level: float, seed: int) -> cl.Trials:
@@ -56,7 +56,7 @@ class Kinetics(NamedTuple):
 
     def bounds(self, level: float) -> Floats:
         """Return the Cramer-Rao bounds of the parameters with free starts, shape (objects, parameters)."""
-        return np.array([self._bound(own, self.noise(level)) for own in self.objects.values()])
+        return np.array([self._bound(name, self.noise(level)) for name in self.objects.values()])
 
     def _bound(self, own: Sequence[float], noise: float) -> Floats:
         count = len(own)
@@ -66,7 +66,7 @@ class Kinetics(NamedTuple):
             for k, value in enumerate((*own, start)):
                 ends = [[*own, start] for _ in range(2)]
                 ends[0][k], ends[1][k] = value * (1 + STEP), value * (1 - STEP)
-                above, below = (self.solution(each[-1], each[:-1]) for each in ends)
+                above, below = (self.solution(end[-1], end[:-1]) for end in ends)
                 columns[:, k if k < count else count + i] = (above - below) / (2 * STEP * value)
             information += columns.T @ columns / noise**2
         return np.sqrt(np.diag(np.linalg.inv(information)))[:count]
@@ -132,7 +132,7 @@ def line(name: str, level: float, draws: int, library: str = RATIO) -> str:
         truth = np.array([*known.objects.values()]) * known.signs
         errors = np.array([named_parameters(law).values - truth for law in right]) / known.bounds(level)
         tables = [law.conf_int() for law in right]
-        held = [each["low"].le(truth.ravel()) & each["high"].ge(truth.ravel()) for each in tables]
+        held = [table["low"].le(truth.ravel()) & table["high"].ge(truth.ravel()) for table in tables]
         cells[3:5] = f"{np.sqrt(np.mean(errors**2)):.2f}", f"{np.sum(held)} of {np.size(held)}"
     return f"| {' | '.join(cells)} |"
 

@@ -103,7 +103,9 @@ class SmallProblem:
     @property
     def truth(self) -> Mapping[tuple[str, str], Floats]:
         """The coefficients of every equation's true terms, shape (objects,)."""
-        pairs = [(left, term) for left, own in zip(self.shape.equations, self.support, strict=True) for term in own]
+        pairs = [
+            (equation, term) for equation, own in zip(self.shape.equations, self.support, strict=True) for term in own
+        ]
         return dict(zip(pairs, self.coefficients.T, strict=True))
 
 
@@ -146,7 +148,7 @@ def _terms(shape: Shape, generator: np.random.Generator) -> tuple[str, ...]:
 def _runs(shape: Shape, support: Equations, coefficients: Floats, starts: Floats, times: Floats) -> list[Run]:
     """Return the trajectories of an object's trials; none if one of them leaves the bound."""
     if _bounded(shape, support, coefficients, starts, float(times[-1])):
-        return [solve(shape.variables, support, coefficients, each, times) for each in starts]
+        return [solve(shape.variables, support, coefficients, start, times) for start in starts]
     return []
 
 
@@ -181,7 +183,7 @@ def _kept(kind: Kind, coefficients: Floats, runs: Sequence[Sequence[Run]], sigma
     if not np.all(sigma > 0):
         return False
     try:
-        bounds = np.array([cramer_rao(own, sigma) for own in runs])
+        bounds = np.array([cramer_rao(run, sigma) for run in runs])
     except np.linalg.LinAlgError:
         return False
     told = np.sort(np.sqrt(np.sum((coefficients / bounds) ** 2, axis=0)))

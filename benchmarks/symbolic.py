@@ -110,9 +110,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     scores.append(score | {"noise": level})
                     print(_row(score | {"noise": level}), flush=True)
     print("\n| | noise | laws right | systems right | seconds |\n|---|---|---|---|---|")
-    for who in dict.fromkeys(each["who"] for each in scores):
+    for who in dict.fromkeys(score["who"] for score in scores):
         for level in chosen.noise:
-            print(_sum(who, level, [each for each in scores if (each["who"], each["noise"]) == (who, level)]))
+            print(_sum(who, level, [score for score in scores if (score["who"], score["noise"]) == (who, level)]))
 
 
 def _row(score: Mapping[str, Any]) -> str:
@@ -121,8 +121,8 @@ def _row(score: Mapping[str, Any]) -> str:
 
 
 def _sum(who: str, level: float, scores: Sequence[Mapping[str, Any]]) -> str:
-    right, objects = (sum(each[name] for each in scores) for name in ("right", "objects"))
-    systems, seconds = sum(each["all_right"] for each in scores), sum(each["seconds"] for each in scores)
+    right, objects = (sum(score[name] for score in scores) for name in ("right", "objects"))
+    systems, seconds = sum(score["all_right"] for score in scores), sum(score["seconds"] for score in scores)
     return f"| {who} | {100 * level:g} % | {right} of {objects} | {systems} of {len(scores)} | {seconds:.0f} |"
 
 
@@ -199,7 +199,7 @@ def _of_evidence(front: Front) -> tuple[Formula, int]:
 def _nearest(front: Front, problem: Any, index: int, equation: int, driven: bool) -> tuple[Formula, int]:
     """Return the formula nearest to the truth among those with no more numbers, which only who knows the truth can."""
     points = problem.fresh[index]
-    true = np.array([problem.truth[index](each[0], each[1:]) for each in points])[:, -len(problem.states) + equation]
+    true = np.array([problem.truth[index](point[0], point[1:]) for point in points])[:, -len(problem.states) + equation]
     few = [each for each in front if each[1] <= problem.numbers[equation]] or front[:1]
     errors = [
         np.nan_to_num(np.mean((each.values(_columns(points, driven)) - true) ** 2), nan=np.inf) for each, *_ in few

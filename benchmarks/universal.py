@@ -118,7 +118,7 @@ def scores_of(
         law = cl.discover(learned, order=family["order"], library=family["library"])
     else:
         law = cl.fit(equations(truth), learned)
-    return [_score(law, trials, truth, each, noise, f"{name} {seed}") for each in settings]
+    return [_score(law, trials, truth, setting, noise, f"{name} {seed}") for setting in settings]
 
 
 def equations(truth: Truth) -> list[str]:
@@ -190,8 +190,8 @@ def table(scores: Sequence[Score]) -> list[str]:
         "| learned from | noise % | all right | factors: median error, largest | unseen object in 95 % bands |",
         "|---|---|---|---|---|",
     ]
-    for key in dict.fromkeys((each.setting, each.noise) for each in scores):
-        own = [each for each in scores if (each.setting, each.noise) == key]
+    for key in dict.fromkeys((score.setting, score.noise) for score in scores):
+        own = [score for score in scores if (score.setting, score.noise) == key]
         errors = [error for each in own for error in each.factor_errors] or [np.nan]
         share = sum(each.inside for each in own) / sum(each.measured for each in own)
         right = sum(not each.wrong for each in own)

@@ -65,7 +65,7 @@ class System:
         """Return parameters, shape (objects, letters), noise of each state, and trials."""
         generator = np.random.default_rng(seed)
         values = self.typical * np.exp(SCATTER * generator.standard_normal((OBJECTS, len(self.typical))))
-        exact = [self.solution(own, np.array(self.start)).T for own in values]
+        exact = [self.solution(value, np.array(self.start)).T for value in values]
         noise = NOISE * np.std(np.concatenate(exact), axis=0)
         measured = [own + noise * generator.standard_normal(own.shape) for own in exact]
         objects = [f"object {i}" for i in range(OBJECTS)]
@@ -174,10 +174,10 @@ def _fitted(system: System, seeds: int) -> tuple[float, str, float]:
         begun = time.process_time()
         law = cl.fit(system.equations, trials, errors="white", partial_pooling=False, **system.options)
         took += time.process_time() - begun
-        columns = [named_parameters(law).names.index(each) for each in system.letters]
+        columns = [named_parameters(law).names.index(letter) for letter in system.letters]
         low, high = (each[:, columns] for each in named_parameters(law).intervals())
         inside.append(np.asarray((low < values) & (values < high)))
-        bounds = np.array([system.bound(own, noise, free) for own in values])
+        bounds = np.array([system.bound(value, noise, free) for value in values])
         relative.append((named_parameters(law).values[:, columns] - values) / bounds)
     held = np.concatenate(inside)
     return (

@@ -42,7 +42,7 @@ def drawn(seed: int, objects: int) -> list[tuple[bool, bool, bool]]:
         solve(("x", "v"), EQUATIONS, np.array([-9.8, drag, square]), np.array([HEIGHT, 0.0]), times).states[:, :1]
         for drag, square in zip(drags, squares, strict=True)
     ]
-    measured = [each + NOISE * random.standard_normal(each.shape) for each in heights]
+    measured = [height + NOISE * random.standard_normal(height.shape) for height in heights]
     names = [f"ball {i + 1}" for i in range(objects)]
     trials = cl.Trials.from_arrays([times] * objects, measured, object=names, names=["x"])
     limits = bounds(cl.fit("x'' = -g - c v", trials, errors="white"), trials, ["v^2"]).bounds

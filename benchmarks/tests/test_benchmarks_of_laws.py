@@ -271,4 +271,4 @@ def test_published_shares_are_means_over_problems_and_need_a_whole_run():
     assert found["grouped, R2 > 0.9 from a fresh start"] == [0.25] * 5
     assert "| half | commonlaw | 0.75 |" in table({"chaotic, 1 trial, every support right": "half"}, found)
     with pytest.raises(ValueError, match="no scores at some level"):
-        shares([each for each in scores if each["noise"] > 0])
+        shares([score for score in scores if score["noise"] > 0])

@@ -27,8 +27,8 @@ def test_a_law_is_scored_where_it_was_learned_and_elsewhere(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "| 5 % | 0.5 | 1 | 1 (100%) | 1 (100%) |" in printed
     scores = [json.loads(line) for line in saved.read_text().splitlines()]
-    assert [each["dropped"] for each in scores] == [0.0, 0.5]
-    assert min(each[name] for each in scores for name in ("learned", "elsewhere")) > 0.99
+    assert [score["dropped"] for score in scores] == [0.0, 0.5]
+    assert min(score[name] for score in scores for name in ("learned", "elsewhere")) > 0.99
 
 
 @pytest.mark.parametrize("name", one_trajectory.SYSTEMS)

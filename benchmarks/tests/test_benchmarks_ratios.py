@@ -15,10 +15,10 @@ def test_bounds_are_the_standard_errors_of_least_squares_on_the_exact_solution()
         return np.concatenate(parts)
 
     noise = known.noise(0.05)
-    for own, bound in zip(known.objects.values(), known.bounds(0.05), strict=True):
-        exact = both(known.times, *own, *known.starts)
-        np.testing.assert_allclose(exact, np.concatenate([known.solution(s, own) for s in known.starts]), rtol=1e-7)
-        given = [*own, *known.starts]
+    for name, bound in zip(known.objects.values(), known.bounds(0.05), strict=True):
+        exact = both(known.times, *name, *known.starts)
+        np.testing.assert_allclose(exact, np.concatenate([known.solution(s, name) for s in known.starts]), rtol=1e-7)
+        given = [*name, *known.starts]
         _, covariance = curve_fit(both, known.times, exact, given, np.full(len(exact), noise), absolute_sigma=True)
         np.testing.assert_allclose(bound, np.sqrt(np.diag(covariance))[:2], rtol=1e-3)
 

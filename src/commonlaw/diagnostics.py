@@ -59,7 +59,7 @@ class Diagnostic:
     @property
     def codes(self) -> tuple[str, ...]:
         """This code, and those of the diagnostics among the parameters."""
-        inner = [each for each in self.parameters.values() if isinstance(each, Diagnostic)]
+        inner = [parameter for parameter in self.parameters.values() if isinstance(parameter, Diagnostic)]
         return (self.code, *chain.from_iterable(each.codes for each in inner))
 
     def at(self, where: str) -> "Diagnostic":

@@ -30,7 +30,7 @@ class Choice:
     @cached_property
     def listed(self) -> dict[str, Mapping[str, float | None]]:
         """What the law's list says of each form of drag, the largest evidence first."""
-        measures = {each.terms: each.measures for each in self.law.provenance.alternatives}
+        measures = {alternative.terms: alternative.measures for alternative in self.law.provenance.alternatives}
         found = {form: measures[terms] for form, terms in DRAG_FORMS.items() if terms in measures}
         return dict(sorted(found.items(), key=lambda each: _number(each[1]["2 log B"])))
 

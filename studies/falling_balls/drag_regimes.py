@@ -111,7 +111,7 @@ def _reynolds_numbers(drops: Trials, viscosity: float) -> Numbers:
 
 
 def _largest(numbers: Sequence[Floats]) -> float:
-    return max(float(each.max()) for each in numbers)
+    return max(float(number.max()) for number in numbers)
 
 
 def _table(largest: Largest) -> pd.DataFrame:
@@ -136,14 +136,14 @@ def _count_table(as_printed: Numbers, corrected: Numbers) -> pd.DataFrame:
         {
             "Reynolds number": list(limits),
             "printed": [None, *PRINTED_COUNTS.values(), PRINTED_SAMPLES],
-            "with the print's viscosity": [_mean_count(as_printed, *each) for each in limits.values()],
-            "with the viscosity of the air": [_mean_count(corrected, *each) for each in limits.values()],
+            "with the print's viscosity": [_mean_count(as_printed, *limit) for limit in limits.values()],
+            "with the viscosity of the air": [_mean_count(corrected, *limit) for limit in limits.values()],
         }
     )
 
 
 def _mean_count(numbers: Numbers, low: float, high: float) -> float:
-    drops = [drop for each in numbers.values() for drop in each]
+    drops = [drop for number in numbers.values() for drop in number]
     return float(np.mean([np.count_nonzero((drop >= low) & (drop < high)) for drop in drops]))
 
 

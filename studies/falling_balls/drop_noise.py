@@ -98,7 +98,7 @@ def _table(noise: Noise) -> Table:
 
 def _found(drops: Trials, noise: Noise) -> str:
     pairs = {(drop, ball): each for drop, balls in noise.items() for ball, each in balls.items()}
-    typical = {way: float(np.median([each[way] for each in pairs.values()])) for way in _WAYS}
+    typical = {way: float(np.median([pair[way] for pair in pairs.values()])) for way in _WAYS}
     drop, ball = max(pairs, key=lambda key: pairs[key]["paper_method"] / pairs[key]["robust"])
     (trial,) = drops.select(object=ball, trial=drop)
     residuals = np.abs(trial.states - LARGEST.smooth(trial.times, trial.states))[:, 0]

@@ -94,7 +94,7 @@ def learned_fall(name: str, viscosity: float = PRINTED_VISCOSITY) -> Example:
     learned_from, samples = EXAMPLE_SAMPLES
     heights, truth = _ball(name, learned_from, viscosity)
     form = StrongForm(CenteredDifference())
-    speeds = [Trial(each.object, each.name, each.times, form.rates(each).derivatives[0]) for each in heights]
+    speeds = [Trial(height.object, height.name, height.times, form.rates(height).derivatives[0]) for height in heights]
     trials = Trials(tuple(speeds), Schema(("v",), units={"v": "m/s", "t": "s"}))
     law = discover(
         trials,

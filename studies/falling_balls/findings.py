@@ -68,8 +68,8 @@ def _gravity_verdict(models: Results) -> Verdict:
 
 def _drag_verdict(models: Results) -> Verdict:
     drags = dict(zip(_balls(models), _values(models, "v").T, strict=True))
-    wrong = [name for name, own in drags.items() if max(own) > 0]
-    means = {name: float(own.mean()) for name, own in drags.items()}
+    wrong = [name for name, drag in drags.items() if max(drag) > 0]
+    means = {name: float(drag.mean()) for name, drag in drags.items()}
     others = [mean for name, mean in means.items() if name not in WHIFFLE_BALLS]
     strongest = max(means[name] for name in WHIFFLE_BALLS) < min(others)
     return Verdict(
@@ -92,7 +92,7 @@ def _said(results: Results) -> list[str]:
         f"{medians['1']['both']:.2f} m with gravity alone, {medians['2']['both']:.2f} m with drag, and "
         f"{medians['3']['both']:.2f} m with a term in $v^2$ too; overfitted models have {medians['4']['both']:.2f} m.",
         "**Nobody should extrapolate.** After 15 s the models of one and the same drop are apart by "
-        + listed([f"{_apart(own):.0f} m ({ball})" for ball, own in forecasts.items()])
+        + listed([f"{_apart(forecast):.0f} m ({ball})" for ball, forecast in forecasts.items()])
         + ", and of the overfitted ones "
         + listed([f"that of the {ball} diverges after {time:.1f} s" for ball, time in _diverged(forecasts).items()])
         + ".",

@@ -35,7 +35,7 @@ def learned_terms(inquiry: Inquiry) -> Section:
     if drops is None:
         return left_out(_NAME, _TITLE, inquiry.missing)
     laws = _laws(drops)
-    single, group = (_models(each) for each in laws.values())
+    single, group = (_models(law) for law in laws.values())
     counts = {"single trial": _counts(single), "group": _counts(group)}
     panels = {f"{kind}, drop {drop}": law for kind, by_drop in laws.items() for drop, law in by_drop.items()}
     return Section(
@@ -62,8 +62,8 @@ def _laws(drops: Trials, **others: Any) -> dict[str, Laws]:
     """Return the laws of both drops by method."""
     parts = {drop: drops.select(trial=drop) for drop in _DROPS}
     return {
-        "single trial": {drop: single_law(own, SINGLE_THRESHOLD, **others) for drop, own in parts.items()},
-        "group": {drop: group_law(own, GROUP_THRESHOLD, **others) for drop, own in parts.items()},
+        "single trial": {drop: single_law(part, SINGLE_THRESHOLD, **others) for drop, part in parts.items()},
+        "group": {drop: group_law(part, GROUP_THRESHOLD, **others) for drop, part in parts.items()},
     }
 
 

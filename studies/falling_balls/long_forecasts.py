@@ -113,7 +113,7 @@ def _near_panels(balls: Mapping[str, _Ball]) -> dict[str, list[Curve]]:
     panels = {}
     for name, ball in balls.items():
         measured = Curve("measured", ball.trial.times, ball.trial.states[:, 0], line="")
-        heights = {model: each.near.states[:, 0] for model, each in ball.forecasts.items()}
+        heights = {model: forecast.near.states[:, 0] for model, forecast in ball.forecasts.items()}
         panels[name] = [measured, *_curves(ball.trial.times, heights)]
     return panels
 
@@ -123,7 +123,7 @@ def _error_panels(balls: Mapping[str, _Ball]) -> dict[str, list[Curve]]:
     for name, ball in balls.items():
         # All forecasts begin at the measured height, and a logarithmic axis has no place for an error of nothing
         times = ball.trial.times[1:]
-        errors = {model: ball.error(each.near.states[:, 0])[1:] for model, each in ball.forecasts.items()}
+        errors = {model: ball.error(forecast.near.states[:, 0])[1:] for model, forecast in ball.forecasts.items()}
         panels[name] = [Curve("observed", times, ball.error(ball.smoothed)[1:], line=":"), *_curves(times, errors)]
     return panels
 
@@ -133,8 +133,8 @@ def _far_panels(balls: Mapping[str, _Ball]) -> dict[str, list[Curve]]:
     for name, ball in balls.items():
         # The first label keeps the colours that the models have in the figures of the learned drop
         start = Curve("height at the start", [0.0], [LONG_STARTS[name]], line="")
-        panels[name] = [start, *_curves(_TIMES, {model: each.raised for model, each in ball.forecasts.items()})]
-        ended = [each.far.ended for each in ball.forecasts.values() if each.far.ended is not None]
+        panels[name] = [start, *_curves(_TIMES, {model: forecast.raised for model, forecast in ball.forecasts.items()})]
+        ended = [forecast.far.ended for forecast in ball.forecasts.values() if forecast.far.ended is not None]
         if ended:
             panels[name].append(Curve("diverges", ended, np.full(len(ended), LONG_LIMITS[0] + 30), line=""))
     return panels
@@ -143,18 +143,18 @@ def _far_panels(balls: Mapping[str, _Ball]) -> dict[str, list[Curve]]:
 def _curves(times: Floats, values: Mapping[str, Floats]) -> list[Curve]:
     """Return a curve for each model; that of model 3, which often covers that of model 2, is dashed."""
     return [
-        Curve(MODEL_NAMES[model], times, each, line="--" if model == "3" else "-") for model, each in values.items()
+        Curve(MODEL_NAMES[model], times, value, line="--" if model == "3" else "-") for model, value in values.items()
     ]
 
 
 def _results(ball: _Ball) -> dict[str, dict[str, str | float | None]]:
     return {
         model: {
-            "equation": each.law.equations()[0],
-            "diverged_after": each.far.ended,
-            "height_at_15_s": each.end if each.far.outcome is None else None,
+            "equation": forecast.law.equations()[0],
+            "diverged_after": forecast.far.ended,
+            "height_at_15_s": forecast.end if forecast.far.outcome is None else None,
         }
-        for model, each in ball.forecasts.items()
+        for model, forecast in ball.forecasts.items()
     }
 
 
@@ -163,13 +163,13 @@ def _equations(balls: Mapping[str, _Ball]) -> Table:
         {
             "ball": name,
             "model": MODEL_NAMES[model],
-            "equation": each.law.equations()[0].replace("-", "−"),
-            f"error on drop {LONG_DROP} (m)": ball.rms(each.near.states[:, 0]),
-            "diverges after (s)": each.far.ended,
-            "height after 15 s (m)": each.end,
+            "equation": forecast.law.equations()[0].replace("-", "−"),
+            f"error on drop {LONG_DROP} (m)": ball.rms(forecast.near.states[:, 0]),
+            "diverges after (s)": forecast.far.ended,
+            "height after 15 s (m)": forecast.end,
         }
         for name, ball in balls.items()
-        for model, each in ball.forecasts.items()
+        for model, forecast in ball.forecasts.items()
     ]
     caption = (
         f"The models of the long forecasts, learned from drop {LONG_DROP} of each ball, with $x$ as measured. The "
@@ -229,7 +229,7 @@ the raised height model 4 would stand far outside of what it learned from at onc
 def _near_found(balls: Mapping[str, _Ball]) -> str:
     lines = []
     for name, ball in balls.items():
-        first, *others = (ball.rms(each.near.states[:, 0]) for each in ball.forecasts.values())
+        first, *others = (ball.rms(forecast.near.states[:, 0]) for forecast in ball.forecasts.values())
         lines.append(
             f"- {name}: {first:.3f} m for model 1, {min(others):.3f} m to {max(others):.3f} m for models 2 to 4; the "
             f"measured heights are {ball.rms(ball.smoothed):.3f} m from the smoothed ones."

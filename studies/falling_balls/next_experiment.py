@@ -59,9 +59,9 @@ def next_experiment(inquiry: Inquiry) -> Section:
         Table("unseen-added-mass", _MASSES, masses, 3),
         Text(_FLUID),
     )
-    largest = max(each.at_most for each in limits.bounds)
+    largest = max(bound.at_most for bound in limits.bounds)
     results = {
-        "at_most": {each.object: each.at_most for each in limits.bounds},
+        "at_most": {bound.object: bound.at_most for bound in limits.bounds},
         "chance": {ball: own.chance for ball, own in more.items()},
         "added_mass_at_most": dict(zip(masses["ball"], masses["at most, in air"], strict=True)),
     }
@@ -110,13 +110,13 @@ def _added_mass(law: Law, drops: Trials) -> pd.DataFrame:
 def _bounds_frame(bounds: Bounds) -> pd.DataFrame:
     return pd.DataFrame(
         {
-            "ball": each.object,
-            "coefficient (1/m)": each.coefficient,
-            "standard error": each.error,
-            "at most (1/m)": each.at_most,
-            "adds at most (m/s²)": each.effect,
+            "ball": bound.object,
+            "coefficient (1/m)": bound.coefficient,
+            "standard error": bound.error,
+            "at most (1/m)": bound.at_most,
+            "adds at most (m/s²)": bound.effect,
         }
-        for each in bounds.bounds
+        for bound in bounds.bounds
     )
 
 

@@ -84,8 +84,8 @@ def _method_panels(fall: NoisyFall, errors: Mapping[str, Mapping[int, Floats]]) 
     return {
         title: [
             Curve(name, fall.levels, middle, low, high, line="--" if "forward" in name else "-")
-            for name, each in errors.items()
-            for middle, low, high in [np.quantile(each[order], [0.5, 0.1, 0.9], axis=1)]
+            for name, error in errors.items()
+            for middle, low, high in [np.quantile(error[order], [0.5, 0.1, 0.9], axis=1)]
         ]
         for order, title in ORDERS.items()
     }

@@ -114,7 +114,7 @@ def _draw(grid: Grid) -> Figure:
     coefficients = [each for each in FINDING_COEFFICIENTS if each]
 
     def curve(noise: float, drops: int) -> Curve:
-        found = [grid[noise, drops, each][0] for each in coefficients]
+        found = [grid[noise, drops, coefficient][0] for coefficient in coefficients]
         low, high = np.transpose([each.interval() for each in found])
         return Curve(_drops(drops), coefficients, [each.share for each in found], low, high, points=True)
 

@@ -112,7 +112,7 @@ def relative(found: Floats, exact: Floats) -> Floats:
 
 def medians(errors: Mapping[str, Mapping[int, Floats]]) -> dict[int, dict[str, Floats]]:
     """Return by order and method the median over draws at each level, shape (levels,)."""
-    return {order: {method: np.median(each[order], axis=1) for method, each in errors.items()} for order in ORDERS}
+    return {order: {method: np.median(error[order], axis=1) for method, error in errors.items()} for order in ORDERS}
 
 
 def at(levels: Floats, values: Floats, level: float) -> float:

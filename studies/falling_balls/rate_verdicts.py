@@ -57,7 +57,7 @@ def method_verdict(fall: NoisyFall, errors: Medians) -> Verdict:
 
 def window_verdict(fall: NoisyFall, errors: Medians, changes: Mapping[str, Floats]) -> Verdict:
     """Return whether what the paper says of windows holds, and of the errors at the noise of the drops."""
-    table = {order: np.array(list(each.values())) for order, each in errors.items()}
+    table = {order: np.array(list(error.values())) for order, error in errors.items()}
     hurt = {order: float(each[-1, 0] / each[:, 0].min()) for order, each in table.items()}
     help_ = {order: float(each[0, -1] / each[-1, -1]) for order, each in table.items()}
     closer = float(at(fall.levels, changes[_LARGEST] / changes[_SMALLEST], PRINTED_NOISE[1])) - 1

@@ -188,7 +188,7 @@ def _averages_verdict(averages: Mapping[float, Mapping[str, float]], kept: Mappi
 
 
 def _quadratic_verdict(variants: Mapping[str, Laws]) -> Verdict:
-    laws = {name: [law for row in each.values() for law in row.values()] for name, each in variants.items()}
+    laws = {name: [law for row in variant.values() for law in row.values()] for name, variant in variants.items()}
     caught = {name: int(sum(captures(law).sum() for law in each)) for name, each in laws.items()}
     usual = [law for name, each in laws.items() if name != EXTREME for law in each]
     having, equations = sum(int(_squared(law).sum()) for law in usual), sum(len(law.objects) for law in usual)

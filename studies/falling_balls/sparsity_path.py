@@ -33,8 +33,8 @@ def sparsity_path(inquiry: Inquiry) -> Section:
         return left_out(_NAME, _TITLE, inquiry.missing)
     trials = {"single": drops.select(object=PATH_BALL, trial=PATH_DROP), "group": drops.select(trial=PATH_DROP)}
     printed = {kind: _printed(kind) for kind in trials}
-    found = {kind: _coefficients(kind, own, printed[kind]) for kind, own in trials.items()}
-    paths = {kind: chosen_law(kind, own, "bic").provenance.path() for kind, own in trials.items()}
+    found = {kind: _coefficients(kind, trial, printed[kind]) for kind, trial in trials.items()}
+    paths = {kind: chosen_law(kind, trial, "bic").provenance.path() for kind, trial in trials.items()}
     choices = threshold_choices(drops, paths)
     tables = [
         Table(f"thresholds-{kind}", _TABLES[kind], _side_by_side(printed[kind], found[kind]), _DIGITS[kind])

@@ -31,7 +31,7 @@ def threshold_choices(drops: Trials, paths: Mapping[str, pd.DataFrame]) -> Secti
         The paths of the drop of the printed tables by method, as `Law.path` gives them.
     """
     trials = {"single": drops.select(object=PATH_BALL), "group": drops}
-    laws = {kind: {rule: chosen_law(kind, own, rule) for rule in CHOICES} for kind, own in trials.items()}
+    laws = {kind: {rule: chosen_law(kind, trial, rule) for rule in CHOICES} for kind, trial in trials.items()}
     choices = {kind: {rule: _choice(law) for rule, law in by_rule.items()} for kind, by_rule in laws.items()}
     pictures = [
         Picture(

@@ -59,7 +59,7 @@ def universal_laws(inquiry: Inquiry) -> Section:
     """Return the part on what all balls have in common, and what their law leaves unexplained."""
     if inquiry.drops is None:
         return left_out(_NAME, _TITLE, inquiry.missing)
-    names = [name for name, own in inquiry.drops.properties.items() if {*_PROPERTIES} <= own.keys()]
+    names = [name for name, attribute in inquiry.drops.properties.items() if {*_PROPERTIES} <= attribute.keys()]
     drops = inquiry.drops.select(object=names)
     law = fit(_LAW, drops, errors="force", progress=lambda _: None)
     explained = law.explain(_PROPERTIES)

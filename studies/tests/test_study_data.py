@@ -107,9 +107,9 @@ def test_speeds_that_differ_turn_the_verdicts(drops):
 def test_reynolds_numbers_are_printed_2_25_times_too_large(sections):
     reynolds = sections["drag_regimes"].results["reynolds"]
     assert len(reynolds) == 10
-    for each in reynolds.values():
-        assert each["as_printed"] == pytest.approx(each["printed"], abs=0.01e5)
-        assert each["printed"] / each["corrected"] == pytest.approx(2.25, rel=0.01)
+    for reynold in reynolds.values():
+        assert reynold["as_printed"] == pytest.approx(reynold["printed"], abs=0.01e5)
+        assert reynold["printed"] / reynold["corrected"] == pytest.approx(2.25, rel=0.01)
     holds = frame(sections["drag_regimes"], "reynolds-numbers").set_index("ball")["correlation holds"]
     assert holds[~holds].index.tolist() == ["Volleyball", "Blue Basketball", "Green Basketball"]
 
@@ -142,7 +142,9 @@ def test_the_library_is_nearly_dependent_along_one_drop(sections, drops):
 
 
 def test_the_pictures_can_be_drawn_and_show_each_drop(sections):
-    pictures = {block.name: block for each in sections.values() for block in each.blocks if isinstance(block, Picture)}
+    pictures = {
+        block.name: block for section in sections.values() for block in section.blocks if isinstance(block, Picture)
+    }
     assert list(pictures) == ["strobe", "heights", "displacement", "landing-time", "drag-regimes", "library-terms"]
     panels = pictures["landing-time"].draw().axes
     heights = [[float(line.get_ydata()[0]) for line in panel.lines] for panel in panels]

@@ -77,7 +77,7 @@ def test_forecasts_are_those_of_the_law_from_the_first_height_and_the_rate_by_th
     for ball in ("Baseball", "Whiffle Ball 2"):
         (trial,) = drops.select(object=ball, trial="2")
         # The median of all laws that are plausible
-        ends = sorted((heights(each.law, trial, first_speed(trial))[-1], each.probability) for each in law.models)
+        ends = sorted((heights(model.law, trial, first_speed(trial))[-1], model.probability) for model in law.models)
         reached = np.cumsum([share for _, share in ends])
         end = ends[int(np.searchsorted(reached, reached[-1] / 2))][0]
         assert errors["1"][ball] == pytest.approx(abs(end - trial.states[41, 0]), abs=1e-5)

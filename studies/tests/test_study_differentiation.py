@@ -104,7 +104,7 @@ def test_the_noise_of_every_drop_is_a_few_centimetres(section, fall):
     noise = section.results["noise_of_drops"]
     assert [len(noise[drop]) for drop in ("1", "2")] == [10, 10]
     estimates = np.array(
-        [[each["paper_method"], each["robust"]] for balls in noise.values() for each in balls.values()]
+        [[ball["paper_method"], ball["robust"]] for balls in noise.values() for ball in balls.values()]
     )
     assert np.all((estimates > 0.015) & (estimates < 0.09))
     np.testing.assert_allclose(np.median(estimates, axis=0), [0.047, 0.039], atol=0.003)

@@ -76,9 +76,9 @@ def test_the_errors_of_the_templates_are_those_of_a_fit_of_just_their_terms(drop
 def test_there_are_eighty_finite_errors_and_their_medians(section):
     errors = section.results["prediction_error"]
     values = {model: {drop: list(by_ball.values()) for drop, by_ball in each.items()} for model, each in errors.items()}
-    assert np.isfinite([v for each in values.values() for drop in each.values() for v in drop]).sum() == 80
-    for model, each in values.items():
-        expected = {"1": np.median(each["1"]), "2": np.median(each["2"]), "both": np.median(each["1"] + each["2"])}
+    assert np.isfinite([v for value in values.values() for drop in value.values() for v in drop]).sum() == 80
+    for model, value in values.items():
+        expected = {"1": np.median(value["1"]), "2": np.median(value["2"]), "both": np.median(value["1"] + value["2"])}
         assert section.results["prediction_error_medians"][model] == pytest.approx(expected)
 
 

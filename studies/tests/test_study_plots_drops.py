@@ -29,7 +29,9 @@ def points(panel: Axes) -> list[tuple[list[float], list[float]]]:
 
 def with_property(name: str, values: dict[str, float | str]) -> Trials:
     trials = tuple(Trial(ball, "1", TIMES, -4.9 * TIMES**2) for ball in ("Ball 1", "Ball 2", "Ball 3"))
-    return Trials(trials, Schema(("x",), units={name: "kg/m^3"}), {ball: {name: each} for ball, each in values.items()})
+    return Trials(
+        trials, Schema(("x",), units={name: "kg/m^3"}), {ball: {name: value} for ball, value in values.items()}
+    )
 
 
 def test_the_strobe_has_a_column_for_each_trial_with_a_marker_at_every_few_samples() -> None:

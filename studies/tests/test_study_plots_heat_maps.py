@@ -19,7 +19,7 @@ def law_of(*coefficients: dict[str, float]) -> Law:
     """A law of balls with these coefficients over polynomials of degree 2."""
     drops = datasets.linear_drag(drag=(-0.1,) * len(coefficients), noise=0.0)
     law = discover(drops, order=2, library="poly:2", method=DerivativeRegression(solver="group-stlsq:1e9"))
-    values = [[each.get(term, 0.0) for term in law.terms.names] for each in coefficients]
+    values = [[coefficient.get(term, 0.0) for term in law.terms.names] for coefficient in coefficients]
     return replace(law, coefficients=np.array(values)[:, np.newaxis], provenance=replace(law.provenance, outcomes=()))
 
 
@@ -31,7 +31,7 @@ LAWS = {
 
 
 def mesh_of(panel: Axes) -> QuadMesh:
-    return next(each for each in panel.collections if isinstance(each, QuadMesh))
+    return next(collection for collection in panel.collections if isinstance(collection, QuadMesh))
 
 
 def maps(figure: Figure) -> list[Axes]:

@@ -71,11 +71,9 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
         assert "--set noise=x=0.05 --set errors=white --hold-out trial=2" in text(page, "command")
         np.testing.assert_allclose(law.uncertainty.noise, 0.05)
         rows = list(csv.DictReader(io.StringIO(taken["coefficients.csv"])))
-        assert [(each["object"], each["term"]) for each in rows] == [
-            (name, term) for name in law.objects for term in "1v"
-        ]
-        np.testing.assert_allclose([float(each["value"]) for each in rows], law.params["estimate"])
-        np.testing.assert_allclose([float(each["low"]) for each in rows], law.conf_int()["low"])
+        assert [(row["object"], row["term"]) for row in rows] == [(name, term) for name in law.objects for term in "1v"]
+        np.testing.assert_allclose([float(row["value"]) for row in rows], law.params["estimate"])
+        np.testing.assert_allclose([float(row["low"]) for row in rows], law.conf_int()["low"])
         terms = page.find_elements("css selector", "#terms button[aria-pressed=true]")
         assert [each.text for each in terms] == [law.terms.factors[k] for k in law.support[0].nonzero()[0]]
         assert page.execute_script(MOVES) < 100
@@ -160,7 +158,7 @@ def check_law_and_curves_are_in_sight_together(page, width):
     """Check that the equation and the slider stand beside the curves, or on a phone stay above them."""
     page.execute_script("document.getElementById(arguments[0]).scrollIntoView()", "see" if width == 390 else "result")
     places = "forecast_plot", "formula", "slider"
-    plot, *others = (page.execute_script(BOX, each) for each in places)
+    plot, *others = (page.execute_script(BOX, place) for place in places)
     for box in others:
         assert box["top"] >= 0
         assert box["bottom"] <= 800

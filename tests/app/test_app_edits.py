@@ -21,7 +21,7 @@ GET = "document.getElementById"
 def _plate():
     """A plate of two wells with growth and two blanks, read at the same times."""
     wells = {"A1": np.exp(0.5 * TIMES) / 10, "A2": np.exp(0.4 * TIMES) / 10, "H1": NOISE, "H2": 0.02 - NOISE}
-    rows = [f"{t}," + ",".join(str(0.1 + own[i]) for own in wells.values()) for i, t in enumerate(TIMES)]
+    rows = [f"{t}," + ",".join(str(0.1 + well[i]) for well in wells.values()) for i, t in enumerate(TIMES)]
     return Table("plate.csv", "\n".join([f"time [h],{','.join(wells)}", *rows]).encode())
 
 

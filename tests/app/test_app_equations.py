@@ -152,7 +152,7 @@ def test_equations_are_typed_moved_by_sliders_fitted_and_compared(page, tmp_path
         choose(page, "rival", page.execute_script("return document.getElementById('rival').options[1].value"))
         wait(page, "!$('comparison').hidden")
         rows = [each.text for each in page.find_elements("css selector", "#comparison tbody tr")]
-        assert any(each.startswith("2 log B") and each.endswith(" 0") for each in rows)
+        assert any(row.startswith("2 log B") and row.endswith(" 0") for row in rows)
         assert "P0, compared law" in page.find_element("css selector", "#forecast_plot .readout").text
         for width in (390, 1440):
             window = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width == 390}

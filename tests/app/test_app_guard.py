@@ -31,7 +31,7 @@ def answer(path="/room/tables", method="POST", parts=(b"table",), more=False, ke
         "host": HOST,
         "origin": f"http://{HOST}",
         "cookie": "app=another; app=secret",
-        **{name.replace("_", "-"): each for name, each in headers.items()},
+        **{name.replace("_", "-"): header for name, header in headers.items()},
     }
     pairs = [(name.encode(), each.encode()) for name, each in named.items() if each is not None]
 

@@ -42,7 +42,7 @@ def found(law, drops):
 def test_the_law_comes_first_and_its_rivals_after_it(drops):
     law = cl.discover(drops, order=2, library="poly:1")
     made = list(results(law, drops, drops, lambda _: None))
-    assert [each.law for each in made[0].candidates] == [made[0].law]
+    assert [candidate.law for candidate in made[0].candidates] == [made[0].law]
     np.testing.assert_array_equal(made[0].law.coefficients, law.coefficients)
     assert [len(each.candidates) for each in made] == list(range(1, len(made) + 1))
     assert len(made) > 2
@@ -102,7 +102,7 @@ def test_bands_of_a_forecast_of_ones_own_are_as_wide_as_drawn_coefficients_and_n
 def test_equations_are_cut_where_a_line_may_break_and_lose_nothing(law, drops):
     (candidate,) = found(law, drops).shown["candidates"]
     (parts,) = candidate["formula"]
-    texts = [re.sub("<[^>]*>", "", each).strip() for each in parts]
+    texts = [re.sub("<[^>]*>", "", part).strip() for part in parts]
     assert len(texts) == 2
     assert texts[0].startswith("x")
     assert texts[1][0] in "-+\N{MINUS SIGN}"
@@ -120,7 +120,7 @@ def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
     taken = after.of_candidate(1)
     assert taken.law.structure == ("x'' = a",)
     curves = taken.findings.fit, taken.findings.forecast
-    assert [r_squared(each.score()) for each in curves] == [each["score"] for each in other["views"]]
+    assert [r_squared(curve.score()) for curve in curves] == [each["score"] for each in other["views"]]
     assert after.of_candidate(0) is after
     for terms, words in (
         ([], Diagnostic("equation-count", {"equations": 1})),

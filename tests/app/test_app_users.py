@@ -95,8 +95,8 @@ def test_a_table_leads_to_named_quantities_in_three_clicks(page, tmp_path, table
         head = wait(page, "[...$('quantities').tHead.rows[0].cells].map(each => each.textContent)")
         column = next(i for i, each in enumerate(head) if each.startswith(quantity))
         cells = wait(page, f"[...$('quantities').tBodies[0].rows].map(each => each.cells[{column}].textContent)")
-        assert all(" to " in each for each in cells)  # With intervals
-        values = [float(each.split(" ± ")[0]) for each in cells]
+        assert all(" to " in cell for cell in cells)  # With intervals
+        values = [float(cell.split(" ± ")[0]) for cell in cells]
         if expected is not None:
             np.testing.assert_allclose(values, expected, rtol=0.03)
         assert clicks <= 3

@@ -95,7 +95,7 @@ def test_a_law_without_drag_leaves_patterns_and_one_with_drag_none(run, tmp_path
     code, out, _ = run("check", "drops.csv", "law.json")
     assert "Residuals of x, trend with v: a term in v" in out
     patterns = json.loads(run("check", "drops.csv", "law.json", "--json")[1])["patterns"]
-    assert next(each for each in patterns if each["pattern"] == "trend with v")["significant"]
+    assert next(pattern for pattern in patterns if pattern["pattern"] == "trend with v")["significant"]
 
 
 @pytest.mark.usefixtures("drops")

@@ -167,7 +167,7 @@ def test_fit_prints_a_line_for_each_parameter(run, tmp_path):
     assert code == 0
     for row in law.itertuples(index=False):
         (numbers,) = [line[2:] for line in lines if line[:2] == [row.object, row.parameter]]
-        assert [float(each) for each in numbers[:4]] == pytest.approx(list(row[4:8]), rel=0.02, abs=0.06 * row[5])
+        assert [float(number) for number in numbers[:4]] == pytest.approx(list(row[4:8]), rel=0.02, abs=0.06 * row[5])
         assert numbers[4:] == (["1/min"] if row.parameter == "k" else [])
 
 

@@ -26,7 +26,7 @@ def commands(group=commonlaw, path=()):
 
 
 ALL = dict(commands())
-PARAMETERS = [(words, each) for words, command in ALL.items() for each in command.params]
+PARAMETERS = [(words, param) for words, command in ALL.items() for param in command.params]
 OPTIONS = [(words, each) for words, each in PARAMETERS if isinstance(each, click.Option)]
 VALUES = {"integer range": "1", "float range": "1", "float": "1", "integer": "1"}
 
@@ -62,7 +62,7 @@ def needed(command, but=(), reading=None, source=""):
     names = {each.name for each in command.params}
     always = {"path", "law_path", "equations"} & names if {"law_path", "equations"} & names else set()
     needs = [each for each in command.params if each.required or each is reading or each.name in always]
-    wanted = [each for each in needs if each not in but]
+    wanted = [need for need in needs if need not in but]
     values = {each: source if each is reading else EXAMPLES.get(each.name, "x.json") for each in wanted}
     options = [each for each in wanted if isinstance(each, click.Option)]
     arguments = [values[each] for each in wanted if each not in options]

@@ -157,7 +157,7 @@ def option(r: random.Random) -> Case:
             if parameter.name in usual or r.random() < 0.1:
                 given.append(r.choice(WORDS) if r.random() < 0.1 else usual.get(str(parameter.name), "drops.csv"))
     given += [] if command in ("show", "list") else COLUMNS
-    options = [each for each in found.params if isinstance(each, click.Option)]
+    options = [param for param in found.params if isinstance(param, click.Option)]
     for each in r.sample(options, min(len(options), r.randrange(4))):
         given.append(r.choice([*each.opts, *each.secondary_opts]))
         if isinstance(each.type, WrittenFile):

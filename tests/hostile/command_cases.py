@@ -16,7 +16,7 @@ FILES = {"drops.csv": b"ball,drop,t,height\ngolf,1,0,5\ngolf,1,1,4\ngolf,1,2,2\n
 def repeated(r: random.Random) -> Case:
     """Options of one value that are given twice, among others, with the same value or another."""
     words, command = r.choice(list(_commands()))
-    options = [each for each in command.params if isinstance(each, click.Option)]
+    options = [param for param in command.params if isinstance(param, click.Option)]
     option = r.choice([each for each in options if not each.multiple])
     others = [each for each in r.sample(options, min(3, len(options))) if each is not option]
     given = [_given(r, option), *(_given(r, each) for each in others)]
@@ -32,7 +32,7 @@ def inputs(r: random.Random) -> Case:
     reading = [(words, each) for words, each in _commands() if _written(each)]
     words, command = r.choice(reading)
     option = r.choice(_written(command))
-    read = r.choice([each for each in command.params if isinstance(each.type, ReadFile) and each.name != "dataset"])
+    read = r.choice([param for param in command.params if isinstance(param.type, ReadFile) and param.name != "dataset"])
     path = r.choice(["law.json", "drops.csv"])
     same = r.choice(
         [path, f"./{path}", f"../case/{path}", f".//{path}", *(["link.csv"] if path == "drops.csv" else [])]
@@ -50,18 +50,20 @@ def _commands(
         found = group.get_command(context, name)
         if isinstance(found, click.Group):
             yield from _commands(found, (*words, name))
-        elif found is not None and any(isinstance(each, click.Option) and not each.multiple for each in found.params):
+        elif found is not None and any(
+            isinstance(param, click.Option) and not param.multiple for param in found.params
+        ):
             yield (*words, name), found
 
 
 def _written(command: click.Command) -> list[click.Parameter]:
-    return [each for each in command.params if isinstance(each.type, WrittenFile)]
+    return [param for param in command.params if isinstance(param.type, WrittenFile)]
 
 
 def _arguments(command: click.Command, values: dict[click.Parameter, str] | None = None) -> list[str]:
     """Return the words that a command takes one after the other."""
     usual = {"law_path": "law.json", "path": "drops.csv", "equations": "height' = a", "laws": "height' = b"}
-    taken = [each for each in command.params if isinstance(each, click.Argument) and str(each.name) in usual]
+    taken = [param for param in command.params if isinstance(param, click.Argument) and str(param.name) in usual]
     return [(values or {}).get(each, usual[str(each.name)]) for each in taken]
 
 

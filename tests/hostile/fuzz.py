@@ -103,9 +103,9 @@ def fault(case: Case, ending: Ending, at: Path) -> str:
     made = {*there} - {*kept, "pipe", "link.csv"}
     # A table of many files says of each what was wrong, also where none has a law
     done = ending.code == 0 or "--each" in case.arguments
-    allowed = {os.path.normpath(each) for each in case.targets} if done else set()
+    allowed = {os.path.normpath(target) for target in case.targets} if done else set()
     # What a command writes and does not read may be replaced
-    named = Counter(os.path.normpath(each) for each in case.arguments)
+    named = Counter(os.path.normpath(argument) for argument in case.arguments)
     same = {*kept} - {each for each in allowed if named[each] == 1}
     known = case.samples is not None or case.truth
     answer = json.loads(ending.output)["trials"] if known and ending.code == 0 else None
@@ -131,11 +131,11 @@ def fault(case: Case, ending: Ending, at: Path) -> str:
 def _found(trials: list[dict[str, Any]]) -> dict[str, object]:
     """Return what a check of data found: samples, objects, trials, states, and all durations."""
     return {
-        "samples": sum(each["samples"] for each in trials),
-        "objects": sorted({each["object"] for each in trials}),
+        "samples": sum(trial["samples"] for trial in trials),
+        "objects": sorted({trial["object"] for trial in trials}),
         "trials": len(trials),
         "states": sorted(trials[0]["first"]),
-        "durations": [round(each["duration"], 6) for each in trials],
+        "durations": [round(trial["duration"], 6) for trial in trials],
     }
 
 

@@ -16,7 +16,7 @@ def restarts(r: random.Random) -> Case:
     runs, samples = r.choice([1, 2, 3, 5]), r.choice([3, 4, 7, 20])
     shift = r.choice([0, 0.25, 1e-9, 0.5 * samples, -0.25, samples])
     times = [[round(run * shift + step, 9) for step in range(samples)] for run in range(runs)]
-    rows = [(f"r{run}", time, round((run + 1) * time, 6)) for run, each in enumerate(times) for time in each]
+    rows = [(f"r{run}", time, round((run + 1) * time, 6)) for run, time_ in enumerate(times) for time in time_]
     named, said = r.random() < 0.4, r.choice([None, None, "trials"])
     if named and r.random() < 0.5:
         r.shuffle(rows)
@@ -93,7 +93,7 @@ def wide(r: random.Random) -> Case:
         cells[row][i] = r.choice(["", "NA", ""])
     conditions = [["glucose", *(str(i % 3) for i in range(count))], ["strain", *(f"s{i % 2}" for i in range(count))]]
     lines = [["time [h]", *(f"{name}{unit}" for name in names)], *conditions[: r.choice([0, 0, 1, 2])]]
-    lines += [[str(row), *own] for row, own in enumerate(cells)]
+    lines += [[str(row), *cell] for row, cell in enumerate(cells)]
     separator = r.choice(",;\t")
     content = "\n".join(separator.join(line) for line in lines).encode()
     asked = r.random() < 0.7

@@ -64,9 +64,9 @@ def test_however_many_searches_begin_at_once_three_run_and_what_is_cancelled_lea
 def test_strangers_who_connect_and_stay_neither_stop_the_page_nor_take_its_files(app: Served) -> None:
     host, port = app.host.split(":")
     strangers = [socket.create_connection((host, int(port))) for _ in range(400)]
-    for i, each in enumerate(strangers):
+    for i, stranger in enumerate(strangers):
         if i % 3:
-            each.send(
+            stranger.send(
                 b"GET / HTTP/1.1\r\nHost: " if i % 3 == 1 else b"POST / HTTP/1.1\r\ncontent-length: 9999999\r\n\r\nx"
             )
     assert app.ask("first")[0] == 200

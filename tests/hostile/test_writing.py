@@ -147,6 +147,6 @@ def test_processes_that_write_to_one_target_do_not_disturb_each_other(tmp_path: 
         write_whole(tmp_path / "law.txt", b"new")
     assert seen == {b"a", b"b"}
     assert is_whole(tmp_path / "law.json")
-    assert [each.poll() for each in writers] == [None, None]
-    for each in writers:
-        stop(each)
+    assert [writer.poll() for writer in writers] == [None, None]
+    for writer in writers:
+        stop(writer)

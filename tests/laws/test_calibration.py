@@ -44,7 +44,7 @@ def test_twenty_trials_give_the_quantile_that_one_more_asks_for(correlated):
     for seed in range(200):
         draws = np.random.default_rng(seed).standard_normal((21, 1 if correlated else 30, 1))
         sizes = np.broadcast_to(abs(draws) / 1.96 * 1.5, (21, 30, 1))
-        found = widening_of([errors(AHEAD, each) for each in sizes[:20]])
+        found = widening_of([errors(AHEAD, size) for size in sizes[:20]])
         inside.append(np.mean(sizes[20, :, 0] <= found.at(AHEAD)))
         factors.append(found.factors.max())
     assert np.mean(inside) == pytest.approx(0.95, abs=0.03)
@@ -81,8 +81,8 @@ def test_a_band_is_wider_by_the_factor_of_its_horizon(drops, law):
     changed = replace(law, uncertainty=replace(law.uncertainty, widening=wider))
     again = from_json(to_json(changed))
     plain, found = (each.predict(drops, start=5, return_std=True) for each in (law, again))
-    for i, one in enumerate(drops):
-        ahead = np.maximum(0.0, one.times - one.times[4])
+    for i, drop in enumerate(drops):
+        ahead = np.maximum(0.0, drop.times - drop.times[4])
         expected = plain.margins(measured=True)[i][:, 0] * np.interp(ahead, [0.5, 1.0], [1.0, 3.0])
         np.testing.assert_allclose(found.margins(measured=True)[i][:, 0], expected)
 

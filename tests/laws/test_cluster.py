@@ -95,13 +95,13 @@ def path_elsewhere(process, problems):
 
 def test_resamples_are_drawn_by_workers_as_they_are_here(client):
     rows = np.random.default_rng(0).normal(size=(2, 6, 50, 4))
-    groups = [[[cl.formulation.LeastSquaresProblem.of(each[:, :3], each[:, 3:]) for each in own]] for own in rows]
+    groups = [[[cl.formulation.LeastSquaresProblem.of(each[:, :3], each[:, 3:]) for each in row]] for row in rows]
     here = stability(groups, partial(path_elsewhere, 0), n_resamples=12)
     with on_cluster(client):
         there = stability(groups, partial(path_elsewhere, os.getpid()), n_resamples=12)
     assert len(there.supports) == 12
-    for one, other in zip(here.supports, there.supports, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for support, other in zip(here.supports, there.supports, strict=True):
+        np.testing.assert_array_equal(support, other)
 
 
 def test_what_is_broken_off_leaves_the_cluster_clean(client):

@@ -60,7 +60,7 @@ def test_a_constant_added_to_the_states_does_not_change_the_rates(text, seed, or
 def test_rates_scale_with_the_states(text, seed, order, size, sign):
     times, states = _trial(seed)
     scaled, rates = _rates(text, times, sign * size * states, order), _rates(text, times, states, order)
-    _assert_same(scaled.derivatives, [sign * size * each for each in rates.derivatives])
+    _assert_same(scaled.derivatives, [sign * size * derivative for derivative in rates.derivatives])
     _assert_same([scaled.states], [sign * size * rates.states])
 
 
@@ -70,7 +70,7 @@ def test_rates_scale_with_the_states(text, seed, order, size, sign):
 def test_rates_follow_the_unit_of_time(text, seed, order, unit):
     times, states = _trial(seed)
     other, rates = _rates(text, times / unit, states, order), _rates(text, times, states, order)
-    _assert_same(other.derivatives, [each * unit ** (k + 1) for k, each in enumerate(rates.derivatives)])
+    _assert_same(other.derivatives, [derivative * unit ** (k + 1) for k, derivative in enumerate(rates.derivatives)])
 
 
 @methods
@@ -89,10 +89,10 @@ def test_each_state_is_differentiated_by_itself(text, seed, order):
 @given(seeds, orders)
 def test_lower_derivatives_do_not_depend_on_the_order_asked_for(text, seed, order):
     times, states = _trial(seed)
-    for one, other in zip(
+    for derivative, other in zip(
         _rates(text, times, states, order).derivatives, _rates(text, times, states, 2).derivatives, strict=False
     ):
-        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(derivative, other)
 
 
 @methods

@@ -44,9 +44,9 @@ def test_errors_are_those_of_forecasts_of_all_trials(law, stream, drops, tmp_pat
     found = cl.forecast_stream(law, stream, folder=tmp_path / "forecasts")
     whole = law.predict(drops, return_std=True)
     pd.testing.assert_frame_equal(found[list(whole.errors())], whole.errors())
-    assert found["samples"].tolist() == [len(each) for each in drops]
+    assert found["samples"].tolist() == [len(drop) for drop in drops]
     assert found["samples"].dtype == int
-    np.testing.assert_allclose(found["spread"], [each.states.std() for each in drops])
+    np.testing.assert_allclose(found["spread"], [drop.states.std() for drop in drops])
     frame = whole.to_frame()
     inside = (frame["x measured low"] <= frame["x"]) & (frame["x"] <= frame["x measured high"])
     np.testing.assert_allclose(
@@ -158,11 +158,11 @@ def test_what_a_page_has_no_use_for_is_refused(law, drops, stream):
 def test_the_page_tells_of_all_objects(law, found):
     first, *blocks = all_objects(found).blocks
     assert "120 trials of 60 objects were forecast" in first.text
-    tables = {each.name: each.frame for each in blocks if isinstance(each, Table)}
+    tables = {block.name: block.frame for block in blocks if isinstance(block, Table)}
     assert tables["worst"]["object"].tolist() == found.relative.index[:-11:-1].tolist()
     letters = tables["spread"].set_index("of 60 objects")
     assert letters.loc["median", "c [1/s]"] == pytest.approx(np.median(named_parameters(law).values[:, 1]))
-    assert [each.name for each in blocks if isinstance(each, Picture)] == ["coefficients-of-all"]
+    assert [block.name for block in blocks if isinstance(block, Picture)] == ["coefficients-of-all"]
 
 
 def test_the_program_on_the_page_reads_the_stream(law, tmp_path, drops):

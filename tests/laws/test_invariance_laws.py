@@ -67,7 +67,7 @@ def cases(*, quick=tuple(SYSTEMS)):
     """Names of systems: tests of one share its law, and so a worker."""
     groups = {name: pytest.mark.xdist_group(f"invariance of {name}") for name in SYSTEMS}
     marks = {name: [groups[name], *([] if name in quick else [pytest.mark.slow])] for name in SYSTEMS}
-    return [pytest.param(name, marks=own) for name, own in marks.items()]
+    return [pytest.param(name, marks=mark) for name, mark in marks.items()]
 
 
 ONE_STATE = tuple(name for name in SYSTEMS if name != "populations")
@@ -77,9 +77,9 @@ ONE_STATE = tuple(name for name in SYSTEMS if name != "populations")
 def measured(name):
     """Noisy states of each trial, and its object."""
     system, generator, found = SYSTEMS[name], np.random.default_rng(1), []
-    for i, own in enumerate(system.coefficients):
+    for i, coefficient in enumerate(system.coefficients):
         for start in system.starts:
-            run = solve(system.variables, system.equations, np.array(own), np.array(start), system.times)
+            run = solve(system.variables, system.equations, np.array(coefficient), np.array(start), system.times)
             states = run.states[:, : len(system.equations)]
             noise = 0.01 * states.std(axis=0) * generator.standard_normal(states.shape)
             found.append((states + noise, f"object {i + 1}"))
@@ -93,7 +93,7 @@ def law_of(name, scale=1.0, shift=0.0, start=0.0):
     equations = len(system.equations)
     trials = cl.Trials.from_arrays(
         [system.times + start] * len(states),
-        [scale * each + shift for each in states],
+        [scale * state + shift for state in states],
         object=objects,
         names=system.variables[:equations],
     )
@@ -106,7 +106,7 @@ def supports(law):
 
 @pytest.mark.parametrize("name", cases())
 def test_the_law_is_found(name):
-    assert supports(law_of(name)) == tuple(set(each) for each in SYSTEMS[name].equations)
+    assert supports(law_of(name)) == tuple(set(equation) for equation in SYSTEMS[name].equations)
 
 
 @pytest.mark.parametrize("name", cases())

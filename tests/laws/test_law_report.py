@@ -99,7 +99,7 @@ def test_the_residuals_of_the_first_state_are_shown_and_others_folded():
 
 
 def test_of_many_objects_some_from_the_best_to_the_worst_are_shown_and_the_others_folded(law, drops):
-    first = [each for each in drops if each.name == "1"]
+    first = [drop for drop in drops if drop.name == "1"]
     off = np.linspace(0, 3, 15)
     copies = [
         replace(
@@ -113,7 +113,7 @@ def test_of_many_objects_some_from_the_best_to_the_worst_are_shown_and_the_other
     some = np.tile([0, 1], len(off))
     many = replace(
         law,
-        objects=tuple(each.object for each in copies),
+        objects=tuple(copy.object for copy in copies),
         coefficients=law.coefficients[some],
         uncertainty=replace(
             law.uncertainty,
@@ -128,14 +128,14 @@ def test_of_many_objects_some_from_the_best_to_the_worst_are_shown_and_the_other
     trials = replace(drops, trials=tuple(copies), properties={})
     case = LawCase(find(many, trials), str)
     blocks = forecasts(case).blocks
-    picture, rest = (next(each for each in blocks if isinstance(each, kind)) for kind in (Picture, Fold))
+    picture, rest = (next(block for block in blocks if isinstance(block, kind)) for kind in (Picture, Fold))
     shown = {axes.get_title() for axes in picture.draw().axes} - {""}
     assert len(shown) == 12
     assert {"ball 0", "ball 29"} & shown
     missed = [float(each) for each in re.findall(r" ([\d.]+) m", picture.caption)]
     assert len(missed) == 2
     assert missed[0] < missed[1]
-    others = {axes.get_title() for each in rest.blocks for axes in each.draw().axes} - {""}
+    others = {axes.get_title() for block in rest.blocks for axes in block.draw().axes} - {""}
     assert shown | others == set(trials.objects)
     assert len(others) == 30 - 12
 
@@ -176,7 +176,7 @@ def test_of_several_objects_many_coefficients_have_a_figure_each():
     trials = cl.Trials.from_arrays([np.arange(20.0)] * 2, [np.arange(20.0)] * 2, object=names)
     shown = coefficients(LawCase(find(law, trials), str)).blocks
     (gallery,) = [each for each in shown if isinstance(each, Gallery)]
-    captions = [each.caption.replace("\\", "") for each in gallery.pictures]
+    captions = [picture.caption.replace("\\", "") for picture in gallery.pictures]
     assert captions == [f"Coefficients {term} in x''." for term in "abc"]
     (axes,) = gallery.pictures[1].draw().axes
     assert [each.get_text() for each in axes.get_yticklabels()] == names

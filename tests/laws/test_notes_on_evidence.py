@@ -11,8 +11,8 @@ COPIED = DROPS.with_trials([*DROPS, replace(DROPS[0], name="again"), replace(DRO
 
 
 def test_a_check_names_exact_copies():
-    assert not any("copy" in each for each in DROPS.check().findings)
-    assert [each for each in COPIED.check().findings if "copy" in each] == [
+    assert not any("copy" in finding for finding in DROPS.check().findings)
+    assert [finding for finding in COPIED.check().findings if "copy" in finding] == [
         "Ball 1, trial again: an exact copy of Ball 1, trial 1, which adds no information",
         "Ball 1, trial other: an exact copy of Ball 2, trial 2, which adds no information",
     ]
@@ -20,14 +20,14 @@ def test_a_check_names_exact_copies():
 
 def test_trials_of_few_samples_can_agree_by_chance():
     short = cl.Trials.from_arrays([[0, 1, 2]] * 2, [[1, 2, 3]] * 2)
-    assert not any("copy" in each for each in short.check().findings)
+    assert not any("copy" in finding for finding in short.check().findings)
 
 
 @pytest.mark.parametrize("method", [cl.DerivativeRegression(solver="group-stlsq:1"), cl.TrajectoryLikelihood()])
 @pytest.mark.parametrize(("trials", "count"), [(DROPS, 0), (COPIED, 2)])
 def test_a_law_of_copied_trials_says_so(trials, count, method):
     law = cl.discover(trials, order=2, library="poly:1", method=method)
-    assert sum(each.kind == "copies" for each in law.diagnostics) == count
+    assert sum(diagnostic.kind == "copies" for diagnostic in law.diagnostics) == count
 
 
 @pytest.mark.parametrize(
@@ -43,5 +43,7 @@ def test_a_law_of_copied_trials_says_so(trials, count, method):
 )
 def test_a_choice_that_other_units_may_change_says_so(solver, is_said):
     method = cl.DerivativeRegression(solver=solver, rule="bic", n_resamples=0)
-    outcomes = [str(each) for each in cl.discover(DROPS, order=2, library="poly:1", method=method).diagnostics]
-    assert any("the candidates depend on the units of measurement" in each for each in outcomes) == is_said
+    outcomes = [
+        str(diagnostic) for diagnostic in cl.discover(DROPS, order=2, library="poly:1", method=method).diagnostics
+    ]
+    assert any("the candidates depend on the units of measurement" in outcome for outcome in outcomes) == is_said

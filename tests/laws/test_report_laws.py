@@ -50,7 +50,7 @@ def test_only_elements_that_show_something_reach_a_page(text):
     for render in (markdown, inline):
         page = Page(made(render, text))
         assert page.tags <= SHOWS | MATHEMATICS
-        acting = {each for each in page.attributes if each[1] in ACTS or each[1].startswith("on")}
+        acting = {attribute for attribute in page.attributes if attribute[1] in ACTS or attribute[1].startswith("on")}
         links = {each for each in acting if each[:2] == ("a", "href")}
         assert {each[:2] for each in acting - links} <= {("code", "class")}
         assert not any(value.startswith(("javascript:", "data:")) for _, _, value in links)

@@ -20,7 +20,7 @@ def drops():
 
 def top_of(report):
     """Return the words at the top of a page, without their formula and marks."""
-    text = "\n\n".join([report.summary, *(each.text for each in report.blocks if isinstance(each, Text))])
+    text = "\n\n".join([report.summary, *(block.text for block in report.blocks if isinstance(block, Text))])
     return re.sub(r"\\(.)", r"\1", re.sub(r"\$\$.*?\$\$", "", text))
 
 
@@ -64,7 +64,7 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
     whole = law.predict(drops, start=10).to_frame()["x error"]
     assert table_of(report, "forecast-by-state")["RMS error"].item() == pytest.approx(np.sqrt(np.mean(whole**2)))
     assert np.sqrt(np.mean(whole**2)) > 10 * noise
-    intro = next(each for each in report.sections if each.name == "forecasts").blocks[0].text
+    intro = next(section for section in report.sections if section.name == "forecasts").blocks[0].text
     assert "from the first 10 samples" in intro
 
 

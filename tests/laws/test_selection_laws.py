@@ -38,8 +38,8 @@ def test_the_chosen_candidate_is_one_of_the_path(rule, seed):
     for solver in (STLSQ(), STLSQ(shared=False)):
         candidates = path(parts, solver)
         choice = choose(candidates, parts, 0, EVERYTHING, rule=rule)
-        assert any(choice.chosen is each for each in candidates)
-        assert len(choice.table) == len({each.support.tobytes() for each in candidates})
+        assert any(choice.chosen is candidate for candidate in candidates)
+        assert len(choice.table) == len({candidate.support.tobytes() for candidate in candidates})
 
 
 @every_rule

@@ -77,9 +77,9 @@ def test_the_order_of_objects_does_not_matter(solver, seed):
 def test_coefficients_are_least_squares_on_the_support_and_zero_elsewhere(solver, seed):
     given = problems(seed, noise=0.5)
     (fit,) = solver.solve(given, CANDIDATES)
-    for problem, own, support in zip(given, fit.coefficients, fit.support, strict=True):
-        np.testing.assert_array_equal(own, problem.least_squares(support, 0))
-        assert not own[~support].any()
+    for problem, coefficient, support in zip(given, fit.coefficients, fit.support, strict=True):
+        np.testing.assert_array_equal(coefficient, problem.least_squares(support, 0))
+        assert not coefficient[~support].any()
 
 
 @every_solver

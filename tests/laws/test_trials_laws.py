@@ -83,8 +83,8 @@ def test_trials_come_back_from_parquet_without_a_keyword(tmp_path_factory, trial
     trials.to_parquet(path)
     read = Trials.read(path)
     same(read, trials)
-    more = [each for each in read.notes if each not in trials.notes]
-    assert [each for each in read.notes if each in trials.notes] == list(trials.notes)
+    more = [note for note in read.notes if note not in trials.notes]
+    assert [note for note in read.notes if note in trials.notes] == list(trials.notes)
     assert [each.split(" is zero but for single samples")[0] for each in more] == pulsed(trials)
 
 
@@ -92,7 +92,7 @@ def pulsed(trials):
     """The inputs that are above zero in the mean, and zero before and after each sample in which they are not."""
     found = []
     for name, *columns in zip(trials.schema.inputs, *(trial.inputs.T for trial in trials), strict=True):
-        whole, given = np.concatenate(columns), [own != 0 for own in columns]
+        whole, given = np.concatenate(columns), [column != 0 for column in columns]
         neighbours = np.concatenate([each[1:] & each[:-1] for each in given])
         if not (whole.all() or neighbours.any()) and (whole / len(whole)).sum() > 0:
             found.append(name)

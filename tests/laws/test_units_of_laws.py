@@ -19,7 +19,7 @@ from tests.refusals import refused
 def in_other_units(drops):
     """Return the same drops in millimetres and milliseconds, written out by hand."""
     schema = replace(drops.schema, units={**drops.schema.units, "x": "mm", "t": "ms"})
-    rows = tuple(replace(each, times=1000 * each.times, states=1000 * each.states) for each in drops)
+    rows = tuple(replace(drop, times=1000 * drop.times, states=1000 * drop.states) for drop in drops)
     return replace(drops, trials=rows, schema=schema)
 
 
@@ -51,9 +51,9 @@ def test_forecasts_are_those_in_the_units_of_the_law(law, drops):
     found = law.predict(other, times=[5000.0], from_time=1500.0, return_std=True)
     assert found.trials.schema.units["x"] == "m"
     assert found.from_time == pytest.approx(1.5)
-    for one, own in zip(found.trajectories, wanted.trajectories, strict=True):
-        same(one.times, own.times)
-        np.testing.assert_allclose(one.states, own.states, rtol=1e-6, atol=1e-6)
+    for trajectory, own in zip(found.trajectories, wanted.trajectories, strict=True):
+        same(trajectory.times, own.times)
+        np.testing.assert_allclose(trajectory.states, own.states, rtol=1e-6, atol=1e-6)
     same(found.score(), wanted.score())
     assert any("x from mm to m" in note for note in found.trials.notes)
 
@@ -247,7 +247,7 @@ def test_a_curvature_is_bounded_as_by_least_squares():
 def test_a_term_that_is_there_is_seen():
     drops = cl.datasets.linear_drag(noise=0.05, quadratic=-0.02)
     found = bounds(cl.fit("x'' = -g - c v", drops), drops, ["v^2"])
-    assert any(each.seen for each in found.bounds)
+    assert any(bound.seen for bound in found.bounds)
     assert "excludes zero" in str(found)
     assert len(found.to_frame()) == len(drops.objects)
 
@@ -255,7 +255,7 @@ def test_a_term_that_is_there_is_seen():
 def test_all_absent_terms_of_the_library_are_bounded_by_default():
     law = cl.discover(DROPS, order=2, library="poly:2")
     found = bounds(law, DROPS)
-    assert {each.term for each in found.bounds} == {*law.terms.names} - {"1", "v"}
+    assert {bound.term for bound in found.bounds} == {*law.terms.names} - {"1", "v"}
     assert "Terms that are not in the law" in found._repr_html_()
 
 

@@ -37,14 +37,14 @@ def _given() -> Iterator[tuple[str, str, set[str]]]:
             if not isinstance(code, ast.Constant):
                 continue
             if call.func.id == "CommonlawError":
-                names = {each.arg for each in call.keywords if each.arg} - {"where"}
+                names = {keyword.arg for keyword in call.keywords if keyword.arg} - {"where"}
             elif call.func.id == "note":
-                names = {each.arg for each in call.keywords if each.arg}
+                names = {keyword.arg for keyword in call.keywords if keyword.arg}
             elif call.func.id == "Diagnostic":
                 fields = call.args[1] if len(call.args) > 1 else ast.Dict([], [])
                 if not isinstance(fields, ast.Dict):
                     continue
-                names = {each.value for each in fields.keys if isinstance(each, ast.Constant)}
+                names = {key.value for key in fields.keys if isinstance(key, ast.Constant)}
             else:
                 continue
             yield f"{path.name}:{call.lineno}", str(code.value), {str(name) for name in names}
@@ -157,7 +157,7 @@ def test_a_message_within_a_message_has_its_code_too() -> None:
 
 def test_topics_and_kinds_explain_messages_that_exist() -> None:
     starts = {each for topic in topics().values() for each in topic["codes"]}
-    assert not [each for each in starts if not any(f"{code}-".startswith(f"{each}-") for code in sentences())]
+    assert not [start for start in starts if not any(f"{code}-".startswith(f"{start}-") for code in sentences())]
     assert {*kinds()} == {*OutcomeKind}
     pages = Path(commonlaw.__file__).parents[2] / "docs"
     assert all((pages / f"{topic['page']}.md").exists() for topic in topics().values())

@@ -66,10 +66,17 @@ def simulated(
     """Return trials of an object for each set of numbers, from each start, with columns that are functions of time."""
     random, paths = np.random.default_rng(seed), list[np.ndarray]()
     kept = list(range(len(names)) if measured is None else measured)
-    for own in numbers:
+    for number in numbers:
         for start in starts:
             found = solve_ivp(
-                rates, times[[0, -1]], start, t_eval=times, args=tuple(own), rtol=1e-10, atol=1e-12, max_step=times[1]
+                rates,
+                times[[0, -1]],
+                start,
+                t_eval=times,
+                args=tuple(number),
+                rtol=1e-10,
+                atol=1e-12,
+                max_step=times[1],
             )
             paths.append(found.y[kept].T)
     scale = np.concatenate(paths).std(axis=0).round(_DECIMALS)

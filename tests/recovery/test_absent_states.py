@@ -32,7 +32,7 @@ def cultures() -> cl.Trials:
 
 
 def test_a_state_is_absent_where_every_measurement_of_it_is_zero(cultures):
-    assert [each.absent.tolist() for each in cultures] == [[False, True], [True, False], [False, False]]
+    assert [culture.absent.tolist() for culture in cultures] == [[False, True], [True, False], [False, False]]
     first = cultures[0]
     assert not first.cut(1).absent.any()  # One zero may be noise
 
@@ -41,7 +41,7 @@ def test_zeros_of_absent_species_do_not_count_as_measurements(cultures):
     terms = parse_library("poly:2").bind(Variables(("a", "b")))
     problem = prepare(cultures, terms, np.full((1, 2, len(terms)), np.nan))
     assert problem.measured == (80,)
-    absent = np.concatenate([np.tile(each.absent, (len(each), 1)) for each in cultures])
+    absent = np.concatenate([np.tile(culture.absent, (len(culture), 1)) for culture in cultures])
     assert (problem.white_std[absent] < 1e-3 * problem.white_std[~absent].min()).all()
 
 

@@ -166,7 +166,7 @@ def test_the_threshold_is_chosen_by_held_out_trials(drops):
 )
 def test_what_makes_a_regression_doubtful_is_a_diagnostic(drops, one, settings, solver, kind):
     law = cl.discover(drops[:1] if one else drops, method=regression(solver=solver), **SETTINGS | settings)
-    assert kind in {each.kind for each in law.diagnostics}
+    assert kind in {diagnostic.kind for diagnostic in law.diagnostics}
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_without_a_solver_the_law_is_chosen_and_the_candidates_are_shown(drops, 
         drops, order=2, method=cl.DerivativeRegression(differentiation="savgol:25:3", trim=8), library="poly:3"
     )
     assert law.structure == ("x'' = a + b v",)
-    assert "chosen" in {each.kind for each in law.diagnostics}
+    assert "chosen" in {diagnostic.kind for diagnostic in law.diagnostics}
     candidates = law.comparison
     assert candidates["chosen"].sum() == 1
     assert candidates.loc[candidates["chosen"], ["terms", "size"]].to_numpy().tolist() == [["1, v", 2]]

@@ -69,7 +69,7 @@ def generations(growth, noise, times=GENERATIONS):
 
 def hints(trials, **settings):
     law = cl.discover(trials, cache=False, **settings)
-    return [each for each in law.diagnostics if each.code == "discrete-time-plausible"]
+    return [diagnostic for diagnostic in law.diagnostics if diagnostic.code == "discrete-time-plausible"]
 
 
 def test_a_law_in_continuous_time_that_leaves_what_the_generation_before_explains_hints_at_discrete_time():

@@ -66,7 +66,7 @@ def test_the_errors_of_measurements_are_found_with_the_law(errors):
     assert law.structure == ("x'' = a x + b v",)
     missed = (law.coefficients[law.support[np.newaxis]] - [-2, -0.1]) / standard_errors(law)[law.support[np.newaxis]]
     assert np.all(np.abs(missed) < 3.5)
-    assert {each.kind for each in law.diagnostics} <= {"not identifiable"}
+    assert {diagnostic.kind for diagnostic in law.diagnostics} <= {"not identifiable"}
     found = law.uncertainty.error_model
     if errors is white:
         assert not found
@@ -216,7 +216,7 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     steps = {law: next(step for step in law.history if step.stage == "model error") for law in (within, without)}
     assert steps[within].choice == "none"
     assert within.diagnostics == ()
-    (progress,) = (each for each in without.diagnostics if each.kind != "not identifiable")
+    (progress,) = (diagnostic for diagnostic in without.diagnostics if diagnostic.kind != "not identifiable")
     assert progress.kind == "model error"
     assert steps[without].choice in progress.text
     table = without.comparison

@@ -33,7 +33,9 @@ def decaying(rates, starts, half=np.inf, noise=0.01):
 def fitted(trials, values):
     """The fit of V s/(K + s) from these values of V and K of each object."""
     problem = prepare(trials, TERMS, np.full((len(trials.objects), 1, 2), np.nan), noise=np.array([0.01]))
-    starts = [replace(each, coefficients=np.array([own])) for each, own in zip(problem.starts, values, strict=True)]
+    starts = [
+        replace(start, coefficients=np.array([value])) for start, value in zip(problem.starts, values, strict=True)
+    ]
     return fit_with(problem, problem.allowed, 0.0, starts)
 
 
@@ -43,7 +45,7 @@ def test_a_law_has_a_pole_where_a_denominator_vanishes_at_states_or_between_tria
         [TIMES] * 2, [np.exp(-TIMES) * 0.9, 2 + np.exp(-TIMES)], object=["a", "a"], names=["s"]
     )
     problem = prepare(trials, TERMS, np.full((1, 1, 2), np.nan))
-    estimates = tuple(replace(each, coefficients=np.array([[1.0, constant]])) for each in problem.starts)
+    estimates = tuple(replace(start, coefficients=np.array([[1.0, constant]])) for start in problem.starts)
     assert any(has_pole(problem, o, estimate) for o, estimate in enumerate(estimates)) == has_one
 
 
@@ -60,7 +62,7 @@ def test_a_law_that_objects_would_share_only_where_it_is_linear_is_not_taken():
     generator, times, courses = np.random.default_rng(1013), np.linspace(0, 8, 50), []
     for rate, most in ((1.0, 3.0), (0.7, 4.0), (1.2, 5.0)):
         courses += [most / (1 + (most / start - 1) * np.exp(-rate * times)) for start in (0.3, 0.8)]
-    noisy = [each + 0.05 * np.std(courses) * generator.standard_normal(len(times)) for each in courses]
+    noisy = [course + 0.05 * np.std(courses) * generator.standard_normal(len(times)) for course in courses]
     trials = cl.Trials.from_arrays([times] * 6, noisy, object=[*"aabbcc"], names=["n"])
     law = cl.discover(trials, library="ratio(poly:2, poly:2)", cache=False, order=1)
     assert law.structure == ("n' = a n + b n^2",)

@@ -37,7 +37,7 @@ def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_pro
     assert {"T", "u"} <= set(np.array(law.terms.names)[law.support[0]])
     assert not law.uncertainty.error_model.of_law
     assert law.predict(delayed, start="all").score() > 0.98
-    (lack,) = (each for each in law.diagnostics if each.kind is OutcomeKind.APPROXIMATION)
+    (lack,) = (diagnostic for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.APPROXIMATION)
     assert lack.code == "lack-of-fit"
     verdict = law.assess(delayed)
     assert (verdict.exact, verdict.none_exact) == (False, True)
@@ -55,7 +55,7 @@ def test_a_fit_without_process_noise_is_the_answer_where_it_explains_whole_trial
 
 def test_steps_without_a_dead_time_leave_no_lack_of_fit():
     law = cl.fit("T' = (K u - T)/tau", delayed_steps(0.0))
-    assert OutcomeKind.APPROXIMATION not in {each.kind for each in law.diagnostics}
+    assert OutcomeKind.APPROXIMATION not in {diagnostic.kind for diagnostic in law.diagnostics}
 
 
 def test_process_noise_stays_where_solutions_explain_as_much_with_it():
@@ -67,7 +67,7 @@ def test_process_noise_stays_where_solutions_explain_as_much_with_it():
             path.append(path[-1] + step * (path[-1] - path[-1] ** 3) + 0.1 * shock)
         states.append((np.array(path[::20]) + 0.002 * generator.standard_normal(61))[:, np.newaxis])
     law = cl.discover(cl.Trials.from_arrays([times] * 4, states, names=["x"]), order=1, library="poly:3")
-    assert OutcomeKind.APPROXIMATION not in {each.kind for each in law.diagnostics}
+    assert OutcomeKind.APPROXIMATION not in {diagnostic.kind for diagnostic in law.diagnostics}
 
 
 def test_the_gain_counts_independent_residuals_as_a_likelihood_does():

@@ -47,8 +47,8 @@ def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(se
     assert law.uncertainty.error_model.kind == "proportional"  # Errors of every group are among those that are tried
     forecast = law.predict(seasonal, start=LEARNED, return_std=True)
     later = [
-        (trial.states[LEARNED:], own.states[LEARNED:])
-        for trial, own in zip(seasonal, forecast.trajectories, strict=True)
+        (trial.states[LEARNED:], trajectory.states[LEARNED:])
+        for trial, trajectory in zip(seasonal, forecast.trajectories, strict=True)
     ]
     assert np.mean([(abs(found - known) < 0.5 * known).all() for known, found in later]) > 0.8
     inside = [

@@ -25,7 +25,7 @@ def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
     trials = cl.Trials.from_arrays([times], [states[:, np.newaxis]], names=["x"])
     law = cl.discover(trials, order=1, library="poly:2")
     assert len(law.models) > 1
-    assert sum(each.probability for each in law.models) == pytest.approx(1)
+    assert sum(model.probability for model in law.models) == pytest.approx(1)
     assert all(one.probability >= other.probability for one, other in pairwise(law.models))
     table = law.comparison.set_index("terms")["score"]
     own = table[", ".join(np.array(law.terms.names)[law.support[0]])]
@@ -79,7 +79,7 @@ def test_growth_to_a_limit_is_not_taken_for_jumps_between_resting_points(seed):
 
 def test_coefficients_do_not_depend_on_when_time_begins():
     drops = cl.datasets.linear_drag(noise=0.01)
-    late = drops.with_trials([replace(each, times=each.times + 1.7e9) for each in drops])
+    late = drops.with_trials([replace(drop, times=drop.times + 1.7e9) for drop in drops])
     method = cl.WeakRegression(solver="group-stlsq:0")
     early, later = (cl.discover(each, order=2, library="poly:1", method=method).coefficients for each in (drops, late))
     np.testing.assert_allclose(later, early, rtol=1e-6)

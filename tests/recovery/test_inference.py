@@ -43,7 +43,7 @@ def kept(trials, keep):
     """The trials with some of their samples, for each of which `keep` returns which."""
     return replace(trials, trials=tuple(
         replace(each, times=each.times[rows], states=each.states[rows], inputs=each.inputs[rows])
-        for each, rows in ((each, keep(len(each))) for each in trials)
+        for each, rows in ((trial, keep(len(trial))) for trial in trials)
     ))  # fmt: skip
 
 
@@ -95,7 +95,7 @@ def test_known_terms_stay_and_are_certain(drops, drag):
     np.testing.assert_array_equal(standard_errors(law)[:, 0, gravity], 0)
     assert law.uncertainty.inclusion_probabilities[0, gravity] == 1
     assert np.all(standard_errors(law)[:, 0, slope] < standard_errors(drag)[:, 0, slope])
-    assert [each.terms for each in law.provenance.alternatives if each.chosen] == [("1", "v")]
+    assert [alternative.terms for alternative in law.provenance.alternatives if alternative.chosen] == [("1", "v")]
 
 
 def test_forecasts_draw_objects_to_each_other_unless_that_is_not_wanted(drops, drag):

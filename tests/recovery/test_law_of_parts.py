@@ -65,7 +65,7 @@ def test_the_law_of_all_files_is_that_of_all_trials(law, whole):
 def test_what_decides_the_coefficients_is_found_by_the_properties_of_files(law):
     gravity, drag = law.explain().uncertainty.explanation.relations
     assert gravity.kind.value == "universal"
-    assert (drag.properties, [float(each) for each in drag.exponents]) == (("mass",), [-1.0])
+    assert (drag.properties, [float(exponent) for exponent in drag.exponents]) == (("mass",), [-1.0])
     assert drag.factors[0] == pytest.approx(-0.3, rel=0.05)
 
 

@@ -26,7 +26,7 @@ def weights(start, times):
 def growing(starts=(2.0, 3.0, 1.0, 4.0, 6.0), share=0.08, seed=0, names=("w",)):
     """Plants that grow to 100, w' = 0.6 w - 0.006 w^2, with errors that are shares of the weight."""
     generator = np.random.default_rng(seed)
-    measured = [weights(each, TIMES) * np.exp(share * generator.standard_normal(len(TIMES))) for each in starts]
+    measured = [weights(start, TIMES) * np.exp(share * generator.standard_normal(len(TIMES))) for start in starts]
     return cl.Trials.from_arrays([TIMES] * len(starts), measured, object=["plant"] * len(starts), names=list(names))
 
 
@@ -132,10 +132,10 @@ def test_forecasts_beyond_the_measurements_keep_what_was_measured(law):
 def test_errors_that_are_known_for_each_measurement_are_shares():
     trials = growing()
     noisy = cl.Trials.from_arrays(
-        [each.times for each in trials],
-        [each.states for each in trials],
+        [trial.times for trial in trials],
+        [trial.states for trial in trials],
         object=["plant"] * 5,
-        noise=[0.08 * each.states for each in trials],
+        noise=[0.08 * trial.states for trial in trials],
         names=["w"],
     )
     given, by_column = (

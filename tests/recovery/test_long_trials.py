@@ -16,7 +16,7 @@ NOISE = 0.01
 def swinging(step, *lengths, objects=None):
     generator = np.random.default_rng(2)
     times = [step * np.arange(length) for length in lengths]
-    states = [np.cos(each) + NOISE * generator.standard_normal(len(each)) for each in times]
+    states = [np.cos(time) + NOISE * generator.standard_normal(len(time)) for time in times]
     return cl.Trials.from_arrays(times, states, object=objects or ["one"] * len(lengths))
 
 
@@ -40,9 +40,9 @@ def test_samples_that_just_resolve_the_motion_are_kept_in_segments_spread_over_t
     trials = swinging(0.3, 4000, 1000)
     fitted = subsample(trials, np.array([NOISE]), 1000)
     assert fitted.words == "1000 of 5000: in 5 segments spread over the trials"
-    assert {each.name.split(",")[0] for each in fitted.trials} == {"1", "2"}
-    for each in fitted.trials:
-        np.testing.assert_allclose(np.diff(each.times), 0.3)
+    assert {trial.name.split(",")[0] for trial in fitted.trials} == {"1", "2"}
+    for trial in fitted.trials:
+        np.testing.assert_allclose(np.diff(trial.times), 0.3)
     (first, last) = (fitted.trials[i] for i in (0, -1))
     assert first.times[0] == 0
     assert last.times[-1] == trials[1].times[-1]
@@ -61,7 +61,7 @@ def test_inputs_are_never_thinned():
     times = 0.002 * np.arange(4000)
     trials = cl.Trials.from_arrays(times, np.cos(times), inputs=np.sign(np.sin(9 * times)))
     fitted = subsample(trials, np.array([1e-4]), 1000)
-    assert all(np.allclose(np.diff(each.times), 0.002) for each in fitted.trials)
+    assert all(np.allclose(np.diff(trial.times), 0.002) for trial in fitted.trials)
 
 
 @pytest.mark.parametrize(("step", "samples", "how"), [(0.01, 8000, "every 8th"), (0.25, 2400, "2 segments")])
@@ -73,7 +73,7 @@ def test_the_law_of_a_part_has_errors_and_says_what_it_was_fitted_to(step, sampl
     assert 0 < error < 1e-3
     assert law.coefficients[0][law.support][0] == pytest.approx(-1.0, abs=4 * error)
     assert law.uncertainty.noise[0] == pytest.approx(NOISE, rel=0.05)  # By all samples
-    (said,) = [each for each in law.diagnostics if each.kind is OutcomeKind.SAMPLES]
+    (said,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.SAMPLES]
     assert how in said.text
     assert law.history[0].stage == "samples"
     assert law.assess(trials).usable

@@ -55,7 +55,9 @@ def test_the_law_is_of_the_angle_alone_and_calls_its_rate_by_the_column(found):
 def test_trials_that_still_have_the_column_are_forecast_scored_and_judged(found):
     trials, law = found
     law = from_json(to_json(law))
-    alone = cl.Trials.from_arrays([TIMES] * 2, [each.states[:, 0] for each in trials], object=[*TRUTH], names=["theta"])
+    alone = cl.Trials.from_arrays(
+        [TIMES] * 2, [trial.states[:, 0] for trial in trials], object=[*TRUTH], names=["theta"]
+    )
     forecast = law.predict(trials, start=30)
     np.testing.assert_array_equal(forecast.trajectories[1].states, law.predict(alone, start=30).trajectories[1].states)
     assert law.predict(trials).score() == law.predict(alone).score() > 0.99
@@ -148,7 +150,7 @@ def test_equations_of_the_angle_are_fitted_to_trials_that_have_its_rate_too():
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
     assert (abs(np.array(values) - list(TRUTH.values())) < 4 * np.array(errors)).all()
-    assert [each.kind for each in law.diagnostics] == ["rates"]
+    assert [diagnostic.kind for diagnostic in law.diagnostics] == ["rates"]
 
 
 def test_a_rate_that_has_an_equation_of_its_own_stays():

@@ -38,8 +38,8 @@ def motor(numbers, start, times=TIMES):
 
 def trials_of(states, inputs, noise, seed, names, **settings):
     generator = np.random.default_rng(seed)
-    scale = noise * np.mean([each.std(axis=0) for each in states], axis=0)
-    measured = [each + scale * generator.standard_normal(each.shape) for each in states]
+    scale = noise * np.mean([state.std(axis=0) for state in states], axis=0)
+    measured = [state + scale * generator.standard_normal(state.shape) for state in states]
     given = {} if inputs is None else {"inputs": [inputs] * len(states)}
     return cl.Trials.from_arrays([TIMES] * len(states), measured, names=names, **given, **settings)
 
@@ -122,11 +122,11 @@ def test_forecasts_and_their_bands_are_those_of_its_states(law):
     trials = motors(0.01, seed=5)
     forecast = law.predict(trials, start=20, return_std=True)
     assert forecast.score() > 0.99
-    assert [each.states.shape for each in forecast.trajectories] == [(90, 3)] * 2
+    assert [trajectory.states.shape for trajectory in forecast.trajectories] == [(90, 3)] * 2
     first = law.predict(trials, start=1, return_std=True)
     assert np.isfinite(first.std[0]).all()
     low, high = (np.array(each) for each in zip(*forecast.bands(measured=True), strict=True))
-    measured = np.stack([each.states for each in trials])
+    measured = np.stack([trial.states for trial in trials])
     assert 0.9 < np.mean((low <= measured) & (measured <= high)) <= 1
 
 

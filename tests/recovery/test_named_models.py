@@ -54,10 +54,10 @@ def stimulus(name, t):
 
 def simulated(model, initial, parameters, end, count=60):
     """Return trials of a model, integrated by SciPy from its equations as Python."""
-    texts = [each.split("=")[1] for each in model.without_bounds if "'" in each]
-    texts = [re.sub(r"(\w)'", r"\1_rate", each).replace("^", "**") for each in texts]
-    texts = [re.sub(r"(?<=[\w)]) +(?=[\w(])", "*", each) for each in texts]
-    texts = [re.sub(r"u\(t - d\)", "delayed", each) for each in texts]
+    texts = [without_bound.split("=")[1] for without_bound in model.without_bounds if "'" in without_bound]
+    texts = [re.sub(r"(\w)'", r"\1_rate", text).replace("^", "**") for text in texts]
+    texts = [re.sub(r"(?<=[\w)]) +(?=[\w(])", "*", text) for text in texts]
+    texts = [re.sub(r"u\(t - d\)", "delayed", text) for text in texts]
     is_second = "''" in model.equations
 
     def rates(t, y):
@@ -66,7 +66,7 @@ def simulated(model, initial, parameters, end, count=60):
         known |= {"delayed": stimulus("u", t - parameters.get("d", 0.0))}
         known |= {f"{name}_rate": value for name, value in zip(model.states, y[len(model.states) :], strict=False)}
         functions = {"sin": np.sin, "cos": np.cos, "log": np.log, "abs": abs}
-        found = [eval(each, functions, known) for each in texts]
+        found = [eval(text, functions, known) for text in texts]
         return [*y[len(model.states) :], *found] if is_second else found
 
     times = np.linspace(0, end, count)

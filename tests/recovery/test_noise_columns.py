@@ -24,7 +24,7 @@ def cooling(times, start, rest, rate):
 def cups(noise=LEVELS, seed=0):
     """Two cups that cool to 2 at a rate of 0.3; each sample has the noise that it says."""
     draws = np.random.default_rng(seed).standard_normal((2, len(TIMES)))
-    states = [cooling(TIMES, 2 + start, 0.6, 0.3) + noise * own for start, own in zip(STARTS, draws, strict=True)]
+    states = [cooling(TIMES, 2 + start, 0.6, 0.3) + noise * draw for start, draw in zip(STARTS, draws, strict=True)]
     return cl.Trials.from_arrays([TIMES] * 2, states, object=["cup"] * 2, noise=[noise + 0 * TIMES] * 2, names=["T"])
 
 
@@ -113,8 +113,8 @@ def test_deviations_come_back_from_files_and_stay_with_their_samples(tmp_path):
         cl.TrialStream.from_parquet(tmp_path / "cups.parquet"),
     ):
         assert read.schema == trials.schema
-        for one, other in zip(read, trials, strict=True):
-            np.testing.assert_array_equal(one.noise, other.noise)
+        for one, trial in zip(read, trials, strict=True):
+            np.testing.assert_array_equal(one.noise, trial.noise)
     late = trials.until(5.0)[0]
     np.testing.assert_array_equal(late.noise[:, 0], LEVELS[: len(late)])
     bare = trials.without_noise()

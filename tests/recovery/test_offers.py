@@ -23,7 +23,7 @@ class _InTurn(AbstractLibrary):
         return cl.library.PolynomialLibrary(1).bind(variables)
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
-        first = Offer(tuple(parametric_term(each, variables) for each in self.terms))
+        first = Offer(tuple(parametric_term(term, variables) for term in self.terms))
         return iter((first, *parse_library(self.later).offers(variables)))
 
 
@@ -65,8 +65,8 @@ def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heterosce
     steps = list[str]()
     law = cl.discover(trials, cache=False, progress=steps.append)
     assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
-    assert any("heteroscedastic: estimating errors" in each for each in steps)
-    assert not any("of order 2" in each or "constants inside" in each or "nobody measured" in each for each in steps)
+    assert any("heteroscedastic: estimating errors" in step for step in steps)
+    assert not any("of order 2" in step or "constants inside" in step or "nobody measured" in step for step in steps)
 
 
 @pytest.mark.parametrize("text", ["auto + terms:exp(s)", "terms:exp(s) + auto"])
@@ -128,4 +128,4 @@ def test_central_forces_come_before_polynomials_of_higher_degree():
     law = cl.discover(cl.Trials.from_arrays([times] * 3, orbits, names=["x", "y"]), order=2, progress=steps.append)
     assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
     np.testing.assert_allclose(law.coefficients[0][law.support], -1, atol=0.002)
-    assert not any("higher degree" in str(each) for each in steps)
+    assert not any("higher degree" in str(step) for step in steps)

@@ -25,13 +25,13 @@ discover = partial(cl.discover, order="auto", cache=False)
 def simulated(rates, numbers, starts, times, noise, seed=0, columns=1):
     """Trials of one object for each set of numbers, from each start, of the first so many states."""
     generator, states, owners = np.random.default_rng(seed), [], []
-    for i, own in enumerate(numbers):
+    for i, number in enumerate(numbers):
         for start in starts:
-            found = solve_ivp(rates, times[[0, -1]], start, t_eval=times, args=own, rtol=1e-9, atol=1e-11)
+            found = solve_ivp(rates, times[[0, -1]], start, t_eval=times, args=number, rtol=1e-9, atol=1e-11)
             states.append(found.y[:columns].T)
             owners.append(f"object {i}")
-    scale = noise * np.mean([each.std(axis=0) for each in states], axis=0)
-    measured = [each + scale * generator.standard_normal(each.shape) for each in states]
+    scale = noise * np.mean([state.std(axis=0) for state in states], axis=0)
+    measured = [state + scale * generator.standard_normal(state.shape) for state in states]
     return cl.Trials.from_arrays([times] * len(states), measured, object=owners, names=["x", "y", "z"][:columns])
 
 
@@ -141,11 +141,13 @@ def test_regressions_take_the_first_order_and_polynomials_and_say_so(method):
     law = cl.discover(relaxations(0.01), method=method, cache=False)
     assert law.order == 1
     assert law.terms.names == ("1", "x", "x^2", "x^3")
-    (said,) = [each for each in law.diagnostics if each.kind == "method"]
+    (said,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "method"]
     assert said.code == "order-without-evidence"
     assert type(method).__name__ in said.text
     assert not [
-        each for each in cl.discover(relaxations(0.01), method=method, order=1).diagnostics if each.kind == "method"
+        diagnostic
+        for diagnostic in cl.discover(relaxations(0.01), method=method, order=1).diagnostics
+        if diagnostic.kind == "method"
     ]
 
 
@@ -154,7 +156,7 @@ def test_streams_are_of_the_first_order_and_say_so(tmp_path):
     law = cl.discover(cl.TrialStream.from_parquet(tmp_path / "cups.parquet"))
     assert law.order == 1
     assert law.terms.names == ("1", "x", "x^2", "x^3")
-    assert "order-without-evidence" in {each.code for each in law.diagnostics}
+    assert "order-without-evidence" in {diagnostic.code for diagnostic in law.diagnostics}
 
 
 @pytest.mark.parametrize(

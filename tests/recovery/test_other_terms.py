@@ -18,7 +18,7 @@ def trials() -> cl.Trials:
     generator, times = np.random.default_rng(3), np.linspace(0, 5, 25)
     # s' = -s/(0.8 + s)
     states = [0.8 * lambertw(start / 0.8 * np.exp((start - times) / 0.8)).real for start in (3.0, 1.5)]
-    noisy = [each[:, np.newaxis] + 0.05 * generator.standard_normal((len(times), 1)) for each in states]
+    noisy = [state[:, np.newaxis] + 0.05 * generator.standard_normal((len(times), 1)) for state in states]
     return cl.Trials.from_arrays([times] * 2, noisy, names=["s"])
 
 
@@ -29,7 +29,7 @@ def law(trials) -> Law:
 
 def test_laws_with_other_terms_are_plausible_by_their_evidence(law, trials):
     assert law.structure == ("s' = a s/(K + s)",)
-    assert sum(each.probability for each in law.models) == pytest.approx(1)
+    assert sum(model.probability for model in law.models) == pytest.approx(1)
     second = law.uncertainty.other_laws[0]
     assert second.law.structure == ("s' = a + b/(K2 + s)",)
     behind = cl.compare([law, cl.fit("s' = a + b/(K2 + s)", trials)], trials)["2 log B"].max()
@@ -38,12 +38,12 @@ def test_laws_with_other_terms_are_plausible_by_their_evidence(law, trials):
 
 def test_a_law_in_other_words_is_not_counted_twice(law):
     """``a + b s/(K + s)`` is ``a + b - b K/(K + s)``."""
-    said = [each.law.structure for each in law.models]
+    said = [model.law.structure for model in law.models]
     assert ("s' = a + b s/(K + s)",) not in said
 
 
 def test_intervals_and_draws_are_of_the_same_terms_and_constants(law):
-    with_it = sum(each.probability for each in law.models if "s/(K + s)" in each.law.terms.names)
+    with_it = sum(model.probability for model in law.models if "s/(K + s)" in model.law.terms.names)
     drawn = law.sample(20_000)
     assert np.mean(drawn["K"] == 0) == pytest.approx(1 - with_it, abs=0.01)
     (low,), (high,) = (ends[:, 0, law.terms.index("K")] for ends in coefficient_intervals(law))
@@ -60,10 +60,10 @@ def test_forecasts_are_averaged_over_laws_of_other_terms(law, trials):
 def test_laws_of_other_terms_are_kept(law):
     kept = from_json(to_json(law))
     assert to_json(kept) == to_json(law)
-    for one, other in zip(kept.models, law.models, strict=True):
-        assert one.law.terms == other.law.terms
-        assert one.law.structure == other.law.structure
-        np.testing.assert_array_equal(one.law.coefficients, other.law.coefficients)
+    for model, other in zip(kept.models, law.models, strict=True):
+        assert model.law.terms == other.law.terms
+        assert model.law.structure == other.law.structure
+        np.testing.assert_array_equal(model.law.coefficients, other.law.coefficients)
 
 
 def test_constants_have_one_name_where_they_are_inside_of_the_same_terms():

@@ -119,7 +119,7 @@ def test_coefficients_to_begin_with_are_those_of_least_squares_on_integrals(enzy
     plain = PolynomialLibrary(1).bind(Variables(("s",)))
     problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))
     sets = rank_supports(problem, problem.starts, parse_library("saturating").parametric(plain.variables), {0: 7})[0]
-    found = next(each for each in sets if not each.plain and len(each.others) == 1)
+    found = next(subset for subset in sets if not subset.plain and len(subset.others) == 1)
     assert found.others[0].text(plain.variables) == "s/(K + s)"
     start = found.starts[0]
     for o, (rate, half) in enumerate(ENZYMES.values()):
@@ -238,7 +238,7 @@ def test_a_term_may_be_left_out_of_a_set_with_its_constants(enzymes):
     less = row.without(2)
     assert less == CandidateSupport((0, 1), others[1:])
     np.testing.assert_array_equal(less.starts[0].coefficients, start.coefficients[:, [0, 1, 3]])
-    assert [each.tolist() for each in less.starts[0].parameters] == [[[6.0]] * 3]
+    assert [parameter.tolist() for parameter in less.starts[0].parameters] == [[[6.0]] * 3]
     assert row.without(0) == CandidateSupport((1,), others)
     np.testing.assert_array_equal(row.without(0).starts[0].coefficients, start.coefficients[:, 1:])
     assert len(row.without(0).starts[0].parameters) == 2
@@ -302,7 +302,7 @@ def test_smooth_friction_and_pairs_of_exponentials_are_found(rates, starts, fami
 def test_terms_are_not_compared_that_another_with_as_few_constants_repeats():
     variables = Variables(("x",))
     texts = ("abs(x)^p", "x/(K + x)", "sqrt(x)", "x/(e + abs(x))", "abs(x)^p*sign(x)")
-    terms = [parametric_term(each, variables) for each in texts]
+    terms = [parametric_term(text, variables) for text in texts]
     values = np.column_stack([np.linspace(0.5, 2, 50), np.linspace(0, 1, 50)])
     assert ParameterGrids.along(variables, values, terms).redundant.tolist() == [False, False, False, True, True]
     assert not ParameterGrids.along(variables, values - [1, 0], terms).redundant.any()
@@ -310,7 +310,7 @@ def test_terms_are_not_compared_that_another_with_as_few_constants_repeats():
 
 def test_functions_of_all_families_are_offered_by_the_library_for_whom_none_comes_to_mind():
     variables = Variables(("x", "v"))
-    offered = {each.text(variables) for offer in parse_library("auto").offers(variables) for each in offer.terms}
+    offered = {term.text(variables) for offer in parse_library("auto").offers(variables) for term in offer.terms}
     assert {"cos(w*t), sin(w*t)", "v/(e + abs(v))", "exp(x/U), exp(2*x/U)"} <= offered
 
 

@@ -108,14 +108,14 @@ def test_ratios_are_ranked_with_coefficients_near_the_true_ones_and_without_pole
     trials = enzymes(2, noise=0.01)
     problem = prepare(trials, PolynomialLibrary(2).bind(S), np.full((3, 1, 3), np.nan))
     sets = rank_ratios(problem, problem.starts, parse_library(QUADRATIC).ratios(S), {0: 7})[0]
-    found = next(each for each in sets if each.numbers == 2)
+    found = next(subset for subset in sets if subset.numbers == 2)
     (ratio,) = found.others
     assert ratio.expressions(S, ratio.shared_parameters) == ["(s**2)/(K**2 + s**2)"]
     start = found.starts[0]
     np.testing.assert_allclose(start.parameters[0][:, 0], [half for _, half in ENZYMES.values()], rtol=0.1)
     np.testing.assert_allclose(start.coefficients[:, 0], [-rate for rate, _ in ENZYMES.values()], rtol=0.1)
     states = np.linspace(min(trial.states.min() for trial in trials), max(trial.states.max() for trial in trials), 500)
-    for each in (own for own in sets if len(own.others[0].below) == 2):
+    for each in (subset for subset in sets if len(subset.others[0].below) == 2):
         below = each.starts[0].parameters[0][:, 0, np.newaxis] ** each.others[0].degree
         rest = each.others[0].below[1].evaluate(np.column_stack([states, states]))
         assert (np.abs(below + rest) > 0).all()
@@ -143,9 +143,11 @@ def test_an_input_that_is_zero_in_all_trials_of_an_object_may_stand_below():
     variables = Variables(("s",), ("u",))
     problem = prepare(trials, PolynomialLibrary(1).bind(variables), np.full((3, 1, 3), np.nan))
     sets = rank_ratios(problem, problem.starts, parse_library("ratio(poly:1, poly:1)").ratios(variables), {0: 7})[0]
-    texts = {text for each in sets for text in each.others[0].expressions(variables, each.others[0].shared_parameters)}
+    texts = {
+        text for subset in sets for text in subset.others[0].expressions(variables, subset.others[0].shared_parameters)
+    }
     assert "(s)/(K + s)" in texts
-    assert any("u" in each for each in texts)
+    assert any("u" in text for text in texts)
 
 
 def test_fractions_of_one_denominator_are_written_as_one():

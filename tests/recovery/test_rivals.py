@@ -45,7 +45,7 @@ def test_what_ranks_ahead_of_a_law_is_fitted_and_taken(beginning):
     fit = fits.fitted(problem, annealing.fit_supports(problem, supports).estimates, supports, fits.NO_ERROR)
     best = annealing.refit_leading(fit)
     assert names(best) == ["1", "v"]
-    assert any(np.array_equal(each.supports, supports) for each in best.alternatives)
+    assert any(np.array_equal(alternative.supports, supports) for alternative in best.alternatives)
     assert best.score < fit.score
 
 

@@ -38,10 +38,12 @@ def test_as_many_terms_as_samples_can_tell_apart_are_said_to_be_so():
     one = datasets.linear_drag(drag=(-0.2,), noise=0.02, samples=12, rate=4, trials=1)
     law = cl.discover(one, order=2, library="poly:2", method=cl.TrajectoryLikelihood(noise={"x": 0.02}))
     assert law.support.sum() == 2
-    assert [each.kind for each in law.diagnostics if each.kind != "not identifiable"] == ["few samples"]
+    assert [diagnostic.kind for diagnostic in law.diagnostics if diagnostic.kind != "not identifiable"] == [
+        "few samples"
+    ]
     law.predict(one, start=1)
     more = cl.discover(datasets.linear_drag(samples=20, rate=6), order=2, library="poly:2")
-    assert "few samples" not in {each.kind for each in more.diagnostics}
+    assert "few samples" not in {diagnostic.kind for diagnostic in more.diagnostics}
 
 
 @pytest.mark.parametrize("samples", [2, 3, 4, 5, 7])
@@ -58,7 +60,7 @@ def test_noise_of_short_trials_is_the_scatter_about_parabolas_of_all_of_them_tog
     random, times = np.random.default_rng(0), np.array([0.0, 1.0, 1.5, 3.0, 4.0])
     states = [i + times - 0.1 * times**2 + 0.3 * random.standard_normal(5) for i in range(6)]
     trials = cl.Trials.from_arrays([times] * 6, states, object=list("abcdef"))
-    rests = [np.polyfit(times, each, 2, full=True)[1][0] for each in states]
+    rests = [np.polyfit(times, state, 2, full=True)[1][0] for state in states]
     assert estimated_noise(trials)[0] == pytest.approx([np.sqrt(sum(rests) / 12)], rel=1e-9)
 
 
@@ -69,8 +71,8 @@ def test_a_law_of_short_trials_has_the_noise_of_the_residuals_of_all_objects(see
     vials = cl.Trials.from_arrays([times] * 8, states, object=list("abcdefgh"))
     law = cl.discover(vials, order=1, library="poly:3")
     assert law.structure == ("x' = a x^2",)
-    fits = [curve_fit(lambda t, a, k: a / (1 + a * k * t), times, own, [own[0], 0.5])[0] for own in states]
-    left = sum(np.sum((a / (1 + a * k * times) - own) ** 2) for (a, k), own in zip(fits, states, strict=True))
+    fits = [curve_fit(lambda t, a, k: a / (1 + a * k * t), times, state, [state[0], 0.5])[0] for state in states]
+    left = sum(np.sum((a / (1 + a * k * times) - state) ** 2) for (a, k), state in zip(fits, states, strict=True))
     assert law.uncertainty.noise == pytest.approx(
         [np.sqrt(left / (48 - 16))], rel=0.1
     )  # Pooled rates have more freedom

@@ -37,7 +37,7 @@ def test_the_probability_is_that_of_an_f_test_on_rates_of_each_trial():
     from scipy.optimize import least_squares
 
     trials = balls(0.05, 3)
-    own = [each.states[:, 0] for each in trials.of_object("ball 2")]
+    own = [trial.states[:, 0] for trial in trials.of_object("ball 2")]
 
     def left(rates, starts):
         return np.concatenate([x - c * np.exp(-r * TIMES) for x, r, c in zip(own, rates, starts, strict=True)])
@@ -61,7 +61,7 @@ def test_trials_that_do_not_differ_have_probabilities_as_even_as_chance():
 def test_objects_whose_trials_differ_are_named_and_no_others():
     white = TrajectoryLikelihood(errors="white", noise={"x": 0.01})
     same, other = (cl.discover(balls(scatter, 1), library="poly:1", method=white, order=1) for scatter in (0.0, 0.2))
-    assert not [each for each in same.diagnostics if each.kind == "trials differ"]
-    (told,) = [each for each in other.diagnostics if each.kind == "trials differ"]
+    assert not [diagnostic for diagnostic in same.diagnostics if diagnostic.kind == "trials differ"]
+    (told,) = [diagnostic for diagnostic in other.diagnostics if diagnostic.kind == "trials differ"]
     assert "ball 2" in told.text
     assert "ball 1" not in told.text

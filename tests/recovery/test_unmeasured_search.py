@@ -25,7 +25,8 @@ def trials_of(rates, typical, start, end, name, *, samples=25, count=4, noise=0.
     generator, times = np.random.default_rng(seed), np.linspace(0, end, samples)
     values = np.array(typical) * np.exp(0.15 * generator.standard_normal((count, len(typical))))
     measured = [
-        solve_ivp(rates, (0, end), start, t_eval=times, args=tuple(own), rtol=1e-9, atol=1e-9).y[1] for own in values
+        solve_ivp(rates, (0, end), start, t_eval=times, args=tuple(value), rtol=1e-9, atol=1e-9).y[1]
+        for value in values
     ]
     std = noise * np.std(measured)
     measured = [own + std * generator.standard_normal(samples) for own in measured]
@@ -56,7 +57,7 @@ def test_it_says_what_the_state_does_and_what_fits_alike(law):
     (step,) = [each for each in law.history if each.stage == "latent state"]
     assert step.choice == "u' = c u"
     assert step.reason.startswith("decays from 1, as a depot or a drive does; without it")
-    (outcome,) = [each for each in law.diagnostics if each.kind == "not identifiable"]
+    (outcome,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "not identifiable"]
     assert "conc' = a + b conc + c u; u' = 1 conc, in which it adds up conc from 0" in outcome.text
 
 

@@ -48,7 +48,7 @@ def test_an_object_that_tells_nothing_of_a_coefficient_counts_as_one_that_tells_
     for size in (0.0, 1e-5):
         rows[3, :, 1] = size * generator.standard_normal(60)
         rows[3, :, 2] = rows[3, :, 0]
-        factors = np.array([np.linalg.qr(each, mode="r") for each in rows])
+        factors = np.array([np.linalg.qr(row, mode="r") for row in rows])
         found.append(minus_twice_log_evidence(factors, np.array([0, 1]), NoiseScale(240)))
     assert np.isfinite(found).all()
     np.testing.assert_allclose(found[0], found[1], atol=1e-3)

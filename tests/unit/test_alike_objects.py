@@ -52,5 +52,5 @@ def test_an_object_that_does_not_tell_a_constant_leaves_others_as_they_are_and_t
 
 def test_alone_such_an_object_says_so(switches):
     law = cl.fit(SWITCH, switches, partial_pooling=False)
-    (outcome,) = (each for each in law.diagnostics if each.kind == "not identifiable")
+    (outcome,) = (diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "not identifiable")
     assert outcome.where == "E"

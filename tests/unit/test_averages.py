@@ -97,7 +97,7 @@ def test_draws_come_from_every_law_by_its_probability(law):
 
 
 def test_forecasts_are_the_median_of_the_laws_and_the_quantiles_of_the_mixture(law, trials):
-    own, other = (each.law.predict(trials, return_std=True, averaged=False) for each in law.models)
+    own, other = (model.law.predict(trials, return_std=True, averaged=False) for model in law.models)
     found = law.predict(trials, return_std=True)
     first, second = (each.trajectories[1].states for each in (own, other))
     np.testing.assert_array_equal(found.trajectories[1].states, first)
@@ -142,7 +142,7 @@ def test_averages_go_from_process_to_process_with_their_curves(law, trials):
 
 def test_what_diverges_where_the_law_does_not_is_left_out_of_its_forecasts(trials):
     wild = law_of(40.0, 0.0)
-    long = trials.with_trials([replace(each, times=100 * each.times) for each in trials])
+    long = trials.with_trials([replace(trial, times=100 * trial.times) for trial in trials])
     law = with_other_laws(law_of(-1.0, 0.0), (PlausibleLaw(0.2, wild),))
     found, own = law.predict(long, return_std=True), law.predict(long, return_std=True, averaged=False)
     np.testing.assert_array_equal(found.trajectories[0].states, own.trajectories[0].states)
@@ -150,7 +150,7 @@ def test_what_diverges_where_the_law_does_not_is_left_out_of_its_forecasts(trial
 
 
 def test_where_the_law_diverges_what_else_it_could_be_forecasts_and_a_note_says_so(trials):
-    long = trials.with_trials([replace(each, times=100 * each.times) for each in trials])
+    long = trials.with_trials([replace(trial, times=100 * trial.times) for trial in trials])
     tame = law_of(-1.0, 0.0)
     found = with_other_laws(law_of(40.0, 0.0), (PlausibleLaw(0.2, tame),)).predict(long, return_std=True)
     own = tame.predict(long, return_std=True)

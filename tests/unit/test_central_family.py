@@ -17,7 +17,7 @@ def test_positions_and_velocities_are_vectors():
     texts = [each.text(PLANE) for each in parse_library("central").parametric(PLANE)]
     assert len(texts) == 16
     assert {"x*(x^2 + y^2)^p", "y/(x^2 + y^2)^1.5", "v_x*sqrt(v_x^2 + v_y^2)"} <= {*texts}
-    assert not any("y^2 + v_x" in each for each in texts)
+    assert not any("y^2 + v_x" in text for text in texts)
     named = [each.text(PLANE) for each in parse_library("central:x,y").parametric(PLANE)]
     assert named == texts[:8]
 

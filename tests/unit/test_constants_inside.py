@@ -254,7 +254,7 @@ def test_a_constant_that_fits_best_outside_of_its_bound_is_at_the_bound(enzymes)
     np.testing.assert_array_equal(values["K"], 0.1)
     assert (errors["K"] == 0).all()
     np.testing.assert_allclose(values["V"], by_letter(at_bound)[0]["V"], rtol=0.02)
-    named = [each for each in law.diagnostics if each.kind == "bound"]
+    named = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "bound"]
     assert [each.where for each in named] == list(enzymes.objects)
     assert "K is at its bound, 0.1" in named[0].text
 
@@ -328,7 +328,7 @@ def test_a_saved_law_without_the_terms_of_its_constants_is_refused(fitted):
 def test_names_that_are_no_factors_are_constants_of_their_terms(text, parameters, letters):
     given = read_equations(text, cl.Schema(("x",)))
     assert {*given.terms.variables.parameters} == {*parameters}
-    assert {each.name for each in given.coefficients} == {*letters}
+    assert {coefficient.name for coefficient in given.coefficients} == {*letters}
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from commonlaw.differentiation import (
 def _rates(method, times, state, order=1):
     """Return states and derivatives of one state, each of shape (n,)."""
     rates = method.differentiate(times, np.asarray(state)[:, np.newaxis], order)
-    return rates.states[:, 0], *(each[:, 0] for each in rates.derivatives)
+    return rates.states[:, 0], *(derivative[:, 0] for derivative in rates.derivatives)
 
 
 def _drop(noise=0.0, count=49):
@@ -88,8 +88,8 @@ def test_finite_difference_differentiates_polynomials_exactly_on_any_grid(accura
     times = _uneven(14)
     polynomial = np.polynomial.Polynomial(np.random.default_rng(0).standard_normal(accuracy + 1))
     _, *derivatives = _rates(FiniteDifference(accuracy), times, polynomial(times), 4)
-    for k, found in enumerate(derivatives[:2], start=1):
-        np.testing.assert_allclose(found, polynomial.deriv(k)(times), rtol=1e-7, atol=1e-7)
+    for k, derivative in enumerate(derivatives[:2], start=1):
+        np.testing.assert_allclose(derivative, polynomial.deriv(k)(times), rtol=1e-7, atol=1e-7)
     third = derivatives[2][2:-2]
     np.testing.assert_allclose(third, polynomial.deriv(3)(times)[2:-2], rtol=1e-5, atol=1e-5)
 

@@ -48,7 +48,7 @@ def drawn(equations, count=2):
     typical, _, first, _ = CASES[equations]
     generator = np.random.default_rng(0)
     values = np.array(typical) * np.exp(0.15 * generator.standard_normal((count, len(typical))))
-    measured = [concentrations(own, first) for own in values]
+    measured = [concentrations(value, first) for value in values]
     noise = 0.01 * float(np.std(measured))
     measured = [own + noise * generator.standard_normal(len(HOURS)) for own in measured]
     given = np.array([[DOSES.get(hour, 0.0)] for hour in HOURS])
@@ -93,9 +93,9 @@ def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_d
     truth, noise, measured, trials = drawn(equations)
     law = cl.fit(equations, trials, doses="dose", noise={"conc": noise}, **options, **WHITE)
     parameters = named_parameters(law)
-    columns = [parameters.names.index(each) for each in letters]
+    columns = [parameters.names.index(letter) for letter in letters]
     values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
-    for own, error, data, begin in zip(values, errors, measured, truth, strict=True):
+    for value, error, data, begin in zip(values, errors, measured, truth, strict=True):
         begin = np.append(begin, first)
         found = least_squares(
             lambda each, data=data: (concentrations(each[:-1], each[-1]) - data) / noise,
@@ -103,7 +103,7 @@ def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_d
             x_scale=np.abs(begin) + 0.1,
         )
         bound = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))[:-1]
-        assert (abs(own - found.x[:-1]) < 0.1 * error).all()
+        assert (abs(value - found.x[:-1]) < 0.1 * error).all()
         np.testing.assert_allclose(error, bound, rtol=0.03)
 
 

@@ -33,7 +33,7 @@ def test_an_equation_is_read_as_people_write_it(text, order, terms, known, coeff
     found = read_equations(text, X)
     assert (found.order, found.terms.names) == (order, terms)
     np.testing.assert_allclose(found.known[0], known, rtol=1e-15)
-    assert {each.coefficients[0][0]: each.factor for each in found.products} == pytest.approx(coefficients)
+    assert {product.coefficients[0][0]: product.factor for product in found.products} == pytest.approx(coefficients)
 
 
 def test_equations_share_terms_and_come_in_the_order_of_the_states():
@@ -43,7 +43,7 @@ def test_equations_share_terms_and_come_in_the_order_of_the_states():
     x, y, z = (dict(zip(found.terms.names, row, strict=True)) for row in found.known)
     assert {name for name, value in x.items() if value != 0} == {"y - x"}
     assert (y["y"], y["x z"], z["x y"], z["z"]) == (-1, -1, 1, -2.667)
-    assert [(each.name, each.equation) for each in found.coefficients] == [("s", 0), ("r", 1)]
+    assert [(coefficient.name, coefficient.equation) for coefficient in found.coefficients] == [("s", 0), ("r", 1)]
 
 
 def test_names_that_are_no_words_stand_between_backticks():

@@ -148,7 +148,9 @@ def test_the_chance_is_what_happens_far_from_lines():
     for unknown, i in zip(random.normal(size=400), np.arange(400) % 2, strict=True):
         clean = np.exp((0.5 + 0.6 * unknown) * times) if i == 0 else 1 + (1 + unknown) * times
         made = clean + NOISE * random.normal(size=5)
-        densities = [np.sum(weights * np.exp(-np.sum((made - own) ** 2, axis=2) / (2 * NOISE**2))) for own in curves]
+        densities = [
+            np.sum(weights * np.exp(-np.sum((made - curve) ** 2, axis=2) / (2 * NOISE**2))) for curve in curves
+        ]
         chances.append(max(densities) / sum(densities))
     assert found.chance == pytest.approx(np.mean(chances), abs=0.025)
 
@@ -157,7 +159,7 @@ def test_a_later_experiment_is_chosen_given_the_first():
     """With one coefficient each, two objects are measured in turn."""
     law = known("x' = a", {"a": 1.0}, [[1.0]], objects=("one", "two"))
     found = cl.design(law, {"x": 0, "duration": 1, "rate": 10}, experiments=2)
-    assert {each.experiment.settings["object"] for each in found.experiments} == {"one", "two"}
+    assert {experiment.experiment.settings["object"] for experiment in found.experiments} == {"one", "two"}
 
 
 def test_several_experiments_are_the_best_together():
@@ -165,7 +167,7 @@ def test_several_experiments_are_the_best_together():
     law = known("x' = a + b u + c u^2 + d u^3", dict.fromkeys("abcd", 1.0), np.eye(4), inputs=("u",))
     levels = [-1, -0.75, -(5**-0.5), -0.25, 0, 0.25, 5**-0.5, 0.75, 1]
     found = cl.design(law, {"x": 0, "times": [0, 1], "u": levels}, experiments=4)
-    chosen = np.array([each.experiment.settings["u"] for each in found.experiments])
+    chosen = np.array([experiment.experiment.settings["u"] for experiment in found.experiments])
     np.testing.assert_allclose(np.sort(chosen), [-1, -(5**-0.5), 5**-0.5, 1])
     columns = np.vander(chosen, 4) / (np.sqrt(2) * NOISE)
     assert found.experiments[-1].bits == pytest.approx(
@@ -177,7 +179,7 @@ def test_prices_decide_and_the_budget_holds():
     law = known("x' = a", {"a": 1.0}, [[1.0]], objects=("one", "two"))
     vary = {"x": 0, "duration": 1, "rate": 10}
     found = cl.design(law, vary, cost={"trial": 1, "one": 5}, experiments=5, budget=3)
-    assert [each.experiment.objects for each in found.experiments] == [("two",)] * 3
+    assert [experiment.experiment.objects for experiment in found.experiments] == [("two",)] * 3
     assert found.cost == 3
     with refused("design-too-expensive", budget=0.5, cheapest=1.0):
         cl.design(law, vary, budget=0.5)
@@ -287,7 +289,7 @@ def test_what_to_measure_next_is_suggested_within_what_was_visited():
     low, high = law.provenance.domain.visited["x"]
     for each in found:
         assert len(each.design.experiments) == 2
-        assert all(low <= own.experiment.start[0] <= high for own in each.design.experiments)
+        assert all(low <= experiment.experiment.start[0] <= high for experiment in each.design.experiments)
     assert suggestions(cl.Law.from_text("x'' = -g", {"g": dict.fromkeys(drops.objects, 9.8)}), drops) == ()
 
 
@@ -314,10 +316,10 @@ def test_evidence_is_that_of_normal_densities():
     ]
     draws = Draws.of((2, 3), 5, 4, (1,), 0)
     found = Evidence.of(parts, draws)
-    for i, (made, own) in enumerate(zip(parts, draws.unknowns, strict=True)):
-        values = made.mean + own @ made.by_unknowns.T + draws.noise @ made.root.T
-        for k, each in enumerate(parts):
-            wanted = multivariate_normal(each.mean, np.diag(each.noise) + each.by_unknowns @ each.by_unknowns.T).logpdf(
+    for i, (made, unknown) in enumerate(zip(parts, draws.unknowns, strict=True)):
+        values = made.mean + unknown @ made.by_unknowns.T + draws.noise @ made.root.T
+        for k, part in enumerate(parts):
+            wanted = multivariate_normal(part.mean, np.diag(part.noise) + part.by_unknowns @ part.by_unknowns.T).logpdf(
                 values
             )
             np.testing.assert_allclose(found.log_densities[i, :, k] - 2.5 * np.log(2 * np.pi), wanted, rtol=1e-10)
@@ -346,10 +348,10 @@ def test_a_free_start_is_the_limit_of_a_wide_prior():
     draws = Draws.of((1, 1), 8, 5, (3,), 0)
     found = Evidence.of(parts, draws).log_densities
     wide = [
-        Gaussian(each.mean, np.column_stack([each.by_unknowns, 1e4 * starts]), np.zeros((8, 0)), each.noise)
-        for each in parts
+        Gaussian(part.mean, np.column_stack([part.by_unknowns, 1e4 * starts]), np.zeros((8, 0)), part.noise)
+        for part in parts
     ]
-    made = Draws(tuple(np.column_stack([own, np.zeros((5, 2))]) for own in draws.unknowns), draws.noise)
+    made = Draws(tuple(np.column_stack([unknown, np.zeros((5, 2))]) for unknown in draws.unknowns), draws.noise)
     limit = Evidence.of(wide, made).log_densities
     np.testing.assert_allclose(np.diff(found, axis=2), np.diff(limit, axis=2), atol=1e-5)
 
@@ -448,7 +450,7 @@ def test_fits_to_lines_are_the_lines():
     draws = Draws.of((2, 2), 6, 5, (0,), 0)
     begin = Point(np.zeros(2), np.zeros(1))
     lines = [linearise(k)(0, [begin])[0] for k in range(2)]
-    made = [each.mean + own @ each.by_unknowns.T for each, own in zip(lines, draws.unknowns, strict=True)]
+    made = [line.mean + unknown @ line.by_unknowns.T for line, unknown in zip(lines, draws.unknowns, strict=True)]
     measured = [row + 0.2 * noise for each in made for row, noise in zip(each, draws.noise, strict=True)]
     fits = [refitted([lines[k]] * 10, [begin] * 10, measured, linearise(k)) for k in range(2)]
     np.testing.assert_allclose(
@@ -462,7 +464,7 @@ def test_coefficients_are_fitted_within_their_errors():
 
     def linearise(_, points):
         values = [np.exp(each.unknowns[0] * times) for each in points]
-        return [Gaussian(own, (times * own)[:, np.newaxis], np.zeros((8, 0)), np.full(8, 0.04)) for own in values]
+        return [Gaussian(value, (times * value)[:, np.newaxis], np.zeros((8, 0)), np.full(8, 0.04)) for value in values]
 
     begin = Point(np.zeros(1), np.zeros(0))
     (found,) = refitted(linearise(0, [begin]), [begin], [measured], linearise)

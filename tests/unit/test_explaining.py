@@ -98,7 +98,7 @@ def test_coefficients_become_what_relations_say_and_more_precise():
     before = falling(pooled=False)
     law = before.explain()
     (place,) = np.flatnonzero(law.support[0])[1:]
-    values = [each["diameter"] ** 2 / each["mass"] for each in law.properties.values()]
+    values = [attribute["diameter"] ** 2 / attribute["mass"] for attribute in law.properties.values()]
     factor = law.uncertainty.explanation.relations[1].factors[0]
     np.testing.assert_allclose(law.coefficients[:, 0, place], factor * np.array(values))
     assert np.all(standard_errors(law)[:, law.support] < standard_errors(before)[:, before.support])
@@ -117,7 +117,7 @@ def test_pooling_and_earlier_explanations_do_not_matter():
 
 def test_without_properties_coefficients_are_universal_or_each_objects_own():
     law = falling().explain([])
-    assert [str(each.kind) for each in law.uncertainty.explanation.relations] == ["universal", "own"]
+    assert [str(relation.kind) for relation in law.uncertainty.explanation.relations] == ["universal", "own"]
     lines = str(law).splitlines()
     assert lines[0] == "x'' = -9.934 ± 0.069 + a v^2"
     assert lines[2].startswith("a is object-specific: typical value 0.0")
@@ -218,7 +218,7 @@ def test_a_fitted_law_knows_the_properties_of_its_objects():
     law = cl.fit("x'' = -g - c v", drops)
     assert law.properties == drops.properties
     explained = law.explain()
-    assert [str(each.kind) for each in explained.uncertainty.explanation.relations] == ["universal", "affine"]
+    assert [str(relation.kind) for relation in explained.uncertainty.explanation.relations] == ["universal", "affine"]
     assert explained.uncertainty.explanation.relations[1].factors == pytest.approx((0.0, 1.0), abs=0.02)
     assert cl.refine(explained, drops).uncertainty.explanation is None
 
@@ -276,7 +276,7 @@ def plate(blanks, seed=0):
     source, times = np.random.default_rng(seed), np.arange(0, 12, 0.25)
     wells = [0.7 / (1 + 13 * np.exp(-rate * times)) for rate in (0.9, 1.0, 1.1, 1.2)]
     wells += [np.full(len(times), 0.1)] * blanks
-    measured = [own + 0.002 * source.standard_normal(len(times)) for own in wells]
+    measured = [well + 0.002 * source.standard_normal(len(times)) for well in wells]
     names = [f"A{i}" for i in range(1, len(wells) + 1)]
     return cl.Trials.from_arrays([times] * len(wells), measured, object=names, names=["OD"])
 
@@ -286,7 +286,7 @@ def test_blanks_are_named_and_leave_the_pooling_of_the_other_wells_as_it_is():
     alone = cl.fit("OD' = a + b OD + c OD^2", plate(0), errors="white", noise={"OD": 0.002})
     np.testing.assert_allclose(law.coefficients[:4], alone.coefficients, rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(standard_errors(law)[:4], standard_errors(alone), rtol=1e-6)
-    named = [each for each in law.diagnostics if each.kind == "not identifiable"]
+    named = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "not identifiable"]
     assert len(named) == 1
     assert "2 objects (A5, A6)" in named[0].text
     assert not alone.diagnostics
@@ -518,7 +518,7 @@ def test_properties_that_do_not_differ_or_are_not_there_explain_nothing():
     _, estimates, covariances, _ = population()
     for values in (np.empty((10, 0)), np.full((10, 1), 2.0)):
         found = explain(estimates, covariances, PropertyTable(NAMES[: values.shape[1]], values))
-        assert [each.kind for each in found.relations] == [RelationKind.UNIVERSAL, RelationKind.OWN]
+        assert [relation.kind for relation in found.relations] == [RelationKind.UNIVERSAL, RelationKind.OWN]
 
 
 def test_simple_exponents_are_more_probable_and_all_together_certain():

@@ -97,12 +97,12 @@ def test_matlab_has_the_equations(case, tmp_path):
     assert text.startswith("function [t, x] = law(times")
     rows = re.search(r"parameters = \[(.*)\];", text)[1].split("; ")
     lines = [as_python(each) for each in re.findall(r"dx\(\d+\) = (.*);", text)]
-    lines = [re.sub(r"\b([xp])\((\d+)\)", lambda m: f"{m[1]}[{int(m[2]) - 1}]", each) for each in lines]
+    lines = [re.sub(r"\b([xp])\((\d+)\)", lambda m: f"{m[1]}[{int(m[2]) - 1}]", line) for line in lines]
     for name, row in zip(law.objects, rows, strict=True):
         p = [float(each.strip("()")) for each in row.split()]
 
         def rates(t, x, p=p):
-            return [eval(each, {**FUNCTIONS, "t": t, "x": x, "p": p}) for each in lines]
+            return [eval(line, {**FUNCTIONS, "t": t, "x": x, "p": p}) for line in lines]
 
         np.testing.assert_allclose(integrated(rates, initial), expected[name], rtol=1e-5, atol=1e-6)
 
@@ -120,7 +120,7 @@ def test_modelica_has_the_equations(case, tmp_path):
 
         def rates(t, x, known=known):
             names = dict(zip([each for each, _ in states], x, strict=True))
-            return [eval(each, {**FUNCTIONS, **known, **names, "time": t}) for each in lines]
+            return [eval(line, {**FUNCTIONS, **known, **names, "time": t}) for line in lines]
 
         np.testing.assert_allclose(integrated(rates, initial), expected[name], rtol=1e-5, atol=1e-6)
 
@@ -155,7 +155,7 @@ def mathml(node, values):
             if len(parts) == 1 or mathml(parts[1], values):
                 return mathml(parts[0], values)
     operator, *operands = inner
-    return OPERATIONS[operator.tag.removeprefix(MATHML)](*(mathml(each, values) for each in operands))
+    return OPERATIONS[operator.tag.removeprefix(MATHML)](*(mathml(operand, values) for operand in operands))
 
 
 def test_sbml_is_interpreted(case, tmp_path):
@@ -172,9 +172,9 @@ def test_sbml_is_interpreted(case, tmp_path):
 
         def rates(t, x, values=values, rules=rules):
             here = {**values, **dict(zip(rules, x, strict=True)), "time": t}
-            return [mathml(each, here) for each in rules.values()]
+            return [mathml(rule, here) for rule in rules.values()]
 
-        start = [values[each] for each in rules]
+        start = [values[rule] for rule in rules]
         assert start == initial
         np.testing.assert_allclose(integrated(rates, start), expected[name], rtol=1e-5, atol=1e-6)
 

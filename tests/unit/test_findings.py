@@ -20,7 +20,7 @@ def law(drops):
 
 def test_trials_that_were_held_out_are_forecast_and_the_law_knows_how_far_it_is_good(law, drops):
     found = find(law, drops, drops.select(trial="1"))
-    assert {each.name for each in found.forecast.trials} == {"2"}
+    assert {trial.name for trial in found.forecast.trials} == {"2"}
     assert (found.is_held_out, found.has_later_samples, found.lacking) == (True, False, ())
     assert found.sentences == law.assess(drops, drops.select(trial="1")).sentences
     assert found.law.provenance.domain.horizon == found.verdict.horizon > 0

@@ -182,7 +182,7 @@ def test_coefficients_keep_to_bounds_as_in_bounded_least_squares():
     assert values[0, a] == pytest.approx(fit.x[1], abs=0.1 * errors[0, a])
     own, alone = (each.coefficients[1] for each in (law, free))
     np.testing.assert_allclose(own, alone, rtol=1e-6)
-    (outcome,) = (each for each in law.diagnostics if each.kind == "bound")
+    (outcome,) = (diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "bound")
     assert (outcome.where, "95 %: down to 0.39" in outcome.text) == ("p", True)
     with refused("estimate-out-of-bounds", parameter="T", bound="5 < T < 6"):
         cl.fit("x' = -k (x - T); 5 < T < 6", trials, **white)

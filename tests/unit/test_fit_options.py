@@ -34,7 +34,11 @@ FUNCTIONS = {"fit": cl.fit, "refine": cl.refine, "compare": cl.compare}
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_function_takes_its_settings_by_name_in_order_and_with_their_defaults(name):
     known = settings_of(FitOptions, name)
-    taken = {each.name: each for each in inspect.signature(FUNCTIONS[name]).parameters.values() if each.name in known}
+    taken = {
+        parameter.name: parameter
+        for parameter in inspect.signature(FUNCTIONS[name]).parameters.values()
+        if parameter.name in known
+    }
     assert list(taken) == list(known)
     for setting, (own, about) in known.items():
         assert taken[setting].default == about.default_of(name, own.default), setting
@@ -136,10 +140,10 @@ Extended.__module__ = FitOptions.__module__
 @pytest.mark.parametrize("function", ["discover", "fit", "refine"])
 def test_a_new_setting_is_an_option_of_commands(function):
     made = click.command()(with_options(lambda **_: None, setting_options(function, Extended)))
-    (option,) = [each for each in made.params if each.name == "gain"]
+    (option,) = [param for param in made.params if param.name == "gain"]
     assert (option.opts, option.metavar) == (["--gain"], "RATIO")
     assert "Gain of the amplifier." in option.help
-    (take,) = [each for each in made.params if isinstance(each, SettingsOption)]
+    (take,) = [param for param in made.params if isinstance(param, SettingsOption)]
     assert any(("gain", "Gain of the amplifier.  [default: 2.0]") in rows for rows in take.groups().values())
     assert read_settings(Extended, {"gain": ["3"]}) == {"gain": 3.0}
 

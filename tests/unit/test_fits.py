@@ -58,7 +58,7 @@ def test_a_failed_fit_is_worse_than_any_other_and_alone_refused(problem, fits):
 
 
 def test_what_cannot_be_computed_has_a_status(problem):
-    endless = [replace(each, coefficients=np.full_like(each.coefficients, np.nan)) for each in problem.starts]
+    endless = [replace(start, coefficients=np.full_like(start.coefficients, np.nan)) for start in problem.starts]
     supports = supports_of(problem, "x")
     assert fitted(problem, endless, supports, NO_ERROR).status is Status.NOT_COMPUTABLE
     assert fitted(problem, None, supports, NO_ERROR).status is Status.NOT_COMPUTABLE
@@ -66,7 +66,7 @@ def test_what_cannot_be_computed_has_a_status(problem):
 
 
 def test_coefficients_outside_of_a_support_are_zero_wherever_a_fit_begins(problem, fits):
-    everywhere = [replace(each, coefficients=np.full_like(each.coefficients, -1.0)) for each in problem.starts]
+    everywhere = [replace(start, coefficients=np.full_like(start.coefficients, -1.0)) for start in problem.starts]
     fit = fitted(problem, everywhere, supports_of(problem, "x"), NO_ERROR)
     for estimate, expected in zip(fit.estimates, fits[1].estimates, strict=True):
         np.testing.assert_allclose(estimate.coefficients, expected.coefficients, atol=1e-3)
@@ -75,7 +75,9 @@ def test_coefficients_outside_of_a_support_are_zero_wherever_a_fit_begins(proble
 def test_a_score_at_estimates_is_that_of_their_residuals_and_at_the_optimum_that_of_the_linearization(fits):
     best = fits[1]
     assert best.score_at_estimates.total == pytest.approx(best.score.total, abs=0.01)
-    moved = [replace(each, coefficients=np.add(each.coefficients, [[0.0, 0.05, 0.0]])) for each in best.estimates]
+    moved = [
+        replace(estimate, coefficients=np.add(estimate.coefficients, [[0.0, 0.05, 0.0]])) for estimate in best.estimates
+    ]
     away = replace(best, estimates=tuple(moved))
     score, noise_scale = away.score_at_estimates, away.evidence.noise_scale
     least, count = away.evidence.squares(away.supports), away.size * len(moved)

@@ -23,7 +23,9 @@ def decay(order=1, noise=(NOISE,)):
 
 
 def trials_of(law, *states, times=TIMES):
-    return Trials(tuple(Trial("tank", str(i), times[: len(each)], each) for i, each in enumerate(states)), law.schema)
+    return Trials(
+        tuple(Trial("tank", str(i), times[: len(state)], state) for i, state in enumerate(states)), law.schema
+    )
 
 
 STATES = 5 * np.exp(-TIMES) + NOISE * np.random.default_rng(1).standard_normal(30)
@@ -73,7 +75,7 @@ def test_trials_that_do_not_reach_so_far_are_left_out_and_named():
     law = decay()
     trials = trials_of(law, STATES, STATES[:6])
     forecast = law.predict(trials, from_time=4.0)
-    assert [each.name for each in forecast.trials] == ["0"]
+    assert [trial.name for trial in forecast.trials] == ["0"]
     (note,) = forecast.trials.notes
     ends = f"1 (tank, trial 1, t = {TIMES[0]:g} to {TIMES[5]:g})"
     assert note == f"trials not forecast (no samples before or from `from_time=4.0` on: {ends})"

@@ -37,7 +37,7 @@ def law_of(library, states, coefficients, noise, order=1, rates=(), variance=0.0
 
 
 def trials_of(law: Law, *states, times) -> Trials:
-    return Trials(tuple(Trial("tank", str(i), times, each) for i, each in enumerate(states)), law.schema)
+    return Trials(tuple(Trial("tank", str(i), times, state) for i, state in enumerate(states)), law.schema)
 
 
 def start_of(forecast: Forecast):

@@ -180,8 +180,8 @@ def test_forecasts_with_and_without_standard_deviations_are_the_same(forecast):
     law, trials = datasets.lotka_volterra.truth(), forecast.trials
     plain = law.predict(trials)
     assert plain.std is None
-    for one, other in zip(plain.trajectories, forecast.trajectories, strict=True):
-        np.testing.assert_allclose(one.states, other.states, rtol=1e-5)
+    for trajectory, other in zip(plain.trajectories, forecast.trajectories, strict=True):
+        np.testing.assert_allclose(trajectory.states, other.states, rtol=1e-5)
     assert "x low" not in plain.to_frame()
 
 

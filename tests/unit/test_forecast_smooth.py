@@ -19,7 +19,7 @@ def spring(order=2, **known):
 
 
 def trials_of(law, *times):
-    return Trials(tuple(Trial("tank", str(i), each, np.cos(2 * each)) for i, each in enumerate(times)), law.schema)
+    return Trials(tuple(Trial("tank", str(i), time, np.cos(2 * time)) for i, time in enumerate(times)), law.schema)
 
 
 def test_times_are_added_where_samples_are_far_apart_and_nothing_else_changes():

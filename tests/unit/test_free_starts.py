@@ -63,7 +63,7 @@ def test_coefficients_starts_and_errors_are_those_of_independent_least_squares(c
     truth, starts, noise, measured, trials = drawn(case)
     law = cl.fit(equations, trials, starts={hidden: None}, noise={name: noise}, **WHITE)
     parameters = named_parameters(law)
-    columns = [parameters.names.index(each) for each in letters]
+    columns = [parameters.names.index(letter) for letter in letters]
     values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
     forecast = law.predict(trials, start=len(CASES[case][-1]))
     for k, data in enumerate(measured):
@@ -155,5 +155,5 @@ def test_coefficients_that_the_trials_do_not_tell_are_named():
     measured = measured + 0.05 * np.random.default_rng(0).standard_normal(len(times))
     trials = cl.Trials.from_arrays(times, measured, object="town", names=["I"])
     law = cl.fit(EPIDEMIC, trials, starts={"S": None}, errors="white")
-    (outcome, *_) = [each for each in law.diagnostics if each.kind == "not identifiable"]
+    (outcome, *_) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "not identifiable"]
     assert outcome.code == "parameters-with-latent-states"

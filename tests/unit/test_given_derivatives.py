@@ -15,8 +15,8 @@ def measured():
     """Return states of two trials, and noisy derivatives."""
     law, random = cl.Law.from_text("x' = a x - b x y; y' = c x y - d y", TRUE), np.random.default_rng(0)
     states = [law.simulate(TIMES, start)["object"].states for start in ([1.0, 2.0], [2.0, 1.0])]
-    rates = [np.column_stack([x - 0.5 * x * y, 0.3 * x * y - 0.8 * y]) for x, y in (own.T for own in states)]
-    return states, [own + 0.01 * random.standard_normal(own.shape) for own in rates]
+    rates = [np.column_stack([x - 0.5 * x * y, 0.3 * x * y - 0.8 * y]) for x, y in (state.T for state in states)]
+    return states, [rate + 0.01 * random.standard_normal(rate.shape) for rate in rates]
 
 
 def trials_of(states, names=NAMES):
@@ -38,7 +38,7 @@ def test_derivatives_that_are_given_are_fitted_by_least_squares(measured):
 def test_they_are_given_by_state_or_as_columns(measured):
     states, rates = measured
     whole = cl.discover(trials_of(states), x_dot=rates, **FIT)
-    by_state = {name: [own[:, j] for own in rates] for j, name in enumerate(NAMES)}
+    by_state = {name: [rate[:, j] for rate in rates] for j, name in enumerate(NAMES)}
     both = [np.hstack(pair) for pair in zip(states, rates, strict=True)]
     columns = cl.discover(trials_of(both, [*NAMES, "u", "w"]), x_dot={"x": "u", "y": "w"}, **FIT)
     for law in (cl.discover(trials_of(states), x_dot=by_state, **FIT), columns):
@@ -53,9 +53,9 @@ def test_derivatives_that_do_not_fit_are_refused(measured):
     trials = trials_of(states)
     for code, given in {
         "derivatives-of-trials": rates[0],
-        "derivatives-shape": [own[1:] for own in rates],
-        "derivatives-not-finite": [np.where(own == own[5, 0], np.nan, own) for own in rates],
-        "derivatives-missing": {"x": [own[:, 0] for own in rates]},
+        "derivatives-shape": [rate[1:] for rate in rates],
+        "derivatives-not-finite": [np.where(rate == rate[5, 0], np.nan, rate) for rate in rates],
+        "derivatives-missing": {"x": [rate[:, 0] for rate in rates]},
     }.items():
         with refused(code):
             cl.discover(trials, x_dot=given, **FIT)

@@ -115,7 +115,7 @@ def test_a_text_that_the_dictionary_of_a_damaged_parquet_file_lacks_is_refused(t
             cl.Trials.read(path)
         except cl.CommonlawError as refusal:
             refusals.append(str(refusal))
-    assert any("a damaged Parquet file" in each and "Dictionary indices invalid" in each for each in refusals)
+    assert any("a damaged Parquet file" in refusal and "Dictionary indices invalid" in refusal for refusal in refusals)
 
 
 def test_a_parquet_file_whose_columns_are_not_what_it_says_does_not_end_the_process(tmp_path):

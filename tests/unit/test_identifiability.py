@@ -85,7 +85,7 @@ def test_states_that_sum_to_a_constant_stand_in_for_each_other() -> None:
         return [-infected, infected - 0.5 * y[1], 0.5 * y[1]]
 
     paths = [solve_ivp(rates, (0, 20), [1 - i, i, 0], t_eval=times, rtol=1e-9).y.T for i in (0.01, 0.05)]
-    states = [each + 0.003 * random.standard_normal(each.shape) for each in paths]
+    states = [path + 0.003 * random.standard_normal(path.shape) for path in paths]
     trials = cl.Trials.from_arrays([times, times], states, names=["S", "I", "R"])
     found = {each.state: each.sets for each in confounded_sets(trials, 1, "poly:2")}
     assert {("S", "I"), ("S", "R")} <= set(found["I"])
@@ -108,6 +108,6 @@ def test_the_data_check_says_what_trials_from_one_height_cannot_tell() -> None:
     assert said.startswith("x'': x and v are confounded, because all trials have similar initial conditions, at x = 4")
     assert "laws in x alone or v alone fit equally well (RMS residual 0.0" in said
     assert said.endswith("other initial values of x")
-    assert not any("confounded" in each for each in trials.check(order=0).findings)
+    assert not any("confounded" in finding for finding in trials.check(order=0).findings)
     with refused("order-unsupported", order=3):
         trials.check(order=3)

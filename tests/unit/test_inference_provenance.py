@@ -31,7 +31,7 @@ def test_candidates_are_ranked_by_what_chose_among_them():
     assert [each.measures["2 log B"] for each in by_evidence] == [0, 6, np.inf]
     assert by_evidence[1].measures["probability"] == pytest.approx(1 / (1 + np.exp(3)))
     by_forecasts = history.alternatives(law, listed, Kind.FORECASTS)
-    assert [each.measures for each in by_forecasts] == [{LOG_SCORE: 0}, {LOG_SCORE: 3}, {LOG_SCORE: None}]
+    assert [by_forecast.measures for by_forecast in by_forecasts] == [{LOG_SCORE: 0}, {LOG_SCORE: 3}, {LOG_SCORE: None}]
 
 
 def test_probabilities_are_no_denormal_numbers():

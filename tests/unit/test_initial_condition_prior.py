@@ -38,10 +38,10 @@ def fitted(trials, term):
 
 def expected(trials, effect):
     """Minus twice the log-density with starts that are normal, less that with any start."""
-    heights = np.concatenate([each.states[:, 0] for each in trials])
-    own = [np.column_stack([np.ones_like(each.times), each.times]) for each in trials]
+    heights = np.concatenate([trial.states[:, 0] for trial in trials])
+    own = [np.column_stack([np.ones_like(trial.times), trial.times]) for trial in trials]
     starts, of_means = block_diag(*own), np.vstack(own)
-    effects = np.concatenate([effect(each.times) for each in trials])[:, np.newaxis]
+    effects = np.concatenate([effect(trial.times) for trial in trials])[:, np.newaxis]
     columns = np.column_stack([starts, effects])
     found = np.linalg.lstsq(columns, heights, rcond=None)[0]
     free = np.sum((heights - columns @ found) ** 2) / NOISE**2 + np.linalg.slogdet(starts.T @ starts)[1]
@@ -97,8 +97,8 @@ def test_rows_with_starts_as_columns_are_those_with_starts_eliminated():
     model, start = of_prey(prey()[1])
     rows, log_determinant = whitened_with_initial_states(model, start, 0.1, SUPPORT)
     left = []
-    for each in rows:
-        factor = np.asarray(np.linalg.qr(each, mode="r"))
+    for row in rows:
+        factor = np.asarray(np.linalg.qr(row, mode="r"))
         log_determinant += 2 * np.sum(np.log(np.abs(np.diag(factor)[:2])))
         left.append(factor[2:, 2:])
     whole = linearize(model, start, 0.1, SUPPORT)

@@ -204,7 +204,7 @@ def test_linearizations_are_those_of_numpy(case, monkeypatch, most):
             [getattr(each, name) for each in (found, expected, *again)] for name in ("log_determinant", "problem")
         ]
         agree(logs[0], logs[1], logs[2:], "log-determinant")
-        products = [each.factor.T @ each.factor for each in factors]
+        products = [factor.factor.T @ factor.factor for factor in factors]
         agree(products[0], products[1], products[2:], "information")
 
 
@@ -320,7 +320,7 @@ def test_the_same_fit_gives_the_same_bits():
 def test_numbers_beyond_all_bounds_end_as_with_numpy(monkeypatch):
     monkeypatch.setenv(kernels.VARIABLE, "compiled")
     model, start = model_of(text="terms:exp(x),y")
-    far = replace(start, states=tuple(np.full_like(each, 800.0) for each in start.states))
+    far = replace(start, states=tuple(np.full_like(state, 800.0) for state in start.states))
     free = np.ones(start.coefficients.shape, dtype=bool)
     assert fit(model, far, free, ERRORS).objective == fitting.fit(model, far, free, ERRORS).objective == np.inf
     with pytest.raises(NotPositiveError):

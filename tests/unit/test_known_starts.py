@@ -112,7 +112,7 @@ def law(trials):
 def test_it_says_what_was_given_and_what_fits_as_well(law):
     assert ("start", "depot = dose") in [(each.stage, each.choice) for each in law.history]
     assert law.schema.units["depot"] == "mg"
-    (outcome,) = [each for each in law.diagnostics if each.kind == "ambiguous"]
+    (outcome,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "ambiguous"]
     ka, _, k = by_letters(law, ONE)[0][0]
     assert ka > k
     swapped = [float(word.split(" = ")[1]) for word in outcome.text.split(": ")[1].split(". ")[0].split(", ")]
@@ -123,20 +123,20 @@ def test_a_saved_law_forecasts_tables_without_the_state(law, trials):
     again = from_json(to_json(law))
     assert str(again) == str(law)
     forecast = again.predict(trials, return_std=True)
-    assert [each.states[0, 1] for each in forecast.trajectories] == pytest.approx(
+    assert [trajectory.states[0, 1] for trajectory in forecast.trajectories] == pytest.approx(
         [trials.properties[name]["dose"] for name in trials.objects], rel=1e-3
     )
     assert set(forecast.errors()["state"]) == {"conc"}
     assert forecast.score() > 0.99
     verdict = again.assess(trials)
     assert verdict.usable
-    assert [each.state for each in verdict.state_errors] == ["conc"]
+    assert [state_error.state for state_error in verdict.state_errors] == ["conc"]
     assert "states=['conc']" in to_script(law)
     assert "starts={'depot': 'dose'}" in to_script(law)
 
 
 def test_doses_are_taken_in_the_units_of_the_law(law, trials):
-    grams = {name: {"dose": own["dose"] / 1000} for name, own in trials.properties.items()}
+    grams = {name: {"dose": attribute["dose"] / 1000} for name, attribute in trials.properties.items()}
     schema = cl.Schema(("conc",), units={"dose": "g"})
     others = cl.Trials(trials.trials, schema, grams)
     one, other = law.predict(trials), law.predict(others)
@@ -148,7 +148,7 @@ def test_refining_keeps_to_the_coefficients(law, trials):
 
 
 def test_starts_are_numbers_for_all_or_each_object_too(law, trials):
-    doses = {name: own["dose"] for name, own in trials.properties.items()}
+    doses = {name: attribute["dose"] for name, attribute in trials.properties.items()}
     each = cl.fit(ONE, trials, starts={"depot": doses})
     np.testing.assert_array_equal(each.coefficients, law.coefficients)
     some = trials.select(object=trials.objects[0])

@@ -63,9 +63,9 @@ def covariance_functions(latent, times):
         )
     size = sum(map(len, blocks))
     found, at = np.zeros((size, size)), 0
-    for each in blocks:
-        found[at : at + len(each), at : at + len(each)] = each
-        at += len(each)
+    for block in blocks:
+        found[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
     return found
 
 

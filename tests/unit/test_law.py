@@ -81,7 +81,7 @@ def test_letters_for_coefficients_avoid_the_names_of_variables():
 def test_the_frame_has_a_row_for_each_object_and_a_column_for_each_term(drag, predators):
     frame = to_frame(drag)
     assert frame.loc["light"].to_dict() == {"1": -9.34, "v": 0.0466}
-    columns = [tuple(each) for each in to_frame(predators).columns]
+    columns = [tuple(column) for column in to_frame(predators).columns]
     assert columns == [("x'", "x"), ("x'", "x y"), ("y'", "y"), ("y'", "x y")]
 
 
@@ -93,7 +93,7 @@ def test_latex(drag, predators):
 def test_sympy(predators):
     x, y = sympy.symbols("x y", real=True)
     forms = to_sympy(predators)
-    assert [str(left) for left in forms] == ["x'", "y'"]
+    assert [str(form) for form in forms] == ["x'", "y'"]
     assert sympy.simplify(list(forms.values())[1] - (-2.0 * y + 0.25 * x * y)) == 0
 
 
@@ -362,7 +362,7 @@ def law(drops: Trials) -> Law:
 def test_a_law_knows_the_ranges_of_what_it_was_learned_from_and_keeps_them(law: Law, drops: Trials) -> None:
     again = from_json(to_json(law))
     table = again.provenance.domain.to_frame(again.schema.units).set_index("variable")
-    heights = np.concatenate([each.states for each in drops])
+    heights = np.concatenate([drop.states for drop in drops])
     assert table.loc["x", ["low", "high"]].tolist() == [heights.min(), heights.max()]
     assert table.loc["v", "low"] == pytest.approx(-19.7, abs=1.0)
     assert table.loc["mass"].tolist() == [1.0, 2.0, ""]
@@ -466,8 +466,8 @@ def test_the_residuals_of_all_objects_tell_the_noise_of_few_samples_each():
 
     def left(curve):
         """The sum of squares that a curve of two parameters leaves of all vials, by least squares."""
-        fits = (least_squares(lambda p, own=own: curve(*p) - own, [own[0], 0.3]) for own in states)
-        return 2 * sum(each.cost for each in fits)
+        fits = (least_squares(lambda p, state=state: curve(*p) - state, [state[0], 0.3]) for state in states)
+        return 2 * sum(fit.cost for fit in fits)
 
     ratio = left(lambda a, k: a * np.exp(-k * times)) / left(lambda a, k: a / (1 + a * k * times))
     # With the noise integrated out, of 48 measurements and 16 parameters

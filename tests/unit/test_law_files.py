@@ -160,7 +160,7 @@ def test_a_law_that_json_is_too_large_for_is_refused_in_python_and_goes_beside_i
     later.write_law(str(tmp_path / "law.json"), LAW)
     later.write_law(str(tmp_path / "law.json"), LAW)
     assert later.written == [str(tmp_path / "law.json.parquet")]
-    assert ["is too large for JSON" in each for each in later.failures] == [True]
+    assert ["is too large for JSON" in failure for failure in later.failures] == [True]
     assert to_json(Law.load(tmp_path / "law.json.parquet")) == to_json(LAW)
 
 
@@ -196,7 +196,7 @@ def test_a_damaged_law_in_parquet_is_refused(tmp_path, shape, message):
 def test_an_object_in_two_rows_is_refused(tmp_path):
     columns, rest = parts_of_file()
     with refused("not-a-law", error="an object stands in two rows"):
-        loaded(tmp_path, {name: [*own, own[0]] for name, own in columns.items()}, rest)
+        loaded(tmp_path, {name: [*column, column[0]] for name, column in columns.items()}, rest)
 
 
 def test_measurements_in_parquet_are_no_law(tmp_path):
@@ -229,7 +229,7 @@ def test_a_law_of_version_2_is_read_whole():
 @pytest.mark.parametrize("version", [1, 2])
 def test_names_of_earlier_versions_are_replaced(version):
     law = Law.load(SAVED / f"version-{version}.json")
-    assert [each.kind for each in law.diagnostics] == ["model error"]
+    assert [diagnostic.kind for diagnostic in law.diagnostics] == ["model error"]
     first, second, constant = law.provenance.alternatives
     assert first.measures["2 log B"] == 0
     assert second.measures["2 log B"] > 4

@@ -39,7 +39,7 @@ def test_residual_and_subtraction_agree_with_the_rows(rows):
     problem, coefficients = LeastSquaresProblem.of(library, targets), np.arange(12.0).reshape(2, 6)
     left = targets - library @ coefficients.T
     np.testing.assert_allclose(
-        [problem.rss(own, j) for j, own in enumerate(coefficients)], np.sum(left**2, axis=0), rtol=1e-10
+        [problem.rss(coefficient, j) for j, coefficient in enumerate(coefficients)], np.sum(left**2, axis=0), rtol=1e-10
     )
     everything = np.ones(6, dtype=bool)
     np.testing.assert_allclose(
@@ -140,5 +140,5 @@ def test_several_problems_are_solved_as_one_by_one(support, alike):
         library[:, 2] = library[:, 0] if alike else library[:, 2]
         problems.append(LeastSquaresProblem.of(library, generator.standard_normal((20, 2))))
     found = least_squares_of_each(problems, np.array(support), 1)
-    expected = [each.least_squares(np.array(support), 1) for each in problems]
+    expected = [problem.least_squares(np.array(support), 1) for problem in problems]
     np.testing.assert_allclose(found, expected, rtol=1e-11)

@@ -150,7 +150,7 @@ def test_a_state_may_be_missing_throughout_a_trial_if_another_has_it(tmp_path):
         Trials.read(tmp_path / "half.csv"),
         Trials.from_arrays([range(8)] * 2, [frame[["x", "y"]][:8], half[["x", "y"]][8:]], object=["a", "b"]),
     ):
-        assert [np.isnan(each.states).sum(axis=0).tolist() for each in trials] == [[0, 0], [0, 8]]
+        assert [np.isnan(trial.states).sum(axis=0).tolist() for trial in trials] == [[0, 0], [0, 8]]
         assert not any("left out" in note for note in trials.notes)
     with refused("state-with-gaps", state="y", measured=0, samples=8, where="a, trial 1"):
         Trials.from_frame(frame.assign(y=np.nan), states=["x", "y"])
@@ -190,11 +190,11 @@ def test_the_check_counts_missing_values_by_trial_and_state_and_looks_for_jumps_
     states[29, 0] = np.nan
     trials = collection(spiral(), Trial("b", "1", jumping.times, states))
     report = trials.check()
-    assert [each.missing for each in report.trials] == [{"x": 2, "y": 2}, {"x": 3, "y": 2}]
+    assert [trial.missing for trial in report.trials] == [{"x": 2, "y": 2}, {"x": 3, "y": 2}]
     assert report.to_frame()["x (missing)"].tolist() == [2, 3]
     assert "missing" not in " ".join(collection(spiral(gaps=())).check().to_frame().columns)
     assert "a, trial 1: x is missing in 2 of 60 samples" in report.findings
-    assert [each for each in report.findings if "jumps" in each] == [
+    assert [finding for finding in report.findings if "jumps" in finding] == [
         f"b, trial 1: x jumps by {states[30, 0] - states[28, 0]:.3g} from sample 29 to sample 31"
     ]
     assert report.trials[0].last["y"] == trials[0].states[58, 1]

@@ -86,7 +86,7 @@ def test_initial_values_may_be_parameters_that_trials_share():
         samples.append(cl.Trial("A", str(i), T, 2 * np.exp(-0.5 * T) + 0.05 * source.standard_normal(len(T))))
     trials = cl.Trials(tuple(samples), cl.Schema(("x",)))
     law = cl.fit("x' = -k x", trials, starts={"x": "x0"})
-    whole = np.concatenate([each.states[:, 0] for each in samples])
+    whole = np.concatenate([sample.states[:, 0] for sample in samples])
     assert_least_squares(law, {"k": 1.0, "x0": 1.0}, lambda p: np.tile(p[1] * np.exp(-p[0] * T), 3) - whole)
 
 
@@ -161,7 +161,9 @@ def by_trial(seed, rates=(0.4, 0.8, 1.2), **columns):
     for owner, offset in {"A": 1.0, "B": 0.5}.items():
         for i, k in enumerate(rates):
             y = 2 * np.exp(-k * T) + offset + 0.05 * source.standard_normal(len(T))
-            inputs = np.tile([each[i] for each in columns.values()], (len(T), 1)) if columns else np.empty((len(T), 0))
+            inputs = (
+                np.tile([column[i] for column in columns.values()], (len(T), 1)) if columns else np.empty((len(T), 0))
+            )
             trials.append(cl.Trial(owner, str(i), T, y[:, None], inputs))
     return cl.Trials(tuple(trials), cl.Schema(("y",), tuple(columns)))
 
@@ -172,7 +174,7 @@ def by_trial_expected(trials, groups):
     def residuals(p):
         own = (p[group] * -T for group in groups)
         curves = [p[-3] * np.exp(each) + p[-2 + (t.object == "B")] for each, t in zip(own, trials, strict=True)]
-        return np.concatenate(curves) - np.concatenate([each.states[:, 0] for each in trials])
+        return np.concatenate(curves) - np.concatenate([trial.states[:, 0] for trial in trials])
 
     first = [*np.full(len(set(groups)), 0.7), 1.5, 0.7, 0.7]
     found = least_squares(residuals, first, xtol=1e-15, ftol=1e-15, gtol=1e-15)
@@ -195,9 +197,9 @@ def test_parameters_may_differ_between_trials_of_an_object(tmp_path):
     assert again.observation == law.observation
     # Each trial determines its rate anew, where the others are those of the law
     curves = again.predict(trials)
-    for i, (trial, own) in enumerate(zip(trials, curves.trajectories, strict=True)):
+    for i, (trial, trajectory) in enumerate(zip(trials, curves.trajectories, strict=True)):
         expected = x[6] * np.exp(-x[i] * T) + x[7 + (trial.object == "B")]
-        assert own.states[:, 0] == pytest.approx(expected, abs=2e-3)
+        assert trajectory.states[:, 0] == pytest.approx(expected, abs=2e-3)
 
 
 def test_bands_of_trials_with_parameters_of_their_own_are_those_of_the_joint_fit():
@@ -239,7 +241,7 @@ def test_a_parameter_at_its_bound_is_reported_with_a_one_sided_interval():
     y = 2 * np.exp(-0.5 * T) + 0.05 * np.random.default_rng(6).standard_normal(len(T))
     law = cl.fit("x' = -k x + q; q > 0.2; x(0) = a", trials_of({"A": (T, y)}, ["x"]))
     assert estimates(law)["q"][0] == 0.2
-    (note,) = [each for each in law.diagnostics if each.code == "estimate-at-bound"]
+    (note,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.code == "estimate-at-bound"]
     assert "0.2" in note.text
 
     def residuals(p):
@@ -257,7 +259,7 @@ def test_a_parameter_keeps_to_narrow_bounds(ends):
     low, high = found.x[0] + np.array(ends)
     bound = f"k < {high}" if np.isinf(low) else f"{low} < k < {high}"
     law = cl.fit(f"x' = -k x; x(0) = 1; {bound}", trials_of({"A": (T, y)}, ["x"]))
-    notes = [each.text for each in law.diagnostics if each.code == "estimate-at-bound"]
+    notes = [diagnostic.text for diagnostic in law.diagnostics if diagnostic.code == "estimate-at-bound"]
     if low < found.x[0] < high:
         assert estimates(law)["k"] == (pytest.approx(found.x[0], rel=1e-7), pytest.approx(error, rel=1e-4))
         assert not notes
@@ -424,7 +426,7 @@ def test_a_dead_time_of_an_input_is_estimated(between):
     for name, truth in {"g": 0.62, "s": 80.0, "d": 18.0}.items():
         value, error = known[name]
         assert abs(value - truth) < 4 * error < 0.05 * truth
-    notes = [each.code for each in cl.fit("x' = (g u(t - d) - x)/s", trials).diagnostics]
+    notes = [diagnostic.code for diagnostic in cl.fit("x' = (g u(t - d) - x)/s", trials).diagnostics]
     assert notes == ["delay-by-interpolation"]
 
 
@@ -453,7 +455,7 @@ def test_objects_of_one_property_share_their_noise(tmp_path):
     again = cl.Law.load(tmp_path / "law.json")
     assert again.observation.noise_of == law.observation.noise_of
     forecast = again.predict(trials, return_std=True)
-    assert [np.median(each.noise) for each in forecast.trials] == pytest.approx([noise[name] for name in labs])
+    assert [np.median(trial.noise) for trial in forecast.trials] == pytest.approx([noise[name] for name in labs])
 
 
 def test_the_time_of_a_switch_is_estimated():
@@ -646,10 +648,10 @@ def test_a_law_is_refined_as_it_was_fitted(text, settings, tmp_path):
 def bayes_factor(samples, curves, firsts, counts):
     """Return minus twice the log-likelihood at its maximum with log n for each unknown, by least squares of all."""
     found = []
-    for curve, first, own in zip(curves, firsts, counts, strict=True):
+    for curve, first, count in zip(curves, firsts, counts, strict=True):
         fit = least_squares(lambda p, c=curve: np.concatenate(c(p)) - np.concatenate(samples), first, x_scale="jac")
         n = len(fit.fun)
-        found.append(n * np.log(2 * np.pi * 2 * fit.cost / n) + n + sum(np.log(own)) + np.log(n))
+        found.append(n * np.log(2 * np.pi * 2 * fit.cost / n) + n + sum(np.log(count)) + np.log(n))
     return np.array(found) - min(found)
 
 
@@ -754,7 +756,7 @@ def test_evidence_with_priors_is_the_integral_of_the_likelihood():
     y = 2 * np.exp(-0.5 * T) + 0.03 * np.random.default_rng(33).standard_normal(len(T))
     trials = trials_of({"A": (T, y)})
     priors = [{"k": (0.6, 0.1), "c": (2.1, 0.2)}, {"k": (0.45, 0.02), "c": (2.0, 0.01)}]
-    laws = [cl.fit("x' = -k x; y = c x; x(0) = 1", trials, priors=each, noise={"y": 0.03}) for each in priors]
+    laws = [cl.fit("x' = -k x; y = c x; x(0) = 1", trials, priors=prior, noise={"y": 0.03}) for prior in priors]
     k, c = np.meshgrid(np.linspace(0.4, 0.6, 401), np.linspace(1.8, 2.2, 401))
     z = (c[..., None] * np.exp(-k[..., None] * T) - y) / 0.03
 
@@ -784,10 +786,10 @@ def test_the_command_line_compares_and_refines_laws_with_observation_equations(t
         ("refine", "cells.csv", "law.json", "--save", "again.json"),
         ("fit", "cells.csv", "x' = -k x; signal = c x + b; x(0) = 1", "--against", "law.json"),
     )
-    for each in words:
-        done = CliRunner().invoke(commonlaw, each)
+    for word in words:
+        done = CliRunner().invoke(commonlaw, word)
         assert done.exit_code == 0, done.output
-        if each[0] == "compare":
+        if word[0] == "compare":
             rows = json.loads(done.stdout)["laws"]
             assert rows[0]["law"] == "law.json"
             assert rows[1]["2 log B"] > 10
@@ -894,7 +896,7 @@ def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path, monkeypatch):
         rows += [f"{name},{t},{'<0.5' if v < 0.5 else round(v, 6)}" for t, v in zip(times, y, strict=True)]
     (tmp_path / "levels.csv").write_text("\n".join(rows))
     trials = cl.Trials.read(tmp_path / "levels.csv")
-    assert any("below a limit of quantification in conc" in each for each in trials.notes)
+    assert any("below a limit of quantification in conc" in note for note in trials.notes)
     law = cl.fit("conc' = -k conc", trials, starts={"conc": "c0"}, universal="c0")
 
     def deviance(p):

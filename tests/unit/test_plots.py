@@ -155,7 +155,7 @@ def test_reference_curves_are_black_in_their_own_line_styles_and_change_nothing_
 def test_heat_maps_colour_magnitudes_blank_zeros_and_print_values() -> None:
     law = law_of(drops())
     panel, bar = plot_coefficients(law).axes
-    (mesh,) = [each for each in panel.collections if isinstance(each, QuadMesh)]
+    (mesh,) = [collection for collection in panel.collections if isinstance(collection, QuadMesh)]
     cells = np.ma.asarray(mesh.get_array())
     np.testing.assert_array_equal(cells.filled(0), np.abs(law.coefficients[:, 0]))
     np.testing.assert_array_equal(cells.mask, law.coefficients[:, 0] == 0)
@@ -278,7 +278,7 @@ def test_coefficients_whose_errors_are_known_have_95_percent_intervals() -> None
     law = unsure(law_of(trials))
     figure = plot_law(law, trials)
     for k, panel in enumerate(figure.axes[:2]):
-        (bars,) = [each for each in panel.collections if isinstance(each, LineCollection)]
+        (bars,) = [collection for collection in panel.collections if isinstance(collection, LineCollection)]
         frame = law.conf_int()[k::2]
         for ends, low, high in zip(bars.get_segments(), frame["low"], frame["high"], strict=True):
             np.testing.assert_allclose(ends[:, 0], [low, high])
@@ -295,9 +295,9 @@ def test_forecasts_with_a_spread_have_bands_of_measurements_and_around_no_error(
     assert legend_of(figure)[:3] == ["measured", "forecast from the first 38 samples", "95 % band (measured)"]
     margins = forecast.margins(measured=True)
     for panel, middles in zip(
-        figure.axes, ([each.states[:, 0] for each in forecast.trajectories], [0, 0]), strict=True
+        figure.axes, ([trajectory.states[:, 0] for trajectory in forecast.trajectories], [0, 0]), strict=True
     ):
-        bands = [each for each in panel.collections if isinstance(each, PolyCollection)]
+        bands = [collection for collection in panel.collections if isinstance(collection, PolyCollection)]
         for band, middle, margin in zip(bands, middles, margins, strict=True):
             low, high = middle - margin[:, 0], middle + margin[:, 0]
             drawn = band.get_paths()[0].get_extents()
@@ -396,9 +396,9 @@ def test_ticks_on_both_sides_of_zero_keep_their_distance() -> None:
     coefficients[0, 0, :3] = -9.5, 1e-3, 0.4
     figure = plot_law(replace(law, coefficients=coefficients), drops(balls=1, noise=0.05))
     figure.draw_without_rendering()
-    (panel,) = (each for each in figure.axes if each.get_xscale() == "symlog")
+    (panel,) = (axis for axis in figure.axes if axis.get_xscale() == "symlog")
     ticks = [tick.label1 for tick in panel.xaxis.get_major_ticks() if tick.label1.get_text()]
     low, high = panel.get_xlim()
-    boxes = [each.get_window_extent() for each in ticks if low <= each.get_position()[0] <= high]
+    boxes = [tick.get_window_extent() for tick in ticks if low <= tick.get_position()[0] <= high]
     assert len(boxes) >= 2
     assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])

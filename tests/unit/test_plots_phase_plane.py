@@ -103,7 +103,7 @@ def test_a_profile_is_the_least_sum_of_squares_over_all_other_unknowns():
         return float(np.sum((values - start * shape) ** 2) / noise**2)
 
     best = min(map(least, np.linspace(0.5, 0.9, 4001)))
-    np.testing.assert_allclose(profile.deviance, [least(each) - best for each in profile.values], atol=1e-4)
+    np.testing.assert_allclose(profile.deviance, [least(value) - best for value in profile.values], atol=1e-4)
     ends = [brentq(lambda k: least(k) - best - 3.841, *ends) for ends in ((0.3, 0.7), (0.7, 1.5))]
     np.testing.assert_allclose(profile.interval, ends, rtol=5e-3)
     figure = plot_profile(law, trials, "k")

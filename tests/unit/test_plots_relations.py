@@ -35,7 +35,7 @@ def test_coefficients_stand_against_what_they_follow_with_their_intervals(law):
     np.testing.assert_allclose(
         line.get_ydata(), -law.uncertainty.explanation.relations[1].factors[0] / line.get_xdata()
     )
-    bars = next(each for each in gravity.collections if isinstance(each, LineCollection))
+    bars = next(collection for collection in gravity.collections if isinstance(collection, LineCollection))
     reach = t.ppf(0.975, law.uncertainty.degrees_of_freedom[0])
     np.testing.assert_allclose(np.ptp(bars.get_segments()[0][:, 1]), 2 * reach * np.sqrt(own.covariance[0, 0, 0]))
 
@@ -47,10 +47,10 @@ def test_objects_collapse_onto_one_line_where_several_properties_decide(law):
         for name, mass, charge in zip(law.objects, MASSES, charges, strict=True)
     }
     both = law.explain(changed)
-    assert [str(each) for each in both.uncertainty.explanation.relations[1].exponents] == ["-1", "1"]
+    assert [str(exponent) for exponent in both.uncertainty.explanation.relations[1].exponents] == ["-1", "1"]
     figure = plot_relations(both)
     assert [panel.get_xlabel() for panel in figure.axes[1:]] == ["mass", "charge", "charge/mass"]
-    lines = [sum(len(each.get_xdata()) > 2 for each in panel.lines) for panel in figure.axes[1:]]
+    lines = [sum(len(line.get_xdata()) > 2 for line in panel.lines) for panel in figure.axes[1:]]
     assert lines == [0, 0, 1]
     assert render(plot_relations(both), "svg") == render(plot_relations(both), "svg")
 
@@ -59,7 +59,7 @@ def test_each_objects_own_coefficients_have_the_range_of_their_scatter(law):
     own = law.explain([])
     panel = plot_relations(own).axes[1]
     relation = own.uncertainty.explanation.relations[1]
-    (band,) = [each for each in panel.collections if isinstance(each, PolyCollection)]
+    (band,) = [collection for collection in panel.collections if isinstance(collection, PolyCollection)]
     ends = band.get_paths()[0].vertices[:, 1]
     expected = relation.factors[0] * np.exp(1.96 * relation.scatter * np.array([1, -1]))
     np.testing.assert_allclose([ends.min(), ends.max()], expected, rtol=1e-3)
@@ -75,5 +75,5 @@ def test_very_many_objects_are_not_told_apart(law, monkeypatch):
     figure = plot_relations(law)
     gravity = figure.axes[0]
     assert gravity.get_xlabel() == "objects"
-    assert {each.get_color() for each in gravity.lines if len(each.get_xdata()) == 1} == {COLORS[0]}
+    assert {line.get_color() for line in gravity.lines if len(line.get_xdata()) == 1} == {COLORS[0]}
     assert [each.get_text() for each in figure.legends[0].get_texts()] == ["relation"]

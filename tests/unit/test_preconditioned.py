@@ -148,8 +148,8 @@ def test_draws_of_rows_are_those_of_weighted_rows():
     counts = np.array([np.bincount(generator.integers(3000, size=3000), minlength=3000) for _ in range(8)], dtype=float)
     assert (counts[:, -1] == 0).any()
     support = np.ones(30, dtype=bool)
-    for found, own in zip(redrawn_rows(library, targets, counts), counts, strict=True):
-        expected = LeastSquaresProblem.of(library, targets, own)
+    for found, count in zip(redrawn_rows(library, targets, counts), counts, strict=True):
+        expected = LeastSquaresProblem.of(library, targets, count)
         assert (found.terms, found.rows) == (30, 3000)
         for target in range(2):
             values = expected.least_squares(support, target)

@@ -45,7 +45,7 @@ def test_every_form_is_recognised_with_all_its_quantities(form, text):
     """Of what depends on an initial value only the names are known here."""
     states = [each.state for each in split_equations(text)]
     inputs = tuple(name for name in form.inputs if f"{name} " in text or f"{name}/" in text)
-    names = [each.name for each in read_equations(text, Schema(tuple(states), inputs)).coefficients]
+    names = [coefficient.name for coefficient in read_equations(text, Schema(tuple(states), inputs)).coefficients]
     law = cl.Law.from_text(text, {name: 0.3 + 0.2 * i for i, name in enumerate(names)}, inputs=inputs)
     if form.doses:
         law = replace(law, schema=replace(law.schema, doses=inputs, input_between="linear"))
@@ -157,7 +157,7 @@ def test_linear_systems_have_modes():
     eigenvalues = np.linalg.eigvals(matrix)
     damped = eigenvalues[eigenvalues.imag == 0].real
     assert sorted(table[table["symbol"] == "τ"]["estimate"]) == pytest.approx(sorted(-1 / damped))
-    (pair,) = [each for each in eigenvalues if each.imag > 0] or [None]
+    (pair,) = [eigenvalue for eigenvalue in eigenvalues if eigenvalue.imag > 0] or [None]
     if pair is not None:
         assert table.set_index("symbol")["estimate"]["T"] == pytest.approx(2 * np.pi / pair.imag)
 

@@ -94,8 +94,8 @@ def posterior(estimates, covariances, variances):
     vague = 1e5
     together = np.kron(np.full((objects, objects), vague), np.eye(size)) + np.kron(np.eye(objects), np.diag(variances))
     errors = np.zeros_like(together)
-    for o, each in enumerate(covariances):
-        errors[o * size : (o + 1) * size, o * size : (o + 1) * size] = each
+    for o, covariance in enumerate(covariances):
+        errors[o * size : (o + 1) * size, o * size : (o + 1) * size] = covariance
     gain = together @ np.linalg.inv(together + errors)
     return (gain @ estimates.ravel()).reshape(objects, size), together - gain @ together
 
@@ -172,8 +172,8 @@ def test_covariances_of_what_hangs_together_are_symmetric():
     for size in (3, 4, 5, 6):
         turn = np.linalg.qr(generator.standard_normal((size, size)))[0] * np.geomspace(1, 3e4, size)
         factors = turn @ (np.eye(size) + 0.3 * generator.standard_normal((10, 5, size, size)))
-        for own in factors:
-            found = shrink(generator.standard_normal((5, size)), own @ own.swapaxes(1, 2), np.full(size, np.nan))
+        for factor in factors:
+            found = shrink(generator.standard_normal((5, size)), factor @ factor.swapaxes(1, 2), np.full(size, np.nan))
             np.testing.assert_array_equal(found.covariances, found.covariances.swapaxes(1, 2))
 
 

@@ -91,8 +91,8 @@ def test_forges_have_all_systems_and_all_pythons_and_no_target_that_is_gone(forg
 
 def test_packages_are_pinned_once_each_in_plain_lines() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
-    assert not [each for each in lines if not re.fullmatch(r"[\w.-]+==[\w.]+", each)]
-    names = [re.sub(r"[-_.]+", "-", each.partition("==")[0]).lower() for each in lines]
+    assert not [line for line in lines if not re.fullmatch(r"[\w.-]+==[\w.]+", line)]
+    names = [re.sub(r"[-_.]+", "-", line.partition("==")[0]).lower() for line in lines]
     assert len(set(names)) == len(names)
     extras = PROJECT["project"]["optional-dependencies"].values()
     needed = [each for few in (PROJECT["project"]["dependencies"], *extras) for each in few]
@@ -189,7 +189,7 @@ def changes_of_disk(module):
 
 def test_one_module_changes_what_is_on_disk():
     changes = [each for module in SOURCES.rglob("*.py") for each in changes_of_disk(module)]
-    assert [each for each in changes if not each.startswith(("runtime/files.py:", "cli/output.py:"))] == [], (
+    assert [change for change in changes if not change.startswith(("runtime/files.py:", "cli/output.py:"))] == [], (
         "write by commonlaw.runtime.files"
     )
 
@@ -201,7 +201,9 @@ def test_one_module_reads_what_is_on_disk():
         if each.name not in ("diagnostics.py", "reading.py", "files.py", "output.py")
         and str(each.relative_to(SOURCES)) != "kernel/__init__.py"
     ]
-    calls = [node for each in modules for node in ast.walk(ast.parse(each.read_text())) if isinstance(node, ast.Call)]
+    calls = [
+        node for module in modules for node in ast.walk(ast.parse(module.read_text())) if isinstance(node, ast.Call)
+    ]
     names = {getattr(call.func, "attr", getattr(call.func, "id", "")) for call in calls}
     assert not names & READS_DISK, "read by commonlaw.runtime.reading, within its limits"
 

@@ -26,7 +26,7 @@ def decays(disturb, samples: int = 60) -> Trials:
     """Return ten decays with noise of 0.01, to which disturbances of shape (samples,) by time and state are added."""
     times, rng = np.linspace(0.0, 3.0, samples), np.random.default_rng(3)
     states = [start * np.exp(-times) for start in np.linspace(1.0, 2.0, 10)]
-    noisy = [own + disturb(times, own, rng) for own in states]
+    noisy = [state + disturb(times, state, rng) for state in states]
     return Trials.from_arrays([times] * 10, noisy, trial=list(range(10)))
 
 
@@ -110,7 +110,7 @@ def test_white_noise_has_no_memory_after_a_fit_to_short_trials(samples, trials):
 def test_coefficients_that_all_objects_share_are_spent_once():
     trials = decays(white)
     names = [f"object {i}" for i in range(10)]
-    apart = trials.with_trials([replace(own, object=name) for own, name in zip(trials, names, strict=True)])
+    apart = trials.with_trials([replace(trial, object=name) for trial, name in zip(trials, names, strict=True)])
     law = Law.from_text("x' = -k x", {"k": dict.fromkeys(names, 1.0)})
     own = np.full((10, 1, 1), 1e-4)
     for covariance, spent in ((own, 20), (own / 10, 11)):
@@ -118,7 +118,7 @@ def test_coefficients_that_all_objects_share_are_spent_once():
         uncertain = replace(law.uncertainty, noise=[0.01], covariance=covariance, unpooled=unpooled)
         found = replace(law, uncertainty=uncertain).residuals(apart)
         squares = np.concatenate(found.standardized) ** 2
-        (level,) = [each.statistic for each in found.patterns if each.pattern == "RMS over noise"]
+        (level,) = [pattern.statistic for pattern in found.patterns if pattern.pattern == "RMS over noise"]
         assert level == pytest.approx(np.sqrt(squares.sum() / (len(squares) - spent)))
 
 
@@ -138,7 +138,7 @@ def test_a_law_that_does_not_know_its_noise_takes_it_from_the_samples():
 def test_means_of_residuals_are_of_several():
     few = WHITE.residuals(decays(white, 30).select(trial=0))
     axes = plot_residuals(few).axes[0]
-    (means,) = [each for each in axes.lines if each.get_marker() == "o"]
+    (means,) = [line for line in axes.lines if line.get_marker() == "o"]
     assert len(means.get_xdata()) == 30 // 4
 
 
@@ -314,7 +314,7 @@ def test_values_that_are_not_finite_are_refused(without_drag: Discrepancy[Law], 
 
 
 def test_a_line_describes_the_drag_that_a_law_lacks(without_drag: Discrepancy[Law]) -> None:
-    described = {each.terms: each for each in without_drag.descriptions}
+    described = {description.terms: description for description in without_drag.descriptions}
     line = described[("v",)]
     assert line.evidence > 0
     assert abs(line.coefficients[0] - -0.3) < 3 * line.errors[0]

@@ -28,7 +28,7 @@ def test_wells_are_fitted_as_without_the_blanks_which_are_named():
     law, alone = (cl.fit("x' = a x + b x^2", each) for each in (with_blanks, without))
     assert law.objects == tuple(RATES)
     np.testing.assert_allclose(law.coefficients, alone.coefficients, rtol=1e-9)
-    (found,) = (each for each in law.diagnostics if each.kind is OutcomeKind.NOT_IDENTIFIABLE)
+    (found,) = (diagnostic for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.NOT_IDENTIFIABLE)
     assert found.code == "objects-at-rest"
     assert "B1, B2" in found.text
     assert law.coefficients[:, 0, 0] == pytest.approx([*RATES.values()], abs=0.01)
@@ -75,7 +75,7 @@ def test_a_state_that_never_changes_is_left_out_of_a_law_that_takes_tables_with_
     trials = tracked(lambda t, _: np.full_like(t, 0.3))
     law = cl.discover(trials, order=2, library="poly:1")
     assert law.structure == ("x'' = a x + b v",)
-    assert "states-at-rest" in {each.code for each in law.diagnostics}
+    assert "states-at-rest" in {diagnostic.code for diagnostic in law.diagnostics}
     again = cl.law.from_json(cl.law.to_json(law))
     assert again.predict(trials).score() > 0.99
     assert cl.refine(again, trials).provenance.domain.constant == ("y",)

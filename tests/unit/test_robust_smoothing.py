@@ -114,4 +114,4 @@ def test_a_constant_state_stays():
     times, states = oscillator()
     found = RobustSpline().differentiate(times, np.where([True, False], 3.0, states), 2)
     np.testing.assert_allclose(found.states[:, 0], 3.0)
-    np.testing.assert_allclose([each[:, 0] for each in found.derivatives], 0.0, atol=1e-9)
+    np.testing.assert_allclose([derivative[:, 0] for derivative in found.derivatives], 0.0, atol=1e-9)

@@ -23,7 +23,7 @@ class Problem:
         self.allowed = np.ones(len(self.terms), dtype=bool)
         self.of = [trials.of_object(name) for name in trials.objects]
         self.parts = [[self.form.problems(trial, self.terms, 4) for trial in own] for own in self.of]
-        self.problems = [merge(block for trial in own for block in trial) for own in self.parts]
+        self.problems = [merge(block for trial in part for block in trial) for part in self.parts]
 
     def fits(self, support):
         """Coefficients of every object, shape (objects, equations, terms)."""

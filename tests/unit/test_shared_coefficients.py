@@ -67,7 +67,7 @@ def drawn(case, count=3, noise=0.01):
     _, solution, truth, _, name = CASES[case]
     generator = np.random.default_rng(1)
     values = np.array(truth) * np.exp(0.15 * generator.standard_normal((count, len(truth))))
-    measured = [solution(own) for own in values]
+    measured = [solution(value) for value in values]
     noise *= np.std(measured)
     measured = [own + noise * generator.standard_normal(len(own)) for own in measured]
     objects = [f"person {i}" for i in range(count)]
@@ -80,13 +80,13 @@ def test_estimates_and_errors_are_those_of_independent_least_squares(case):
     truth, noise, measured, trials = drawn(case)
     law = cl.fit(equations, trials, **STARTS[case], noise={name: noise}, **WHITE)
     parameters = named_parameters(law)
-    columns = [parameters.names.index(each) for each in letters]
+    columns = [parameters.names.index(letter) for letter in letters]
     values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
-    for own, error, data, begin in zip(values, errors, measured, truth, strict=True):
+    for value, error, data, begin in zip(values, errors, measured, truth, strict=True):
         scale = np.abs(begin) + 0.01
         found = least_squares(lambda each, data=data: (solution(each) - data) / noise, begin, x_scale=scale, xtol=1e-12)
         bound = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
-        assert (abs(own - found.x[1:]) < 0.1 * error).all()
+        assert (abs(value - found.x[1:]) < 0.1 * error).all()
         np.testing.assert_allclose(error, bound[1:], rtol=0.06)
 
 
@@ -100,7 +100,7 @@ def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
     assert ("start", "tissue = 0.0 at 0") in [(each.stage, each.choice) for each in law.history]
     forecast = again.predict(trials)
     assert forecast.score() > 0.99
-    assert [each.times[0] for each in forecast.trajectories] == [0.0] * 3
+    assert [trajectory.times[0] for trajectory in forecast.trajectories] == [0.0] * 3
     assert again.assess(trials).usable
 
 

@@ -11,7 +11,7 @@ from commonlaw.library.term import Factor
 
 
 def program(*expressions, variables):
-    return Program.of([((Factor(each), 1),) for each in expressions], variables)
+    return Program.of([((Factor(expression), 1),) for expression in expressions], variables)
 
 
 TIMES = np.arange(0.0, 400.0, 10.0)

@@ -218,7 +218,9 @@ def law(
     names = tuple(f"o{k}" for k in range(objects))
     found = cl.Law.from_text(equations, {key: dict.fromkeys(names, value) for key, value in values.items()})
     places = {
-        (part.equation, part.term): each.name for each in named_parameters(found).definitions for part in each.parts
+        (part.equation, part.term): definition.name
+        for definition in named_parameters(found).definitions
+        for part in definition.parts
     }
     variances = [errors[places[index]] ** 2 for index in map(tuple, np.argwhere(found.support).tolist())]
     return replace(found, uncertainty=Uncertainty(np.tile(np.diag(variances), (objects, 1, 1))))

@@ -135,7 +135,7 @@ def lorenz(noise, objects=10, samples=400):
             return np.array([sigma * (y - x), x * (rho - z) - y, x * y - beta * z])
 
         states = solve_ivp(rates, (0, 8), [1, 1, 20], t_eval=np.linspace(0, 8, samples), rtol=1e-6).y
-        library = np.stack([np.prod(states[[*each]], axis=0) for each in exponents], axis=1)
+        library = np.stack([np.prod(states[[*exponent]], axis=0) for exponent in exponents], axis=1)
         targets = rates(0, states) + noise * generator.standard_normal((3, samples))
         problems.append(LeastSquaresProblem.of(library, targets.T))
     return problems

@@ -47,7 +47,7 @@ SPELLINGS = [
 @pytest.mark.parametrize(("states", "first", "others"), SPELLINGS, ids=[each[1] for each in SPELLINGS])
 def test_every_spelling_has_the_same_right_hand_sides_and_as_many_constants(states, first, others):
     schema, source = cl.Schema(*states), np.random.default_rng(0)
-    letters = [each.name for each in read_equations(first, schema).coefficients]
+    letters = [coefficient.name for coefficient in read_equations(first, schema).coefficients]
     values = dict(zip(letters, source.uniform(0.5, 2, len(letters)), strict=True))
     laws = [cl.Law.from_text(text, values, inputs=states[1]) for text in (first, *others)]
     names = laws[0].terms.variables.measured
@@ -55,11 +55,11 @@ def test_every_spelling_has_the_same_right_hand_sides_and_as_many_constants(stat
     rates = [
         dict(zip(law.schema.states, law.rhs("object", _ordered(law, names, points)).T, strict=True)) for law in laws
     ]
-    for law, found in zip(laws, rates, strict=True):
+    for law, rate in zip(laws, rates, strict=True):
         assert {*law.terms.variables.parameters} == {*laws[0].terms.variables.parameters}
         assert law.support.sum() == laws[0].support.sum()
         for name in laws[0].schema.states:
-            np.testing.assert_allclose(found[name], rates[0][name], rtol=1e-12)
+            np.testing.assert_allclose(rate[name], rates[0][name], rtol=1e-12)
 
 
 def _ordered(law, names, points):

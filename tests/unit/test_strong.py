@@ -37,7 +37,7 @@ def test_the_parts_of_a_trial_are_the_systems_of_its_rows(parts):
     np.testing.assert_allclose(
         merge(problems).least_squares(everything, 1), whole.least_squares(everything, 1), rtol=1e-9
     )
-    first = LeastSquaresProblem.of(*(each[: problems[0].rows] for each in rows))
+    first = LeastSquaresProblem.of(*(row[: problems[0].rows] for row in rows))
     np.testing.assert_allclose(problems[0].least_squares(everything, 0), first.least_squares(everything, 0), rtol=1e-9)
 
 

@@ -24,9 +24,9 @@ def rows(coefficients, samples=40, seed=0, noise=1.0):
     """Rows of several objects: a library, and a target for these coefficients, shape (objects, terms)."""
     generator = np.random.default_rng(seed)
     found = []
-    for own in coefficients:
-        library = generator.standard_normal((samples, len(own))) * np.linspace(1, 3, len(own))
-        found.append((library, library @ own + noise * generator.standard_normal(samples)))
+    for coefficient in coefficients:
+        library = generator.standard_normal((samples, len(coefficient))) * np.linspace(1, 3, len(coefficient))
+        found.append((library, library @ coefficient + noise * generator.standard_normal(samples)))
     return found
 
 
@@ -77,8 +77,8 @@ def test_noise_of_unknown_scale_is_integrated_out():
         return -2 * (np.log(area) - peak)
 
     squares = np.array([20.0, 40.0, 80.0])
-    found = [measured.deviance(each, 0) for each in squares]
-    np.testing.assert_allclose(np.diff(found), np.diff([exact(each) for each in squares]), rtol=1e-6)
+    found = [measured.deviance(square, 0) for square in squares]
+    np.testing.assert_allclose(np.diff(found), np.diff([exact(square) for square in squares]), rtol=1e-6)
     rests = [target - library[:, :k] @ np.linalg.lstsq(library[:, :k], target, rcond=None)[0] for k in (1, 3)]
     values = [minus_twice_log_evidence(factors([(library, target)]), np.arange(k), measured) for k in (1, 3)]
     expected = [measured.deviance(r @ r, k) + k * np.log(77) for r, k in zip(rests, (1, 3), strict=True)]

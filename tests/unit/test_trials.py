@@ -375,7 +375,7 @@ def test_what_is_odd_knows_its_trial_sample_and_column():
 def test_trials_that_are_irregular_throughout_are_not_to_be_clipped():
     findings = ball([1.0, 3.0, 4.0, 7.0, 9.0], times=[118.0, 484.0, 664.0, 1004.0, 1231.0]).check().findings
     assert findings[0].startswith("ball, trial 1: irregular sampling: steps are up to 104 off their median 284")
-    assert not any("clip" in each for each in findings)
+    assert not any("clip" in finding for finding in findings)
 
 
 @pytest.mark.parametrize("tolerance", [0, -1, float("nan")])

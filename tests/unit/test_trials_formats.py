@@ -349,14 +349,14 @@ def test_date_and_time_of_day_in_two_columns_are_one_time(tmp_path, header):
 def test_a_date_that_is_the_trial_is_no_part_of_the_time(tmp_path):
     days = "".join(f"2024-03-{day},0:00:0{i},{i}\n" for day in (30, 31) for i in range(3))
     trials = read(tmp_path, "Date,Time,x\n" + days, trial="Date")
-    assert [each.times.tolist() for each in trials] == [[0, 1, 2], [0, 1, 2]]
+    assert [trial.times.tolist() for trial in trials] == [[0, 1, 2], [0, 1, 2]]
 
 
 def test_dates_that_are_columns_are_times_and_rows_objects(tmp_path):
     table = "land,lat,01/30/20,01/31/20,02/01/20,02/02/20,02/03/20,02/04/20\nA,1.5,3,4,,6,7,8\nB,2.5,5,6,7,8,9,9\n"
     trials = read(tmp_path, table)
     assert trials.objects == ("A", "B")
-    assert [each.times.tolist() for each in trials] == [[0, 1, 3, 4, 5], [0, 1, 2, 3, 4, 5]]
+    assert [trial.times.tolist() for trial in trials] == [[0, 1, 3, 4, 5], [0, 1, 2, 3, 4, 5]]
     assert trials[0].states[:, 0].tolist() == [3, 4, 6, 7, 8]
     assert (trials.schema.time, trials.schema.states, trials.schema.units) == ("time", ("value",), {"time": "day"})
     assert trials.properties == {"A": {"lat": 1.5}, "B": {"lat": 2.5}}

@@ -45,8 +45,8 @@ def test_the_column_that_tells_trials_apart_is_named_if_its_name_does_not_say_so
 def test_times_that_start_again_become_trials_where_this_is_asked():
     for frame in (RUNS, RUNS.assign(t=[*T, *T])):
         trials = Trials.from_frame(frame, restarts="trials")
-        assert [each.name for each in trials] == ["1", "2"]
-        assert [each.states[:, 0].tolist() for each in trials] == [np.exp(-T).tolist(), np.exp(-3 * T).tolist()]
+        assert [trial.name for trial in trials] == ["1", "2"]
+        assert [trial.states[:, 0].tolist() for trial in trials] == [np.exp(-T).tolist(), np.exp(-3 * T).tolist()]
         assert trials.notes == ("a trial begins wherever the time goes back: object, trial 1",)
 
 
@@ -64,7 +64,7 @@ def test_rows_are_of_one_trial_where_this_is_asked():
 def test_rows_of_a_shuffled_table_are_sorted(seed):
     frame = pd.concat([RUNS[:10].assign(object=name) for name in "abcdefgh"])
     trials = Trials.from_frame(frame.sample(frac=1, random_state=seed))
-    assert all(each.times.tolist() == T.tolist() for each in trials)
+    assert all(trial.times.tolist() == T.tolist() for trial in trials)
 
 
 @pytest.mark.parametrize("order", [[0, 1, 8, 3, 4, 5, 6, 7, 2, 9], [1, 0, 2, 3, 4, 5, 6, 7, 9, 8], [0, 2, 3, 4, 5, 1]])

@@ -18,7 +18,7 @@ RNG = np.random.default_rng(0)
 def stacked(labels, **columns):
     """Return a table with a run for each pair of labels; columns are functions of time and the number of the run."""
     runs = [
-        pd.DataFrame({**label, "t": T, **{name: each(T, i) for name, each in columns.items()}})
+        pd.DataFrame({**label, "t": T, **{name: column(T, i) for name, column in columns.items()}})
         for i, label in enumerate(labels)
     ]
     return pd.concat(runs, ignore_index=True)
@@ -34,7 +34,7 @@ def pairs(first, second, firsts=("a", "b"), seconds=(1, 2)):
 
 def roles_of(frame, **named):
     schema = (trials := Trials.from_frame(frame, **named)).schema
-    properties = {name for own in trials.properties.values() for name in own}
+    properties = {name for attribute in trials.properties.values() for name in attribute}
     return schema.object, schema.trial, schema.time, schema.states, schema.inputs, properties
 
 

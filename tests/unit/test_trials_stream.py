@@ -22,10 +22,10 @@ def test_streamed_trials_are_those_of_the_file_wherever_batches_end(tmp_path, mo
     assert streamed.schema.states == ("x",)
     assert streamed.schema.units["x"] == "m"
     for _ in range(2):
-        for one, other in zip(streamed, trials, strict=True):
-            assert one.label == other.label
-            np.testing.assert_array_equal(one.times, other.times)
-            np.testing.assert_array_equal(one.states, other.states)
+        for one, trial in zip(streamed, trials, strict=True):
+            assert one.label == trial.label
+            np.testing.assert_array_equal(one.times, trial.times)
+            np.testing.assert_array_equal(one.states, trial.states)
 
 
 DROPS = cl.datasets.linear_drag(noise=0.01)
@@ -128,8 +128,8 @@ def test_rows_of_an_object_are_the_same_however_its_trials_are_divided(cuts):
     assert (divided.count, len(divided.groups)) == (whole.count, MAX_GROUPS) == (80, 32)
     np.testing.assert_array_equal(divided.extremes, whole.extremes)
     assert [trial.name for trial in divided.samples] == ["1", "2", "3", "4"]
-    for one, other in zip(divided.groups, whole.groups, strict=True):
-        for mine, theirs in zip(one, other, strict=True):
+    for group, other in zip(divided.groups, whole.groups, strict=True):
+        for mine, theirs in zip(group, other, strict=True):
             assert mine.rows == theirs.rows
             np.testing.assert_allclose(mine.factor.T @ mine.factor, theirs.factor.T @ theirs.factor, rtol=1e-12)
 
@@ -146,8 +146,8 @@ def balls(tmp_path):
 
 def same(stream, trials):
     read = stream.read()
-    assert [each.label for each in stream] == [each.label for each in read] == [each.label for each in trials]
-    assert all(np.array_equal(own.states, each.states) for own, each in zip(read, trials, strict=True))
+    assert [each.label for each in stream] == [each.label for each in read] == [trial.label for trial in trials]
+    assert all(np.array_equal(own.states, trial.states) for own, trial in zip(read, trials, strict=True))
     assert read.properties == trials.properties
     assert len(stream.parts) == len(trials.objects)
 

@@ -276,7 +276,7 @@ def test_a_comma_in_words_makes_no_decimal_commas(tmp_path):
 def test_a_label_that_is_written_in_several_ways_is_one_and_noted(name):
     ways = ["1", "1.0", "1.00", "Caf\u00e9", "Cafe\u0301"]
     trials = Trials.from_frame(pd.DataFrame({name: ways, "t": np.arange(5.0), "x": np.arange(5.0)}))
-    assert [getattr(each, {"trial": "name"}.get(name, name)) for each in trials] == ["1", "Caf\u00e9"]
+    assert [getattr(trial, {"trial": "name"}.get(name, name)) for trial in trials] == ["1", "Caf\u00e9"]
     assert trials.notes[0] == f"{name} '1' is written in 3 ways, taken as one: '1', '1.0', '1.00'"
     assert trials.notes[1] == f"{name} 'Caf\u00e9' is written in 2 ways, taken as one: 'Caf\\xe9', 'Cafe\\u0301'"
 
@@ -327,7 +327,7 @@ class Dataset:
 
     def __init__(self):
         units = {"trial": {}, "t": {"units": "s"}, "x": {"units": "cm", "long_name": "height"}}
-        self.variables = {name: SimpleNamespace(attrs=own) for name, own in units.items()}
+        self.variables = {name: SimpleNamespace(attrs=unit) for name, unit in units.items()}
 
     def to_dataframe(self):
         index = pd.MultiIndex.from_product([["a", "b"], TIMES], names=["trial", "t"])

@@ -33,7 +33,7 @@ def test_a_column_for_each_object_gives_the_trials_of_a_row_for_each_sample():
     assert replace(trials.schema, wide=()) == same.schema
     assert trials.schema.wide == tuple(WELLS)
     assert trials.schema.units == {"time": "h", "OD": "OD"}
-    assert [(each.label, each.times.tolist(), each.states.tolist()) for each in trials] == [
+    assert [(trial.label, trial.times.tolist(), trial.states.tolist()) for trial in trials] == [
         (each.label, each.times.tolist(), each.states.tolist()) for each in same
     ]
 
@@ -88,7 +88,7 @@ def test_columns_of_standard_deviations_go_with_those_of_the_same_number():
     trials = Trials.from_frame(pd.DataFrame({"t": HOURS, **curves, **deviations}))
     assert trials.objects == ("G1", "G2", "G3", "G4")
     assert trials.schema.noise_columns == {"value": "value noise"}
-    assert [each.noise[0, 0] for each in trials] == [0.01, 0.02, 0.03, 0.04]
+    assert [trial.noise[0, 0] for trial in trials] == [0.01, 0.02, 0.03, 0.04]
     frame = pd.DataFrame({"t": HOURS, **curves, **deviations}).drop(columns="std3")
     with refused("wide-without-deviations", columns="G3"):
         Trials.from_frame(frame, wide="G")
@@ -123,7 +123,7 @@ def test_other_columns_are_the_same_for_all_objects():
     frame = PLATE.assign(temperature=37 + 0.1 * HOURS, plate="P")
     trials = Trials.from_frame(frame, wide="OD", inputs="temperature")
     assert trials.schema.inputs == ("temperature",)
-    assert all(each.inputs[:, 0].tolist() == frame["temperature"].tolist() for each in trials)
+    assert all(trial.inputs[:, 0].tolist() == frame["temperature"].tolist() for trial in trials)
     assert trials.properties["A1"] == {"plate": "P"}
 
 

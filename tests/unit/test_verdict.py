@@ -44,7 +44,7 @@ def test_what_was_learned_from_is_judged_where_nothing_was_held_out_and_that_is_
     for verdict in (law.assess(drops), law.assess(drops, drops)):
         assert verdict.usable
         assert verdict.in_sample
-        assert verdict.measurements == sum(len(each) - int(np.ceil(0.2 * len(each))) for each in drops)
+        assert verdict.measurements == sum(len(drop) - int(np.ceil(0.2 * len(drop))) for drop in drops)
         assert str(verdict).startswith("Forecasts its training data well")
         assert "Not tested on new data" in str(verdict)
 
@@ -132,7 +132,7 @@ def test_several_states_are_named_with_their_units():
     assert verdict.usable
     x, y = verdict.state_errors
     assert verdict.persistence / verdict.error > 10
-    measured = np.concatenate([each.states for each in trials])
+    measured = np.concatenate([trial.states for trial in trials])
     assert (x.low, y.high) == (measured[:, 0].min(), measured[:, 1].max())
     assert "of a constant forecast: " in str(verdict)
     assert "held-out later samples" in str(verdict)
@@ -270,8 +270,8 @@ def test_growth_from_below_the_noise_is_judged_from_starts_that_average_it():
     """The first reading is below zero: a forecast from it alone runs away, which says nothing of the law."""
     times, source = np.linspace(0, 20, 81), np.random.default_rng(0)
     wells = [1.1 / (1 + 3000 * np.exp(-rate * times)) + 0.003 * source.standard_normal(81) for rate in (0.7, 0.8)]
-    for own in wells:
-        own[0] = -0.004
+    for well in wells:
+        well[0] = -0.004
     trials = cl.Trials.from_arrays([times] * 2, wells, object=["a", "b"], names=["OD"])
     law = cl.fit("OD' = r OD (1 - OD/K)", trials, errors="white")
     assert law.predict(trials).outcomes

@@ -33,7 +33,7 @@ def step(law, stage):
 
 
 def kinds(law):
-    return [each.kind for each in law.diagnostics]
+    return [diagnostic.kind for diagnostic in law.diagnostics]
 
 
 def test_white_noise_that_does_not_explain_what_a_law_leaves_is_said_to_fail(white):
@@ -69,7 +69,7 @@ def test_errors_that_were_chosen_are_said_with_what_they_change():
     noisy = exact * (1 + 0.15 * np.random.default_rng(0).standard_normal(60))
     trials = cl.Trials.from_arrays(np.linspace(0, 8, 60), noisy, names=["c"])
     law, white = (cl.fit("c' = -k c", trials, errors=errors) for errors in ("auto", "white"))
-    (said,) = (each.text for each in law.diagnostics if each.kind is OutcomeKind.ERRORS)
+    (said,) = (diagnostic.text for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.ERRORS)
     assert said.startswith("proportional noise: ")
     (here, error), (there, other) = (
         tuple(map(np.ndarray.item, (named_parameters(each).values, named_parameters(each).errors)))

@@ -19,7 +19,7 @@ def course(state, unit=None, inputs=None):
 
 
 def said(law, kind):
-    return [str(each) for each in law.diagnostics if each.kind is kind]
+    return [str(diagnostic) for diagnostic in law.diagnostics if diagnostic.kind is kind]
 
 
 def fitted(equation, trials):

@@ -94,7 +94,7 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
     except CommonlawError as error:
         return {"problem": message(error)}
     first = begun.first.copy()
-    columns_of = {trial.object: own for trial, own in zip(trials, begun.unknowns.parameters, strict=True)}
+    columns_of = {trial.object: parameter for trial, parameter in zip(trials, begun.unknowns.parameters, strict=True)}
     for at, owner in enumerate(trials.objects):
         for name, k in zip(begun.model.parameters, columns_of[owner], strict=True):
             given = equations.values.get(name, ())
@@ -112,7 +112,7 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
         "formula": formulas,
         "states": begun.model.observables,
         "values": values,
-        "curves": [_curve(begun.problem, each, first) for each in begun.problem.trials[:_TRIALS]],
+        "curves": [_curve(begun.problem, trial, first) for trial in begun.problem.trials[:_TRIALS]],
     }
 
 

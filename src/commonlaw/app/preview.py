@@ -39,7 +39,7 @@ def finding_kinds(check: Report, table: Cells, row_indices: Sequence[Codes]) -> 
         Of each trial the indices of the rows of its samples.
     """
     rows: dict[_Labels, Codes] = {
-        (each.object, each.trial): own for each, own in zip(check.trials, row_indices, strict=True)
+        (trial.object, trial.trial): row_index for trial, row_index in zip(check.trials, row_indices, strict=True)
     }
     return [
         {"text": text_in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:_CASES]]}
@@ -99,7 +99,7 @@ def sample_table(name: str) -> Table:
     trials = load(name, **SAMPLES[name])
     units = trials.schema.units
     frame = trials.to_frame()
-    frame.columns = [f"{each} [{units[each]}]" if each in units else each for each in frame.columns]
+    frame.columns = [f"{column} [{units[column]}]" if column in units else column for column in frame.columns]
     call = f"cl.datasets.load({name!r}, {', '.join(f'{each}={value!r}' for each, value in SAMPLES[name].items())})"
     return Table(f"{name}.csv", frame.to_csv(index=False).encode(), call)
 
@@ -128,7 +128,7 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
     except CommonlawError as error:
         return found | {"recognised": shown_roles(rows.columns), "problem": message(error)}
     found |= {"recognised": shown_roles(rows.columns), "guessed": rows.columns.guessed and rows.columns.sentence}
-    notes = [text_in_page(each) for each in check.notes if not each.startswith(GUESSED)]
+    notes = [text_in_page(note) for note in check.notes if not note.startswith(GUESSED)]
     return (
         found
         | _of_trials(trials)
@@ -145,10 +145,10 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
             "time": schema.time,
             "states": schema.states,
             "inputs": schema.inputs,
-            "properties": sorted({name for own in trials.properties.values() for name in own}),
+            "properties": sorted({name for attribute in trials.properties.values() for name in attribute}),
         },
         "objects": trials.objects,
-        "labels": list(dict.fromkeys(each.name for each in trials)),
+        "labels": list(dict.fromkeys(trial.name for trial in trials)),
         "count": len(trials),
         "samples": sum(map(len, trials)),
         "units": dict(schema.units),
@@ -156,12 +156,12 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
         "models": named(trials),
         "trials": [
             {
-                "object": each.object,
-                "name": each.name,
-                "t": each.times[:: _every(len(each))].tolist(),
-                "states": [numbers(column[:: _every(len(each))]) for column in each.states.T],
+                "object": trial.object,
+                "name": trial.name,
+                "t": trial.times[:: _every(len(trial))].tolist(),
+                "states": [numbers(column[:: _every(len(trial))]) for column in trial.states.T],
             }
-            for each in trials.trials[:60]
+            for trial in trials.trials[:60]
         ],
     }
 
@@ -188,7 +188,7 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
     ends = () if forecast.std is None else forecast.bands(measured=True)[0]
     columns = [trajectory.states[:, : len(law.schema.states)], *ends]
     states = [
-        dict(zip(("line", "low", "high"), (numbers(each[:, j]) for each in columns), strict=False))
+        dict(zip(("line", "low", "high"), (numbers(column[:, j]) for column in columns), strict=False))
         for j in range(len(law.schema.states))
     ]
     return {"t": times.tolist(), "states": states, "outcome": str(trajectory.outcome or "")}
@@ -221,9 +221,9 @@ def suggested(found: Found, asked: Budget) -> dict[str, Any]:
         "suggestions": [
             {
                 "purpose": text_in_page(each.purpose),
-                "experiments": [text_in_page(own.text) for own in each.design.experiments],
+                "experiments": [text_in_page(experiment.text) for experiment in each.design.experiments],
                 "trials": each.design.cost,
-                "settles": [text_in_page(own) for own in each.design.sentences],
+                "settles": [text_in_page(sentence) for sentence in each.design.sentences],
             }
             for each in made
         ]

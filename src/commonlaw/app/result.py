@@ -68,7 +68,7 @@ class Found:
     @property
     def shown(self) -> dict[str, Any]:
         """All that the page is sent."""
-        return self.about | {"candidates": [each.shown for each in self.candidates]}
+        return self.about | {"candidates": [candidate.shown for candidate in self.candidates]}
 
     def candidate(self, index: int) -> Law:
         """Return the law of a candidate.
@@ -101,7 +101,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
     law = findings.law
     schema = findings.trials.schema
     about = {
-        "verdict": [text_in_page(each) for each in findings.sentences],
+        "verdict": [text_in_page(sentence) for sentence in findings.sentences],
         "objects": law.objects,
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.schema.states],
         "orders": order_of_each(law.order, len(law.schema.states)),
@@ -110,7 +110,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "terms": law.terms.names,
         "known": _terms(law, (standard_errors(law) == 0).all(axis=0)),
         "others": shares_terms(law) and law.order != 0,
-        "groups": {name: [_level(each) for each in values] for name, values in comparable_groups(law).items()},
+        "groups": {name: [_level(value) for value in values] for name, values in comparable_groups(law).items()},
         "follows": () if law.uncertainty.explanation is None else law.uncertainty.explanation.properties,
         "time": {"name": schema.time, "unit": schema.units.get(schema.time, "")},
         "views": [
@@ -118,12 +118,12 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
                 "title": view.title,
                 "fit": view.is_fit,
                 "held_out": not view.is_fit and findings.is_held_out,
-                "trials": [{"object": each.object, "name": each.name} for each in view.trials.trials[:_TRIALS]],
+                "trials": [{"object": trial.object, "name": trial.name} for trial in view.trials.trials[:_TRIALS]],
             }
             for view in _views(findings)
         ],
         "lacking": [text_in_page(each) for each in findings.lacking],
-        "outcomes": [text_in_page(str(each)) for each in law.diagnostics],
+        "outcomes": [text_in_page(str(diagnostic)) for diagnostic in law.diagnostics],
         "history": [[each.stage, each.choice, text_in_page(each.reason)] for each in law.history],
     }
     made = Found(findings, about)
@@ -211,7 +211,7 @@ def support_of(law: Law, terms: Sequence[Sequence[str]]) -> Bools:
         raise CommonlawError("equation-count", equations=len(law.schema.states), given=len(terms))
     for name in chain.from_iterable(terms):
         check_choice("term", name, law.terms.names)
-    return np.array([[name in own for name in law.terms.names] for own in terms])
+    return np.array([[name in term for name in law.terms.names] for term in terms])
 
 
 def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> Iterator[ShownLaw]:
@@ -365,10 +365,12 @@ def _curves(forecast: Forecast) -> Iterator[dict[str, Any]]:
         columns = [trial.states, trajectory.states[:, :states], *((None, None) if bands is None else bands[i])]
         yield {
             "t": numbers(trial.times[every]),
-            "states": [[None if each is None else numbers(each[every, j]) for each in columns] for j in range(states)],
+            "states": [
+                [None if column is None else numbers(column[every, j]) for column in columns] for j in range(states)
+            ],
         }
 
 
 def numbers(values: Floats) -> list[float | None]:
     """Return numbers with a few digits; what is not finite is None."""
-    return [float(f"{each:.{_DIGITS}g}") if np.isfinite(each) else None for each in values.tolist()]
+    return [float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None for value in values.tolist()]

@@ -165,7 +165,7 @@ def _file(call: _Call) -> Response:
         table, title = search.table, call.query.get("title", "")[:120]
         checksum = f"SHA-256 {sha256(table.content).hexdigest()}" if table.content else ""
         about = ", ".join(filter(None, (table.name, datetime.now().astimezone().strftime("%Y-%m-%d"), checksum)))
-        fitted = [each.candidate for each in found.candidates] if len(found.candidates) > 1 else []
+        fitted = [candidate.candidate for candidate in found.candidates] if len(found.candidates) > 1 else []
         rivals = sorted(fitted, key=lambda each: each.size)
         with one_draws:
             made = law_report(

@@ -94,4 +94,4 @@ def serve(
 def hosts_at(port: int) -> frozenset[str]:
     """Return the names by which browsers call a server of this machine; the port of HTTP they leave out."""
     names = (_HERE, "localhost")
-    return frozenset([*(f"{each}:{port}" for each in names), *(names if port == 80 else ())])
+    return frozenset([*(f"{name}:{port}" for name in names), *(names if port == 80 else ())])

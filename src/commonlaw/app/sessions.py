@@ -48,7 +48,7 @@ class Search:
     @property
     def is_fitting(self) -> bool:
         """Whether a fit goes on."""
-        return any(each.is_running for each in self.fits[-1:])
+        return any(fit.is_running for fit in self.fits[-1:])
 
     @property
     def made(self) -> Found | None:
@@ -66,7 +66,7 @@ class Search:
         """
         if self._work.made is None:
             raise CommonlawError("no-law-yet")
-        return self._work.made.with_laws(each.made for each in self.fits if not each.is_running and each.made)
+        return self._work.made.with_laws(fit.made for fit in self.fits if not fit.is_running and fit.made)
 
     def fit_terms(self, terms: Sequence[Sequence[str]]) -> None:
         """Begin to fit the law of these terms, those of each equation, in place of one that is being fitted."""
@@ -86,13 +86,13 @@ class Search:
     def close(self) -> None:
         """End all that goes on, and wait until its processes are gone."""
         self._work.close()
-        for each in self.fits:
-            each.close()
+        for fit in self.fits:
+            fit.close()
 
     def cancel_fit(self) -> None:
         """End the fit of a law of other terms, if one goes on."""
-        for each in self.fits[-1:]:
-            each.cancel()
+        for fit in self.fits[-1:]:
+            fit.cancel()
 
     def state(self) -> dict[str, Any]:
         """Return what is sent to the page."""
@@ -227,7 +227,7 @@ class Sessions:
             search.fit_terms(terms)
 
     def _check_room(self, but: Sequence[Search]) -> None:
-        running = [each for each in self.searches.values.values() if each not in but and each.is_running]
+        running = [value for value in self.searches.values.values() if value not in but and value.is_running]
         if len(running) >= _AT_ONCE:
             raise CommonlawError("too-many-searches", limit=_AT_ONCE)
         if not self._is_open:
@@ -238,7 +238,7 @@ class Sessions:
         with self._beginning:
             self._is_open = False
             searches = [*self.searches.values.values()]
-        for each in searches:
-            each.cancel()
+        for search in searches:
+            search.cancel()
         for each in searches:
             each.close()

@@ -149,9 +149,9 @@ def _work(connection: Connection, *modules: str) -> None:
     """Import modules, take a task, work, and say how far it has come; the main function of the process."""
 
     end_with_parent()
-    for each in modules:
-        if find_spec(each) is not None:
-            import_module(each)
+    for module in modules:
+        if find_spec(module) is not None:
+            import_module(module)
 
     def show(stage: str) -> None:
         connection.send(("stage", (str(stage), time(), getattr(stage, "done", None))))

@@ -118,6 +118,6 @@ class Artifacts:
         """
         for path in () if silent else self.written:
             say(f"Wrote {path}")
-        print_notes([*notes, *(each for each in self.failures if each not in reasons)])
+        print_notes([*notes, *(failure for failure in self.failures if failure not in reasons)])
         if refused := [*self._unwritten, *reasons]:
             raise CommonlawError("several", messages=refused)

@@ -173,7 +173,7 @@ class Command(click.Command):
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the parameters, with ``--help-all`` where the short help leaves some out."""
         params = super().get_params(ctx)
-        is_short = all(getattr(each, "everyday", True) or getattr(each, "hidden", False) for each in params)
+        is_short = all(getattr(param, "everyday", True) or getattr(param, "hidden", False) for param in params)
         return params if is_short else [*params, self._help_all]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -183,7 +183,7 @@ class Command(click.Command):
                 say(f"commonlaw: {name} after the command is deprecated: write commonlaw -v {self.name} ...", err=True)
                 say_every_step(ctx)
                 args = [each for each in args if each != name]
-        args = current(str(self.name), args, [name for each in self.params for name in each.opts])
+        args = current(str(self.name), args, [name for param in self.params for name in param.opts])
         given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
         for each, count in given.items():
             if isinstance(each, click.Option) and count > 1 and not (each.multiple or each.count or each.is_eager):
@@ -212,10 +212,10 @@ class Command(click.Command):
         options = [each for each in self.get_params(ctx) if isinstance(each, click.Option) and not each.hidden]
         count, is_whole = len(options), bool(ctx.meta.get(ALL_OPTIONS))
         if not is_whole:
-            options = [each for each in options if getattr(each, "everyday", True)]
-        headings = dict.fromkeys(getattr(each, "group", _OTHERS) for each in options)
+            options = [option for option in options if getattr(option, "everyday", True)]
+        headings = dict.fromkeys(getattr(option, "group", _OTHERS) for option in options)
         for heading in sorted(headings, key=_OTHERS.__eq__):
-            own = (each for each in options if getattr(each, "group", _OTHERS) == heading)
+            own = (option for option in options if getattr(option, "group", _OTHERS) == heading)
             records = [record for each in own if (record := each.get_help_record(ctx)) is not None]
             with formatter.section(heading):
                 formatter.write_dl(records)

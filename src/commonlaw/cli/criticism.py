@@ -98,7 +98,7 @@ def _readable(tests: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def _patterns_document(patterns: "Sequence[Pattern]") -> list[dict[str, object]]:
-    return [asdict(each) | {"significant": each.significant} for each in patterns]
+    return [asdict(pattern) | {"significant": pattern.significant} for pattern in patterns]
 
 
 @command

@@ -68,7 +68,9 @@ def list_() -> None:
     from commonlaw.datasets import DATASETS
 
     for name, dataset in DATASETS.items():
-        options = ", ".join(f"{each.name}={each.default}" for each in signature(dataset.load).parameters.values())
+        options = ", ".join(
+            f"{parameter.name}={parameter.default}" for parameter in signature(dataset.load).parameters.values()
+        )
         say(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
 
 

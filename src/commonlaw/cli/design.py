@@ -112,9 +112,9 @@ def design(
         later = Artifacts()
         later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_design(found))
     if as_json:
-        laws_ = [{"equations": list(each.law.structure), "probability": each.probability} for each in found.laws]
+        laws_ = [{"equations": list(law.law.structure), "probability": law.probability} for law in found.laws]
         table = found.to_frame().to_dict(orient="records")
-        texts = [each.text for each in found.experiments]
+        texts = [experiment.text for experiment in found.experiments]
         print_json(
             {
                 "laws": laws_,

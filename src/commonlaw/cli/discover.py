@@ -243,7 +243,7 @@ def _found_in_file(piece: Piece) -> FileResult:
     return FileResult(
         "; ".join(law.structure),
         verdict.usable if verdict else None,
-        [{str(name): value for name, value in each.items()} | said for each in rows],
+        [{str(name): value for name, value in row.items()} | said for row in rows],
         guesses(trials),
     )
 

@@ -222,13 +222,13 @@ def compare(
         saved = {each: cl.Law.load(each) for each in laws if is_law_file(each)}
         texts = {each: over_table(source, each)[0] for each in laws if each not in saved}
         training = source.select(load(source, [*texts.values()], saved.values()))
-        for each in texts.values():  # What cannot be read is refused before the others are fitted
-            _naming(each, _check_readable, training)
+        for text in texts.values():  # What cannot be read is refused before the others are fitted
+            _naming(text, _check_readable, training)
         found = {}
-        for number, each in enumerate(laws):
+        for number, law in enumerate(laws):
             share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))
-            share(f"fitting {each}")
-            found[each] = saved.get(each) or _naming(texts[each], cl.fit, training, **settings, progress=share)
+            share(f"fitting {law}")
+            found[law] = saved.get(law) or _naming(texts[law], cl.fit, training, **settings, progress=share)
         show(Stage("comparing evidence", len(laws) / (len(laws) + 1)))
         frame = compared(found, training, settings)
         later.save(save, table=lambda: frame)

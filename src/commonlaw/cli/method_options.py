@@ -290,7 +290,7 @@ def _known_physics(texts: Sequence[str]) -> "Base":
 
     if len(texts) == 1 and is_law_file(texts[0]):
         return Law.load(texts[0])
-    if any(set("'[") & set(each.partition("=")[0]) for each in texts):
+    if any(set("'[") & set(text.partition("=")[0]) for text in texts):
         return "; ".join(texts)
     return {_key(name): value for name, value in numbers("--known", texts).items()}
 

@@ -84,9 +84,9 @@ def dialect(command: click.Command) -> Dialect:
     A list is an option that is repeated, a mapping one of ``NAME=VALUE``. What only a schema says stands as there, a
     setting without an option of its own goes with ``--set``, and anything else stays Python.
     """
-    by_name = {str(each.name): each for each in command.params}
+    by_name = {str(param.name): param for param in command.params}
     options = {name: max(each.opts, key=len) for name, each in by_name.items() if not getattr(each, "replaced_by", "")}
-    lists = [each.groups().values() for each in command.params if isinstance(each, SettingsOption)]
+    lists = [param.groups().values() for param in command.params if isinstance(param, SettingsOption)]
     settings = {row[0] for rows in lists for group in rows for row in group}
 
     def write(code: str) -> str:
@@ -335,11 +335,11 @@ def check_order(values: Mapping[str, Any]) -> None:
 
 def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
     """Refuse words that are no text in UTF-8; names of files may be any bytes."""
-    for each in params:
-        for text in (given for given in _values(values.get(str(each.name))) if isinstance(given, str)):
-            is_read = isinstance(each.type, ReadFile) and text in each.type.files(text)
-            if as_text(text) != text and not is_read and not isinstance(each.type, WrittenFile):
-                raise click.UsageError(f"{each.opts[0]}: '{in_line(text)}' is not text in UTF-8: write it so")
+    for param in params:
+        for text in (given for given in _values(values.get(str(param.name))) if isinstance(given, str)):
+            is_read = isinstance(param.type, ReadFile) and text in param.type.files(text)
+            if as_text(text) != text and not is_read and not isinstance(param.type, WrittenFile):
+                raise click.UsageError(f"{param.opts[0]}: '{in_line(text)}' is not text in UTF-8: write it so")
 
 
 def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
@@ -352,11 +352,11 @@ def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> No
     """
     inputs: list[str] = []
     outputs: list[str] = []
-    for each in params:
-        texts = _values(values.get(str(each.name)))
-        if isinstance(each.type, ReadFile):
-            inputs += (file for text in texts for file in each.type.files(text))
-        elif isinstance(each.type, WrittenFile):
+    for param in params:
+        texts = _values(values.get(str(param.name)))
+        if isinstance(param.type, ReadFile):
+            inputs += (file for text in texts for file in param.type.files(text))
+        elif isinstance(param.type, WrittenFile):
             outputs += texts
     check_targets(outputs, inputs)
     for each in params:

@@ -179,8 +179,8 @@ def _times(trials: Trials, first: float | None, until: float | None, step: float
     for name, value in (("--until", until), ("--step", step)):
         if value is not None and not isfinite(value):
             raise CommonlawError("finite-number", name=name, value=value)
-    first = min(each.times[0] for each in trials) if first is None else first
-    last = max(each.times[-1] for each in trials)
+    first = min(trial.times[0] for trial in trials) if first is None else first
+    last = max(trial.times[-1] for trial in trials)
     span = (last if until is None else until) - first
     if until is step is None or span <= 0:
         return []

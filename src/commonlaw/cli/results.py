@@ -283,7 +283,7 @@ class FitResult:
             ):
                 columns = parameter_columns(law)
                 if self.truth is not None:
-                    true = np.array([self._true_values(each) for each in parameters.definitions])
+                    true = np.array([self._true_values(definition) for definition in parameters.definitions])
                     columns["true"] = [float(each) for each in true.T.flat]
                 print_table(list(columns), zip(*columns.values(), strict=True))
                 if self.findings.shown is not None and len(law.objects) > 1:
@@ -381,11 +381,11 @@ class FitResult:
 
         if len(self.law.objects) > MANY:
             law = self.law
-            names = [each.name for each in named_parameters(law).definitions]
+            names = [definition.name for definition in named_parameters(law).definitions]
             if law.uncertainty.explanation is not None:  # Its equations have letters of their own
                 parts = [
-                    (law.terms.names[each.term], law.schema.states[each.equation])
-                    for each in named_parameters(law).definitions
+                    (law.terms.names[definition.term], law.schema.states[definition.equation])
+                    for definition in named_parameters(law).definitions
                 ]
                 names = [f"of {term}{f' in {state}' * (len(law.schema.states) > 1)}" for term, state in parts]
             print_spread(law, [_with_unit(*each) for each in zip(names, named_parameters(law).units, strict=True)])

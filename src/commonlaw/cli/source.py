@@ -450,7 +450,7 @@ def _conditions(name: str, texts: Sequence[str], trials: Trials | TrialStream) -
         for owned in trials.properties.values():
             for name_, value in owned.items():
                 known.setdefault(name_, set()).add(value)
-        known |= {"object": {each.object for each in trials}, "trial": {each.name for each in trials}}
+        known |= {"object": {trial.object for trial in trials}, "trial": {trial.name for trial in trials}}
     for key, text in pairs(name, texts):
         role = roles.get(key, key)
         if isinstance(trials, TrialStream) and role not in names:

@@ -71,7 +71,9 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     """
     heights, balls = (_file(name, folder) for name in (_HEIGHTS, _BALLS))
     table = Trials.read(heights, trial="Drop #", time="Time", states="Height")
-    drops = tuple(Trial(name, each.name, each.times, each.states) for name in _NAMES for each in table.of_object(name))
+    drops = tuple(
+        Trial(name, trial.name, trial.times, trial.states) for name in _NAMES for trial in table.of_object(name)
+    )
     units = {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
     listed = read_file(balls).decode()
     rows = {name: values for name, *values in map(str.split, listed.splitlines())}

@@ -161,7 +161,7 @@ def objects(kind: str, *, positive: bool = False, **coefficients: PerObject) -> 
     longest = max(map(len, columns.values()))
     for name, column in columns.items():
         if len(column) not in (1, longest):
-            sizes = ", ".join(f"{len(each)} {key}" for key, each in columns.items())
+            sizes = ", ".join(f"{len(column)} {key}" for key, column in columns.items())
             raise CommonlawError("experiment-sizes", name=name, sizes=sizes)
     rows = zip(*(column * (longest // len(column)) for column in columns.values()), strict=True)
     return {f"{kind} {i}": row for i, row in enumerate(rows, 1)}
@@ -215,6 +215,6 @@ def exact_law(
     from commonlaw.library import Terms, Variables, parse_term
 
     variables = Variables((*schema.states, *rates), time=schema.time)
-    parsed = Terms(variables, tuple(parse_term(each, variables) for each in terms))
+    parsed = Terms(variables, tuple(parse_term(term, variables) for term in terms))
     values = np.array(list(coefficients.values()))
     return Law(parsed, schema, 2 if rates else 1, tuple(coefficients), values)

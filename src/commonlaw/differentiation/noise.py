@@ -158,7 +158,7 @@ def _smallest_that_agrees(estimates: Floats, count: float) -> Indices:
         higher = range(k + 1, len(estimates) + 1)
         # Standard errors of the logarithms of the ratios of estimates, for a regular grid and normal noise
         variances = [_covariance(k, k) + _covariance(j, j) - 2 * _covariance(k, j) for j in higher]
-        slack = [1 + 3 * sqrt(each / (2 * count)) for each in variances]
+        slack = [1 + 3 * sqrt(variance / (2 * count)) for variance in variances]
         agrees = estimates[k - 1] <= np.array(slack)[:, np.newaxis] * estimates[k:]
         chosen = np.where(agrees.all(axis=0), k, chosen)
     return chosen

@@ -154,10 +154,10 @@ def _outlyingness(times: Floats, values: Floats) -> Floats:
         return outlyingness
     sizes, quietest, hidden = _differences(times, values)
     least = np.median(sizes[quietest])
-    for order, each in sizes.items():
-        median = np.median(each)
+    for order, size in sizes.items():
+        median = np.median(size)
         if 0 < median <= least / _FALLING:
-            local = maximum_filter1d(np.pad(each * MEDIAN_SIZE / median, (order, order)), order + 1)
+            local = maximum_filter1d(np.pad(size * MEDIAN_SIZE / median, (order, order)), order + 1)
             outlyingness = np.maximum(outlyingness, local[(order + 1) // 2 :][: len(times)])
     if hidden:
         outlyingness[:quietest] = outlyingness[-quietest:] = 0

@@ -113,7 +113,7 @@ def _version() -> str:
 
     root = Path(commonlaw.__file__).parent
     files = sorted(each for kind in ("*.py", "*.so", "*.pyd", "*.dylib") for each in root.rglob(kind))
-    known = [(str(each.relative_to(root)), each.stat().st_size, each.stat().st_mtime_ns) for each in files]
+    known = [(str(file.relative_to(root)), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
     return digest((commonlaw.__version__, np.__version__, scipy.__version__, known))
 
 
@@ -142,5 +142,5 @@ def _parts(value: object) -> Iterator[bytes]:
 
 
 def _parts_of_all(values: Sequence[object]) -> Iterator[bytes]:
-    for each in values:
-        yield from _parts(each)
+    for value in values:
+        yield from _parts(value)

@@ -285,7 +285,7 @@ class CandidateSearch:
             pool = done or self._plain(screened, trials, part(progress, 0.0, 0.2))
             driven, offers = self._offers(screened)
             offers = offers[:most]
-            if any(each.count for each in offers):
+            if any(offer.count for offer in offers):
                 pool = with_parametric_terms(pool, offers, part(progress, 0.2, 1.0))
             return with_forcing_step(pool, driven) if driven else pool
 

@@ -228,8 +228,8 @@ class LawDiscovery:
             resting = () if self.universal else objects_at_rest(trials)
             trials = without_objects(trials, resting)
             if not (known or self.universal):
-                inputs = np.concatenate([each.inputs for each in trials]).T
-                counts = [len(np.unique(own[np.isfinite(own)])) for own in inputs]
+                inputs = np.concatenate([trial.inputs for trial in trials]).T
+                counts = [len(np.unique(signal[np.isfinite(signal)])) for signal in inputs]
                 # At few values higher powers are linear combinations of lower ones
                 levels = [pair for pair in zip(trials.schema.inputs, counts, strict=True) if pair[1] <= 5]
                 capped = CappedLibrary(library, tuple(levels)) if levels else library
@@ -298,7 +298,7 @@ class LawDiscovery:
         CommonlawError
             If a name is not a parameter.
         """
-        for name in sorted(parameters, key=lambda each: each.count("__")):
+        for name in sorted(parameters, key=lambda parameter: parameter.count("__")):
             first, _, rest = name.partition("__")
             check_choice("parameter", first, _PARAMETERS)
             new = parameters[name]
@@ -368,7 +368,7 @@ def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
     copies = exact_copies(trials)
     names = dict.fromkeys(trial.object for trial, _ in copies)
     own = [trial for name in names for trial, _ in exact_copies(trials.of_object(name))]
-    kept = [each for each in trials if not any(each is copy for copy in own)]
+    kept = [trial for trial in trials if not any(trial is copy for copy in own)]
     left_out = [(trial, before) for trial, before in copies if any(trial is each for each in own)]
     counted, outcomes = [pair for pair in copies if pair not in left_out], list[Outcome]()
     for what, pairs in (("copies-of-trials", left_out), ("copies-of-objects", counted)):

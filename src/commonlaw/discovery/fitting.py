@@ -226,7 +226,7 @@ def fit(
         settings["input_between"] = "linear"
     own_properties = property_names(trials.properties)
     given = read_equations(equations, trials.schema, properties=own_properties, functions=called)
-    text = "; ".join((*given.texts, *(each.text for each in given.bounds)))
+    text = "; ".join((*given.texts, *(bound.text for bound in given.bounds)))
     history = (
         Step("equations", text, "as given"),
         *(
@@ -247,7 +247,9 @@ def fit(
             raise CommonlawError("discrete-with-parameters", names=names, variables=given.terms.variables.measured)
         law = _next_samples(given, trials, {**settings, "universal": universal or None})
         # Of what a search says, only this concerns terms that were given
-        ill_conditioned = (each for each in law.diagnostics if each.kind is OutcomeKind.ILL_CONDITIONED)
+        ill_conditioned = (
+            diagnostic for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.ILL_CONDITIONED
+        )
         outcomes = with_origin_outcomes(ill_conditioned, law, trials)
         outcomes, domain = (*outcomes, *outcome_of_rest(resting)), Domain(at_rest=resting)
         made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls, domain=domain)
@@ -260,7 +262,7 @@ def fit(
     parameters = named_parameters(unfitted)
     for name, value in (guesses or {}).items():
         check_choice("coefficient", name, parameters.names)
-        within = [each for each in given.bounds if each.name == name]
+        within = [bound for bound in given.bounds if bound.name == name]
         if not np.isfinite(value) or value == 0 or not all(each.holds(np.array(value)) for each in within):
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
     if guesses and starts:
@@ -293,7 +295,7 @@ def _of_model(
     """Return the law of equations that only `commonlaw.estimation` fits: by least squares of trajectories."""
     check_white(settings)
     between = settings.get("input_between") or ("linear" if trials.schema.doses else "auto")
-    if between != "auto" or not any(np.ptp(each.inputs, axis=0).any() for each in trials):
+    if between != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
         tried = [between.replace("auto", trials.schema.input_between)]
     else:
         tried = ["linear", *(each for each in BETWEEN if each != "linear")]
@@ -329,7 +331,7 @@ def _of_model(
 def _of_delays(law: Law, between: str, others: Mapping[str, Law]) -> Iterator[Outcome]:
     """Yield notes on dead times that depend on how inputs go between samples, where measurements do not tell it."""
     named = named_parameters(law)
-    for name in dict.fromkeys(name for each in law.schema.inputs for name in _DELAY.findall(each)):
+    for name in dict.fromkeys(name for signal in law.schema.inputs for name in _DELAY.findall(signal)):
         at = named.names.index(name)
         value, error = named.values[0, at], named.errors[0, at]
         apart = {each: named_parameters(other).values[0, at] for each, other in others.items()}
@@ -344,7 +346,7 @@ def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
     """Return which coefficients letters stand for, shape (equations, terms)."""
     found, named = (
         np.zeros(law.support.shape, dtype=np.bool_),
-        {each.name: each for each in named_parameters(law).definitions},
+        {definition.name: definition for definition in named_parameters(law).definitions},
     )
     for letter in letters:
         check_choice("coefficient", letter, [*named])
@@ -401,7 +403,7 @@ def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
     if unpooled is not None:
         own[:, law.support] = unpooled.coefficients
     parameters = named_parameters(law)
-    letters = {each.name: each for each in parameters.definitions}
+    letters = {definition.name: definition for definition in parameters.definitions}
     for bound in bounds:
         index = parameters.names.index(bound.name)
         values, errors = (each[:, index] for each in (parameters.values, parameters.errors))
@@ -440,12 +442,12 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
     if not refitted:
         return law
     coefficients, parts = law.coefficients.copy(), [refitted.get(name, law.select([name])) for name in law.objects]
-    coefficients[:] = [each.coefficients[0] for each in parts]
+    coefficients[:] = [part.coefficients[0] for part in parts]
     support = np.any(coefficients != 0, axis=0)
     covariance = np.zeros((len(parts), support.sum(), support.sum()))
-    for own, each in zip(covariance, parts, strict=True):
-        inner = np.flatnonzero(each.support[support])
-        own[np.ix_(inner, inner)] = each.uncertainty.known_covariance()[0]
+    for own, part in zip(covariance, parts, strict=True):
+        inner = np.flatnonzero(part.support[support])
+        own[np.ix_(inner, inner)] = part.uncertainty.known_covariance()[0]
     known = parts[0].uncertainty if len(parts) == 1 else law.uncertainty
     provenance = parts[0].provenance if len(parts) == 1 else law.provenance
     return replace(
@@ -459,7 +461,7 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
 def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[tuple[Bound, float]]:
     """Return bounds that coefficients of the only object are outside of, each with the end that is nearest."""
     parameters = named_parameters(law)
-    letters, found = {each.name: each for each in parameters.definitions}, list[tuple[Bound, float]]()
+    letters, found = {definition.name: definition for definition in parameters.definitions}, list[tuple[Bound, float]]()
     values = dict(zip(parameters.names, parameters.values[0].tolist(), strict=True))
     for bound in bounds:
         value, name = values[bound.name], bound.name
@@ -480,10 +482,10 @@ def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[
 def _held(law: Law, held: Mapping[str, float]) -> Law:
     """Return the law of one object with coefficients that are known by their letters, and others that are not."""
     coefficients, is_free = law.coefficients.copy(), np.broadcast_to(law.support, law.coefficients.shape).copy()
-    for each in named_parameters(law).definitions:
-        if each.name in held:
-            (part,) = each.parts
-            coefficients[:, part.equation, part.term] = part.factor * held[each.name] ** float(part.power)
+    for definition in named_parameters(law).definitions:
+        if definition.name in held:
+            (part,) = definition.parts
+            coefficients[:, part.equation, part.term] = part.factor * held[definition.name] ** float(part.power)
             is_free[:, part.equation, part.term] = False
     certain = standard_errors(law) == 0
     free = (is_free & ~certain)[:, np.any(coefficients != 0, axis=0)].astype(np.float64)
@@ -537,7 +539,11 @@ def _with_unmeasured(
 
 def _properties_in(given: GivenEquations, trials: Trials) -> list[Step]:
     """Return a step for each name in equations that is a property of the objects."""
-    names = [name for name in property_names(trials.properties) if name in {each.name for each in given.coefficients}]
+    names = [
+        name
+        for name in property_names(trials.properties)
+        if name in {coefficient.name for coefficient in given.coefficients}
+    ]
     return [Step("property", name, "given for each object, not estimated") for name in names]
 
 
@@ -579,7 +585,7 @@ def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any
         raise CommonlawError("discrete-without-option", refused=refused)
     names, terms, values = given.terms.variables.names, given.terms.terms, _known(given, trials)
     functions = given.terms.variables.functions
-    library = ExpressionLibrary(*(each.expression(names) for each in terms), functions=functions)
+    library = ExpressionLibrary(*(term.expression(names) for term in terms), functions=functions)
     known: Known = {
         (trials.schema.states[j], given.terms.names[k]): dict(
             zip(trials.objects, values[:, j, k].tolist(), strict=True)

@@ -181,25 +181,30 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     trials
         Of the objects of the law.
     """
-    times = [each.times for each in trials]
-    steps = np.unique(np.concatenate([np.diff(each) for each in times]))
+    times = [trial.times for trial in trials]
+    steps = np.unique(np.concatenate([np.diff(time) for time in times]))
     whole = len(steps) == 1 and all(np.array_equal(each, np.round(each)) for each in (steps, *times))
     if not whole or not (regressions := [*_regressions(trials)]):
         return ()
     equations = dict(zip(law.schema.states, left_hand_sides(law.schema.states, law.order), strict=True))
-    found, solutions = list[Outcome](), np.full((sum(len(each) - 1 for each in trials), len(law.schema.states)), np.nan)
+    found, solutions = (
+        list[Outcome](),
+        np.full((sum(len(trial) - 1 for trial in trials), len(law.schema.states)), np.nan),
+    )
     with suppress(CommonlawError):  # They may diverge
-        solutions = np.concatenate([each.states[1:] for each in fitted(law, trials).trajectories])
-    for each in regressions:
-        own = solutions[each.rows, law.schema.states.index(each.state)]
-        squares = float(np.sum((each.target - own) ** 2)) if np.isfinite(own).all() else np.inf
-        if each.evidence_against(squares) > VERY_STRONG:
-            by_law, by_regression = (100 * max(0.0, 1 - left / each.about_means) for left in (squares, each.squares))
+        solutions = np.concatenate([trajectory.states[1:] for trajectory in fitted(law, trials).trajectories])
+    for regression in regressions:
+        own = solutions[regression.rows, law.schema.states.index(regression.state)]
+        squares = float(np.sum((regression.target - own) ** 2)) if np.isfinite(own).all() else np.inf
+        if regression.evidence_against(squares) > VERY_STRONG:
+            by_law, by_regression = (
+                100 * max(0.0, 1 - left / regression.about_means) for left in (squares, regression.squares)
+            )
             found.append(
                 note(
                     "discrete-time-plausible",
-                    equations[each.state],
-                    state=each.state,
+                    equations[regression.state],
+                    state=regression.state,
                     by_law=by_law,
                     by_regression=by_regression,
                 )
@@ -227,9 +232,9 @@ class _Regression(NamedTuple):
 def _regressions(trials: Trials) -> Iterator[_Regression]:
     """Yield regressions of states that samples do not resolve, if their evidence against means is very strong."""
     terms = PolynomialLibrary(2, constant=False).bind(law_variables(trials.schema, 0))
-    samples = [np.column_stack([each.states, each.inputs, each.times]) for each in trials]
-    present, following = (np.concatenate([each[own] for each in samples]) for own in (slice(-1), slice(1, None)))
-    objects = np.repeat([trials.objects.index(each.object) for each in trials], [len(each) - 1 for each in trials])
+    samples = [np.column_stack([trial.states, trial.inputs, trial.times]) for trial in trials]
+    present, following = (np.concatenate([sample[own] for sample in samples]) for own in (slice(-1), slice(1, None)))
+    objects = np.repeat([trials.objects.index(trial.object) for trial in trials], [len(trial) - 1 for trial in trials])
     for j, state in enumerate(trials.schema.states):
         rows = np.isfinite(present).all(axis=1) & np.isfinite(following[:, j])
         now, target = present[rows], following[rows, j]
@@ -305,7 +310,7 @@ def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
 
 def _alternatives(found: ConfoundedVariables) -> str:
     """Return sets of variables in words: ``x alone or v alone``."""
-    *first, last = (f"{each[0]} alone" if len(each) == 1 else _and(each) for each in found.sets[:_LISTED])
+    *first, last = (f"{subset[0]} alone" if len(subset) == 1 else _and(subset) for subset in found.sets[:_LISTED])
     more = f", or {len(found.sets) - _LISTED} other sets" if len(found.sets) > _LISTED else ""
     return f"{', '.join(first)}{',' if more else ' or'} {last}{more}"
 

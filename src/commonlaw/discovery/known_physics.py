@@ -75,7 +75,7 @@ def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
     if law.terms.parameters:
         raise CommonlawError("known-physics-parameters")
     law, names = with_objects_of(law, trials)[0], law.terms.variables.names
-    texts = [each.expression(names) for each in law.terms.terms]
+    texts = [term.expression(names) for term in law.terms.terms]
     return {
         (state, text): {name: float(law.coefficients[object_index(law, name)][j, k]) for name in trials.objects}
         for j, state in enumerate(law.schema.states)

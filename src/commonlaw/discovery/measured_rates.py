@@ -100,7 +100,7 @@ def _is_rate(trials: Trials, state: str, rate: str) -> bool:
         return False
     j, k = trials.schema.states.index(state), trials.schema.states.index(rate)
     # Fewer samples do not tell both noise and motion
-    both = [each for each in trials if np.isfinite(each.states[:, [j, k]]).all(axis=1).sum() >= 20]
+    both = [trial for trial in trials if np.isfinite(trial.states[:, [j, k]]).all(axis=1).sum() >= 20]
     chosen = both[:: max(1, -(-len(both) // 20))]
     sums = list[_Sums]()
     for each in _sums(chosen, j, k, factor):

@@ -173,7 +173,7 @@ def with_properties_in(libraries: Iterable[AbstractLibrary], trials: Trials) -> 
     variables, used = law_variables(trials.schema, 2), set[str]()
     names = [name for name in property_names(trials.properties) if name not in variables.names]
     for library in libraries if names else ():
-        called = [each.name for each in library.functions]
+        called = [function.name for function in library.functions]
         own = tuple(name for name in names if name not in called)
         wide = replace(variables, parameters=own, functions=library.functions)
         terms = [*library.bind(wide).terms, *(each.term for each in library.parametric(wide))]

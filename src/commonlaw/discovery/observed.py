@@ -128,18 +128,18 @@ class _WeakSearch:
         self.model, self.problem = begun.model, begun.problem
         self.terms: Terms = library.bind(replace(begun.model.variables, parameters=()))
         owners = {name: i for i, name in enumerate(trials.objects)}
-        self.owners = [owners[each.trial.object] for each in begun.problem.trials]
-        self.rows = [_Rows.of(each) for each in begun.problem.trials]
-        self.lengths = [len(each.times) for each in self.rows]
+        self.owners = [owners[trial.trial.object] for trial in begun.problem.trials]
+        self.rows = [_Rows.of(trial) for trial in begun.problem.trials]
+        self.lengths = [len(row.times) for row in self.rows]
         ends = np.cumsum([0, *self.lengths]).tolist()
         self.parts = [slice(first, last) for first, last in pairwise(ends)]
-        self.values = np.concatenate([each.values for each in self.rows])
-        self.given = np.concatenate([np.column_stack([each.inputs, each.times]) for each in self.rows])
+        self.values = np.concatenate([row.values for row in self.rows])
+        self.given = np.concatenate([np.column_stack([row.inputs, row.times]) for row in self.rows])
         self.ranges = np.ptp(self.values, axis=0)
         self.objects, self.width = len(owners), self.model.width * len(self.terms)
-        self.free = sorted({int(i) for each in begun.problem.trials for i in each.parameter if i >= 0})
+        self.free = sorted({int(i) for trial in begun.problem.trials for i in trial.parameter if i >= 0})
         self.sizes = np.abs(begun.first[self.free])
-        samples = np.bincount(self.owners, [each.values.size for each in self.rows])
+        samples = np.bincount(self.owners, [row.values.size for row in self.rows])
         self.price = float(np.log(samples).sum())
         self.scale, self.white = 1.0, list[tuple[Floats, Floats]]()
         self.last: tuple[bytes, tuple[Floats, Floats, float]] | None = None
@@ -149,7 +149,7 @@ class _WeakSearch:
         model, width = self.model, self.model.width
         unknowns = np.zeros(self.problem.unknowns)
         unknowns[self.free] = p
-        parameters = [np.tile(each.data.parameters(unknowns), (len(each.times), 1)) for each in self.rows]
+        parameters = [np.tile(row.data.parameters(unknowns), (len(row.times), 1)) for row in self.rows]
         point = np.hstack([np.tile(self.problem.sizes[:width], (len(values), 1)), self.given, np.vstack(parameters)])
         for j, name in enumerate(model.schema.states):
             if name in model.observables and name not in model.text.observed:
@@ -177,7 +177,7 @@ class _WeakSearch:
     def whiten(self, p: Floats) -> bool:
         """Whiten rows by their covariance at the law with all terms; return whether rates are finite there."""
         size = len(self.model.observables)
-        self.white = [each.whitened(np.zeros((len(each.values), size, size))) for each in self.rows]
+        self.white = [row.whitened(np.zeros((len(row.values), size, size))) for row in self.rows]
         whole = np.ones(self.width, dtype=np.bool_)
         for _ in range(_SWEEPS):
             self.last = None
@@ -192,7 +192,7 @@ class _WeakSearch:
                     for side in (-1, 1)
                 )
                 slopes[:, :, k] = (high - low) / (2 * step)
-            self.white = [each.whitened(slopes[part]) for each, part in zip(self.rows, self.parts, strict=True)]
+            self.white = [row.whitened(slopes[part]) for row, part in zip(self.rows, self.parts, strict=True)]
         self.last = None
         freedom = sum(len(target) for _, target in self.white) - self.objects * self.width
         self.scale = max(1.0, self.fitted(p, whole)[0] / max(freedom, 1))
@@ -261,7 +261,7 @@ class _WeakSearch:
         """Return where searches for few terms end, the best first, and whiten rows there."""
         if not self.free:
             return list(starts[:1])
-        found = sorted((_least(self.steps, each, self.sizes) for each in starts), key=lambda end: end[0])
+        found = sorted((_least(self.steps, start, self.sizes) for start in starts), key=lambda end: end[0])
         apart = [end[1] for i, end in enumerate(found) if not i or end[0] - found[i - 1][0] > _SAME]
         self.whiten(apart[0])
         return apart[:_SOUGHT]
@@ -403,7 +403,7 @@ def _exact(
     """Return the law of a candidate with the largest likelihood, searched from what is known of it."""
     p, support = np.array(found.parameters), np.array(found.support)
     variables, shared = search.terms.variables, [begun.unknowns.names[i] for i in search.free]
-    names = [quoted(each) for each in variables.names]
+    names = [quoted(name) for name in variables.names]
     used = (*variables.names, *begun.model.parameters, *trials.schema.states, *property_names(trials.properties))
     letters = free_letters(int(support.sum()), used)
     coefficients, rates = search.fitted(p, support)[1][:, support], dict[int, str]()
@@ -420,8 +420,8 @@ def _exact(
         for letter, value in zip(letters, values.tolist(), strict=True):
             first[letter if len(trials.objects) == 1 else f"{letter} of {owner}"] = value
     point, _ = search.states(search.values, p)
-    for each, part in zip(search.rows, search.parts, strict=True):
-        label = each.data.trial.label
+    for row, part in zip(search.rows, search.parts, strict=True):
+        label = row.data.trial.label
         first |= {f"{name}(0) of {label}": float(point[part.start, j]) for j, name in enumerate(states)}
     return fit_model(
         ModelText.of(text, observe),

@@ -168,7 +168,7 @@ def with_order_step(law: Law, others: Sequence[tuple[Order, float]], failures: S
         for order, each in named
     ]
     choice = order_in_words(law.order, states)
-    reasons = [*against, *(f"no law of another order was found: {each}" for each in failures)]
+    reasons = [*against, *(f"no law of another order was found: {failure}" for failure in failures)]
     step = Step("order", choice, "; ".join(reasons) or "a law of this order fits within the noise")
     close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < settings.STRONG]
     said = tuple(note("order-not-identifiable", choice=choice, other=each) for each in close)

@@ -53,7 +53,7 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
     law = _law(search, best)
     if not several:
         return law
-    others = [(each.order, each.score - best.score) for each in candidates if each is not best]
+    others = [(candidate.order, candidate.score - best.score) for candidate in candidates if candidate is not best]
     return with_order_step(law, others, [*refused, *failed])
 
 
@@ -85,7 +85,9 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
     the states.
     """
     if not min(candidates).is_simple:
-        candidates = [(attempt_each(search.with_first_offer, [each])[0] or [each])[0] for each in candidates]
+        candidates = [
+            (attempt_each(search.with_first_offer, [candidate])[0] or [candidate])[0] for candidate in candidates
+        ]
     left, done = sorted(candidates), list[Candidate]()
     while left:
         best = min([*done, *left])

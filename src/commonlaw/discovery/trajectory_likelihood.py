@@ -61,7 +61,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         if isinstance(trials, TrialStream):
             return self._of_parts(trials, structure, progress)
         orders = order_of_each(structure.order, len(trials.schema.states))
-        return self.find_order(trials, structure, [(each,) for each in orders], progress)
+        return self.find_order(trials, structure, [(order,) for order in orders], progress)
 
     def find_order(
         self, trials: Trials, structure: ModelStructure, possible: Sequence[Sequence[int]], progress: ProgressCallback
@@ -111,7 +111,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: TrialStream) -> Law:
     """Return the law of the first objects of a part, whose library are its own terms."""
     trials = part.read()
-    some = [each for name in trials.objects[:_OBJECTS] for each in trials.of_object(name)]
+    some = [trial for name in trials.objects[:_OBJECTS] for trial in trials.of_object(name)]
     with unannounced():
         law = method.find(trials.with_trials(some), structure, silent)
     return replace(written_alike(law, law.schema), provenance=law.provenance)

@@ -131,7 +131,7 @@ class Setting:
         shared[equation] = True
         values, times = visited.evaluate(basis.coordinate), visited.evaluate(basis.times)
         matrix = law.terms.evaluate(visited.values)[:, self.own[equation]]
-        samples = [Samples(values[own], times[own], matrix[own]) for own in visited.objects]
+        samples = [Samples(values[name], times[name], matrix[name]) for name in visited.objects]
         kept = meaning(basis, samples, zero_in(basis, zero_at, law.schema.time))
         column = highest_columns(law.order, len(law.schema.states))[equation]
         parts = np.split(visited.values[:, [column, -1]], visited.begins[1:])
@@ -192,7 +192,9 @@ def candidates(
 def _value(setting: Setting, alone: FunctionFit, candidate: CandidateFunction, zero_at: float | str | None) -> float:
     model = setting.with_function(candidate.basis, candidate.equation, zero_at)
     more = ((0, 0), (0, len(candidate.basis)))
-    estimates = tuple(replace(each, coefficients=np.pad(each.coefficients, more)) for each in alone.estimates)
+    estimates = tuple(
+        replace(estimate, coefficients=np.pad(estimate.coefficients, more)) for estimate in alone.estimates
+    )
     found = [np.inf]
     for model_error in {alone.model_error, NO_ERROR}:
         with suppress(NotPositiveError):
@@ -221,7 +223,7 @@ def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tu
     for name, function in _FUNCTIONS:
         weights = np.linalg.lstsq(values, function(visited), rcond=1e-10)[0]
         column = rows.shared @ weights
-        size = np.sqrt(column @ column + sum(np.sum((each.across @ weights) ** 2) for each in rows.objects))
+        size = np.sqrt(column @ column + sum(np.sum((name.across @ weights) ** 2) for name in rows.objects))
         rests = [column, *(column - each * (each @ column) / (each @ each) for each in columns)]
         if min(np.linalg.norm(rest) for rest in rests) > _MIN_NEW_SHARE * size:
             names.append(name)
@@ -244,7 +246,7 @@ def _described(fitted: FunctionFit, basis: SmoothBasis, names: list[str], column
     errors = np.sqrt(variance) * np.linalg.norm(np.linalg.pinv(columns), axis=1)
     of = basis.coordinate if basis.coordinate.isidentifier() else f"({basis.coordinate})"
     front = "" if basis.times == "1" else f"{basis.times} "
-    texts = tuple((front + each.format(of)).removesuffix(" 1") for each in names)
+    texts = tuple((front + name.format(of)).removesuffix(" 1") for name in names)
     evidence = fitted.posterior.value - value
     return Description(texts, tuple(factors.tolist()), tuple(errors.tolist()), evidence)
 
@@ -363,7 +365,7 @@ def _whole(law: Law, setting: Setting, found: FunctionFit) -> Law:
     """Return the law with the functions as further terms."""
     problem, model, posterior = setting.problem, found.model, found.posterior
     objects, terms = problem.trials.objects, Terms(setting.law.terms.variables, model.terms.terms)
-    coefficients = np.array([each.coefficients for each in found.estimates])
+    coefficients = np.array([estimate.coefficients for estimate in found.estimates])
     coefficients[:, model.own], coefficients[:, model.shared] = posterior.coefficients, posterior.weights
     support = np.any(coefficients != 0, axis=0)
     order = np.concatenate([np.flatnonzero(model.own), np.flatnonzero(model.shared)])

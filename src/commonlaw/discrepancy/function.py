@@ -136,10 +136,10 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
         import pandas as pd
 
         rows = []
-        for each in self.descriptions:
-            triples = zip(each.coefficients, each.errors, each.terms, strict=True)
+        for description in self.descriptions:
+            triples = zip(description.coefficients, description.errors, description.terms, strict=True)
             written = " + ".join(f"{with_error(value, error, bracket=True)} {term}" for value, error, term in triples)
-            rows.append({"terms": written.replace("+ -", "- "), "2 log B": each.evidence + self.evidence})
+            rows.append({"terms": written.replace("+ -", "- "), "2 log B": description.evidence + self.evidence})
         return pd.DataFrame(rows)
 
     def coordinates_frame(self) -> "pd.DataFrame":

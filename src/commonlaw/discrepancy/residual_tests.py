@@ -56,7 +56,7 @@ class AbstractPatterns(ShownInNotebooks):
     @property
     def significant(self) -> tuple[Pattern, ...]:
         """The patterns that are significant."""
-        return tuple(each for each in self.patterns if each.significant)
+        return tuple(pattern for pattern in self.patterns if pattern.significant)
 
     def tests(self) -> "pd.DataFrame":
         """Return a table of all patterns that were looked for: statistic, p-values, what the significant ones mean."""
@@ -102,9 +102,9 @@ class Residuals(AbstractPatterns):
     def columns(self) -> dict[str, Floats]:
         """What residuals are held against, at all samples, shape (n,): time since the start, states, rates, inputs."""
         schema = self.trials.schema
-        since = np.concatenate([each.times - each.times[0] for each in self.trials])
+        since = np.concatenate([trial.times - trial.times[0] for trial in self.trials])
         states = np.concatenate(self.fitted).T
-        inputs = np.concatenate([each.inputs for each in self.trials]).T
+        inputs = np.concatenate([trial.inputs for trial in self.trials]).T
         names = (*schema.states, *self.rates, *schema.inputs)
         return {schema.time: since, **dict(zip(names, (*states, *inputs), strict=True))}
 
@@ -235,7 +235,7 @@ class StateSums:
             np.array([np.sum(own**k) for k in (1, 2, 3, 4)]),
             {name: Trend.of(values[seen], own) for name, values in against.items()},
             tuple(_both(whole[:, other], whole[:, j]) for other in range(j)),
-            sum((neighbours(each[:, j]) for each in residuals), np.zeros(4)),
+            sum((neighbours(residual[:, j]) for residual in residuals), np.zeros(4)),
             cells,
             np.asarray(counts, dtype=np.float64),
             np.column_stack([own, sizes]) if len(own) <= MAX_KEPT else None,
@@ -249,7 +249,7 @@ class StateSums:
         return StateSums(
             self.count + other.count,
             self.powers + other.powers,
-            {name: own + other.trends[name] for name, own in self.trends.items()},
+            {name: trend + other.trends[name] for name, trend in self.trends.items()},
             tuple(
                 (a + b, triangular(np.vstack([one, two])))
                 for (a, one), (b, two) in zip(self.together, other.together, strict=True)

@@ -36,7 +36,7 @@ def refuse_discrete_time(law: Law) -> None:
 def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals, Floats]:
     """Return residuals without patterns, and the numbers that were fitted, (objects, states)."""
     if not law.schema.doses:  # Which may be given where nothing was measured
-        trials = trials.with_trials([each.measured() for each in trials])
+        trials = trials.with_trials([trial.measured() for trial in trials])
     trials = matched(law, trials, observed=True)
     noise = noise_of([noise_squares(trials)]) if noise is None else noise
     if law.observation is not None:
@@ -45,7 +45,7 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     longest = max(map(len, trials))
     forecast = replace(law, uncertainty=known).predict(trials, start=longest, averaged=False)
     forecast = forecast.followed or forecast
-    fitted = tuple(each.states for each in forecast.trajectories)
+    fitted = tuple(trajectory.states for trajectory in forecast.trajectories)
     states, errors = len(law.schema.states), law.uncertainty.error_model
     standardized = []
     for trial, own in zip(forecast.trials, fitted, strict=True):
@@ -59,13 +59,13 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
 def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals, Floats]:
     """Return the same for a law with observation equations: initial values and parameters count alike for all."""
     forecast = law.predict(trials)
-    fitted = tuple(each.states for each in forecast.trajectories)
+    fitted = tuple(trajectory.states for trajectory in forecast.trajectories)
     standardized = tuple(
         (trial.states - own) / trial.std(noise) for trial, own in zip(forecast.trials, fitted, strict=True)
     )
     assert law.observation is not None
     counts = np.array(
-        [np.sum([each.counts.sum(axis=0) for each in trials.of_object(name)], axis=0) for name in trials.objects]
+        [np.sum([trial.counts.sum(axis=0) for trial in trials.of_object(name)], axis=0) for name in trials.objects]
     )
     starts = [sum(each.object == name for each in law.observation.estimated) for name in trials.objects]
     parameters = int(law.support.sum()) + np.array(starts)
@@ -98,7 +98,7 @@ def _spent(law: Law, trials: Trials) -> Floats:
 
 def noise_squares(trials: Trials) -> tuple[int, Floats]:
     """Return how many trials are complete, and the sum of their squared noise, from differences of neighbours."""
-    squares = [noise_level(each.times, each.states) ** 2 for each in trials if each.complete]
+    squares = [noise_level(trial.times, trial.states) ** 2 for trial in trials if trial.complete]
     return len(squares), np.sum(squares, axis=0)
 
 

@@ -55,7 +55,7 @@ class SmoothBasis:
         own = f"({self.coordinate})"
         bumps = (f"exp(-(({own} - ({knot!r}))/{self.width!r})**2/2)" for knot in self.knots.tolist())
         texts = (f"({own} - ({self.centre!r}))", *bumps)
-        return tuple(parse_term(f"({self.times})*{each}", variables) for each in texts)
+        return tuple(parse_term(f"({self.times})*{text}", variables) for text in texts)
 
     def values(self, coordinate: Floats) -> Floats:
         """Return the functions, without what they are multiplied with, shape (n, functions)."""
@@ -134,12 +134,12 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     the law alone holds, and the function is orthogonal, over the samples, to such combinations that vanish there too;
     without that point to all of them.
     """
-    own = [basis.values(each.coordinate) * each.times[:, np.newaxis] for each in samples]
+    own = [basis.values(sample.coordinate) * sample.times[:, np.newaxis] for sample in samples]
     whole = np.concatenate(own)
     left, singular, right = np.linalg.svd(whole, full_matrices=False)
     resolved = singular > _RESOLVED * singular[0]
     parts = np.split(left[:, resolved], np.cumsum([len(each) for each in own])[:-1])
-    rests = [part - _said(each.terms, part) for part, each in zip(parts, samples, strict=True)]
+    rests = [part - _said(sample.terms, part) for part, sample in zip(parts, samples, strict=True)]
     _, sizes, directions = np.linalg.svd(np.concatenate(rests), full_matrices=False)
     both = directions[sizes < _REPRESENTED]
     weights = (both / singular[resolved]) @ right[resolved]
@@ -149,7 +149,9 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     held = [k for k in range(count) if all(_is_said(each.terms[:, k], part) for each, part in pairs)]
     at = basis.values(np.array([0.0 if zero_at is None else zero_at]))
     there = (at @ weights.T)[0]
-    largest = np.abs(basis.values(np.concatenate([each.coordinate for each in samples])) @ weights.T).max(initial=0.0)
+    largest = np.abs(basis.values(np.concatenate([sample.coordinate for sample in samples])) @ weights.T).max(
+        initial=0.0
+    )
     if zero_at is None or not np.any(np.abs(there) > _VANISHING * largest):
         return Meaning(constraints, None, tuple(held))
     from scipy.linalg import null_space

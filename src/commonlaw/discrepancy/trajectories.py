@@ -142,7 +142,7 @@ def _mixed(
         for p, (mean, own, _) in zip(probable, found, strict=True):
             covariance += p * (own + np.outer(mean - weights, mean - weights))
         variance = float(probable @ np.array([each for _, _, each in found]))
-    inverses = [each.inverse for each in rows.objects]
+    inverses = [name.inverse for name in rows.objects]
     pairs = list(zip(inverses, rows.objects, strict=True))
     return Posterior(
         value,
@@ -211,7 +211,7 @@ class FunctionFit:
     @property
     def deviance(self) -> float:
         """What the measurements are off the trajectories, in units of the noise."""
-        return sum(each.deviance for each in self.estimates)
+        return sum(estimate.deviance for estimate in self.estimates)
 
 
 def start(problem: SearchProblem, model: FunctionModel) -> tuple[Estimate, ...]:

@@ -57,7 +57,7 @@ def needs_model(
         or (isinstance(start, Mapping) and any(each is None or isinstance(each, str) for each in start.values()))
         for name, start in starts.items()
     )
-    censored = any(np.isfinite(each.below).any() for each in trials)
+    censored = any(np.isfinite(trial.below).any() for trial in trials)
     sparse = has_sparse_states(tuple(trials), trials.schema)
     return bool(not text.is_plain or special or censored or sparse or priors or isinstance(universal, Mapping))
 
@@ -206,7 +206,7 @@ def updated(law: Law, trials: Trials) -> Law:
     named, observation = named_parameters(law), law.observation
     assert observation is not None
     law.uncertainty.known_covariance()
-    known = np.any([each.known_noise for each in trials], axis=0)
+    known = np.any([trial.known_noise for trial in trials], axis=0)
     levels = {name: observation.noise[name] for name in np.array(trials.schema.states)[~known]}
     for owner in trials.objects:
         begun, o = beginning_of(law, trials.select(object=owner), levels), object_index(law, owner)
@@ -220,13 +220,13 @@ def updated(law: Law, trials: Trials) -> Law:
         guessed[own] = True
         begun = replace(begun, guessed=guessed, problem=replace(problem, priors=(*others, prior)))
         parts.append(begun.fitted(0, lambda _: None).law(()))
-    coefficients = np.concatenate([each.coefficients for each in parts])
+    coefficients = np.concatenate([part.coefficients for part in parts])
     support = np.any(coefficients != 0, axis=0)
     covariance = np.zeros((len(parts), support.sum(), support.sum()))
-    for whole, each in zip(covariance, parts, strict=True):
-        inner = np.flatnonzero(each.support[support])
-        whole[np.ix_(inner, inner)] = each.uncertainty.known_covariance()[0]
-    found = [each.observation for each in parts if each.observation is not None]
+    for whole, part in zip(covariance, parts, strict=True):
+        inner = np.flatnonzero(part.support[support])
+        whole[np.ix_(inner, inner)] = part.uncertainty.known_covariance()[0]
+    found = [part.observation for part in parts if part.observation is not None]
     estimated = tuple(row for each in found for row in each.estimated)
     likelihood = sum(each.log_likelihood for each in found)
     return replace(
@@ -234,7 +234,7 @@ def updated(law: Law, trials: Trials) -> Law:
         objects=trials.objects,
         coefficients=coefficients,
         uncertainty=Uncertainty(covariance=covariance),
-        properties={owner: own for each in parts for owner, own in each.properties.items()},
+        properties={owner: attribute for part in parts for owner, attribute in part.properties.items()},
         observation=replace(observation, estimated=estimated, log_likelihood=likelihood),
     )
 
@@ -318,7 +318,7 @@ def begin(
     problem = _problem(model, with_noise(shown, known), unknowns, starts_at, priors)
     first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
     problem = _with_groups(replace(problem, sizes=state_sizes), groups)
-    written = tuple(each.text for each in text.bounds)
+    written = tuple(bound.text for bound in text.bounds)
     restrictions = Restrictions(dict(universal), dict(priors), written, dict(noise or {}))
     bounds = _bounds(model, trials, unknowns)
     logarithmic = shown.schema.logarithmic
@@ -371,7 +371,7 @@ def _check_latent(model: Model, given: Mapping[str, InitialGiven]) -> None:
 def _unknowns(model: Model, trials: Trials, properties: Sequence[str], universal: Mapping[str, str]) -> Unknowns:
     found, shared = Unknowns(), dict[tuple[str, object], int]()
     for name in universal:
-        check_choice("parameter", name, [each for each in model.parameters if each not in properties])
+        check_choice("parameter", name, [parameter for parameter in model.parameters if parameter not in properties])
     for trial in trials:
         indices, values = list[int](), list[float]()
         for name in model.parameters:
@@ -484,17 +484,17 @@ def _sizes(
     columns = {name: i for i, name in enumerate(model.variables.names)}
     measured = dict[str, float]()
     for j, name in enumerate(model.observables):
-        values = np.concatenate([np.append(each.states[:, j], each.below[:, j]) for each in trials])
+        values = np.concatenate([np.append(trial.states[:, j], trial.below[:, j]) for trial in trials])
         measured[name] = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
     known = {
         columns[name]: size
         for name, size in measured.items()
         if name in model.variables.states and name not in model.text.observed
     }
-    span = max(each.times[-1] - each.times[0] for each in problem.trials) or 1.0
-    known[columns[model.variables.time]] = max(float(np.abs(each.times).max()) for each in problem.trials) or 1.0
+    span = max(trial.times[-1] - trial.times[0] for trial in problem.trials) or 1.0
+    known[columns[model.variables.time]] = max(float(np.abs(trial.times).max()) for trial in problem.trials) or 1.0
     for i, name in enumerate(model.schema.inputs):
-        values = np.concatenate([each.inputs[:, model.column[i]] for each in trials])
+        values = np.concatenate([trial.inputs[:, model.column[i]] for trial in trials])
         known[columns[name]] = float(np.abs(values).max(initial=0.0)) or 1.0
     for i, name in enumerate(model.parameters):
         pairs = zip(unknowns.parameters, unknowns.values, strict=True)
@@ -518,9 +518,11 @@ def _sizes(
                 known.update({i: abs(float(each))} if float(each) else {})
             except ValueError:
                 continue
-    said: list[tuple[str, float | int]] = [(each, i) for i, each in enumerate(model.expressions[: model.width])]
-    for name, each in zip(model.observables, model.expressions[model.width :], strict=True):
-        said.append((each, measured[name]))
+    said: list[tuple[str, float | int]] = [
+        (expression, i) for i, expression in enumerate(model.expressions[: model.width])
+    ]
+    for name, expression in zip(model.observables, model.expressions[model.width :], strict=True):
+        said.append((expression, measured[name]))
     said += [(each, known[i]) for i, each in enumerate(model.initial) if each is not None and i in known]
     found = likely_sizes(said, known, len(columns), span)
     starts = {f"{name}(0)": found[i] for i, name in enumerate(model.variables.states)}
@@ -552,9 +554,9 @@ def _bounds(model: Model, trials: Trials, unknowns: Unknowns) -> Bounds:
     )
     for name, least, most in zip(unknowns.names, low, high, strict=True):
         if not least < most:
-            own = [each.text for each in model.text.bounds if each.name == name]
+            own = [bound.text for bound in model.text.bounds if bound.name == name]
             raise CommonlawError("bound-empty", text="; ".join(own))
-    longest = max(each.times[-1] - each.times[0] for each in trials)
+    longest = max(trial.times[-1] - trial.times[0] for trial in trials)
     delays = [model.parameters[each] for each in model.delay if each >= 0]
     for i, name in enumerate(unknowns.names):
         if name in delays:
@@ -586,12 +588,12 @@ class Fitted:
         """
         problem, unknowns, optimum = self.begun.problem, self.begun.unknowns, self.optimum
         counts = np.zeros(len(unknowns.names))
-        for data, own, initial in zip(problem.trials, unknowns.parameters, unknowns.initial, strict=True):
-            used = np.unique([k for k in (*own, *initial) if k >= 0]).astype(int)
+        for data, parameter, initial in zip(problem.trials, unknowns.parameters, unknowns.initial, strict=True):
+            used = np.unique([k for k in (*parameter, *initial) if k >= 0]).astype(int)
             counts[used] += data.trial.counts.sum() + np.isfinite(data.trial.below).sum()
-        inner = [k for each in problem.priors for k in each.indices if not optimum.at_bound[k]]
+        inner = [k for prior in problem.priors for k in prior.indices if not optimum.at_bound[k]]
         costs = np.log(np.maximum(np.delete(counts, inner), 1.0)).sum()
-        levels = problem.counts + sum(np.isfinite(each.trial.below).sum(axis=0) for each in problem.trials)
+        levels = problem.counts + sum(np.isfinite(trial.trial.below).sum(axis=0) for trial in problem.trials)
         costs += np.log(levels[~problem.known_noise & (levels > 0)]).sum()
         for prior in problem.priors:
             kept = ~optimum.at_bound[prior.indices]
@@ -609,7 +611,7 @@ def _law(begun: Beginning, optimum: Optimum, calls: tuple[str, ...]) -> Law:
     model, trials, problem, unknowns = begun.model, begun.trials, begun.problem, begun.unknowns
     groups = begun.groups
     given = read_equations(model.text.equations, model.schema, properties=property_names(trials.properties))
-    inside = {each.name for each in given.coefficients}
+    inside = {coefficient.name for coefficient in given.coefficients}
     extra = [name for name in model.parameters if name not in inside]
     variables = replace(given.terms.variables, parameters=(*given.terms.variables.parameters, *extra))
     own = tuple(Term(parameter=variables.index(name)) for name in extra)
@@ -619,8 +621,8 @@ def _law(begun: Beginning, optimum: Optimum, calls: tuple[str, ...]) -> Law:
     coefficients = np.tile(known, (len(trials.objects), 1, 1))
     for owner, whole in zip(trials.objects, coefficients, strict=True):
         values = _values(model, unknowns, optimum.unknowns, trials, owner)
-        for each in products:
-            whole[each.equation, each.term] = float(each.value(values))
+        for product in products:
+            whole[product.equation, product.term] = float(product.value(values))
     support = np.any(coefficients != 0, axis=0)
     covariance, shared = _covariance(model, trials, unknowns, optimum, products, support)
     noise = dict(zip(problem.model.observables, _typical_noise(problem, optimum).tolist(), strict=True))
@@ -628,14 +630,14 @@ def _law(begun: Beginning, optimum: Optimum, calls: tuple[str, ...]) -> Law:
         name: {owner: noise[f"{name} of {group}"] for owner, group in own.items()} for name, own in groups.items()
     }
     noise = {name: noise.get(name) or float(np.median(list(noise_of[name].values()))) for name in model.observables}
-    largest = [np.abs(problem.predicted(each, optimum.unknowns, False).states).max(axis=0) for each in problem.trials]
+    largest = [np.abs(problem.predicted(trial, optimum.unknowns, False).states).max(axis=0) for trial in problem.trials]
     sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), _TINY).tolist(), strict=True))
     errors = np.sqrt(np.diagonal(optimum.covariance))
     apart = [by_trial(begun.restrictions.universal.get(name, OBJECT), trials.schema) for name in model.parameters]
     estimated = tuple(
         TrialEstimate(trial.object, trial.name, unknowns.names[k], float(optimum.unknowns[k]), float(errors[k]))
-        for trial, own, indices in zip(trials, unknowns.parameters, unknowns.initial, strict=True)
-        for k in [*np.array(own, dtype=int)[apart].tolist(), *indices]
+        for trial, parameter, indices in zip(trials, unknowns.parameters, unknowns.initial, strict=True)
+        for k in [*np.array(parameter, dtype=int)[apart].tolist(), *indices]
         if k >= 0
     )
     initial = dict(model.text.initial)
@@ -694,8 +696,8 @@ def _typical_noise(problem: Problem, optimum: Optimum) -> Floats:
     """Return the noise of each observable, the median where each measurement has its own, shape (m,)."""
     found = optimum.noise.copy()
     for k in np.flatnonzero(problem.known_noise):
-        own = np.concatenate([(each.trial.std(found) / each.trial.averaging)[:, k] for each in problem.trials])
-        seen = np.concatenate([np.isfinite(each.trial.noise[:, k]) for each in problem.trials])
+        own = np.concatenate([(trial.trial.std(found) / trial.trial.averaging)[:, k] for trial in problem.trials])
+        seen = np.concatenate([np.isfinite(trial.trial.noise[:, k]) for trial in problem.trials])
         found[k] = np.median(own[seen])
     return found
 
@@ -717,7 +719,7 @@ def _covariance(
     place = {(j, k): i for i, (j, k) in enumerate(np.argwhere(support).tolist())}
     size, covariance = int(support.sum()), optimum.covariance
     means = {owner: unknowns.means(trials, owner)[0] for owner in trials.objects}
-    uses = np.sum([each.any(axis=0) for each in means.values()], axis=0)
+    uses = np.sum([mean.any(axis=0) for mean in means.values()], axis=0)
     shared = np.flatnonzero((uses > 1) & ~optimum.at_bound)
     found, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
     std = np.sqrt(np.diagonal(covariance)[shared])
@@ -728,13 +730,13 @@ def _covariance(
     for i, owner in enumerate(trials.objects):
         values = _values(model, unknowns, optimum.unknowns, trials, owner)
         slopes = np.zeros((size, len(model.parameters)))
-        for each in products:
-            for name, power in each.coefficients:
-                if (each.equation, each.term) in place:
-                    others = each._replace(coefficients=tuple(c for c in each.coefficients if c[0] != name))
+        for product in products:
+            for name, power in product.coefficients:
+                if (product.equation, product.term) in place:
+                    others = product._replace(coefficients=tuple(c for c in product.coefficients if c[0] != name))
                     outer = float(others.value(values))
                     slope = outer * power * float(values[name]) ** (power - 1)
-                    slopes[place[each.equation, each.term], model.parameters.index(name)] += slope
+                    slopes[place[product.equation, product.term], model.parameters.index(name)] += slope
         slopes = slopes @ means[owner]
         found[i] = slopes @ covariance @ slopes.T
         if len(shared):
@@ -754,7 +756,7 @@ def _at_bounds(model: Model, unknowns: Unknowns, bounds: Bounds, optimum: Optimu
         side = 1 if end == bounds.low[i] else -1
         reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if 0 < error < np.inf else np.nan
         within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
-        text = next((each.text for each in model.text.bounds if each.name == name), name)
+        text = next((bound.text for bound in model.text.bounds if bound.name == name), name)
         estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
         where = unknowns.labels[i].removeprefix(f"{name} of ") if unknowns.labels[i] != name else ""
         found.append(note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=text))

@@ -158,7 +158,7 @@ class Model:
 
 
 def _program(expressions: Sequence[str], variables: int) -> Program:
-    return Program.of([((Factor(each), 1),) for each in expressions], variables)
+    return Program.of([((Factor(expression), 1),) for expression in expressions], variables)
 
 
 class _Switches(ast.NodeTransformer):
@@ -180,7 +180,7 @@ class _Switches(ast.NodeTransformer):
 def _with_switches(expressions: Sequence[str], variables: int) -> Program:
     """Return the program of rates, with unit steps as further variables, and of what decides these."""
     switches = _Switches(variables)
-    rates = [write(switches.visit(ast.parse(each, mode="eval").body)) for each in expressions]
+    rates = [write(switches.visit(ast.parse(expression, mode="eval").body)) for expression in expressions]
     return _program([*rates, *switches.deciding], variables + len(switches.deciding))
 
 
@@ -220,7 +220,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         return f"`{whole}`"
 
     # Those of a law have delayed inputs by their names
-    plain = (_NAMED.sub(lambda name: f"{quoted(name[1])}{name[2]}", each) for each in text.equations)
+    plain = (_NAMED.sub(lambda name: f"{quoted(name[1])}{name[2]}", equation) for equation in text.equations)
     equations = tuple(_DELAYED.sub(delayed, each) for each in plain)
     text = replace(text, equations=equations)
     left = split_equations(equations)
@@ -272,8 +272,8 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     rows = [""] * len(variables.states)
     for i, j in enumerate(second_order):
         rows[j] = f"v{len(states) + i}"
-    for j, each in zip(highest_columns(order, len(states)), expressions, strict=False):
-        rows[j] = each
+    for j, expression in zip(highest_columns(order, len(states)), expressions, strict=False):
+        rows[j] = expression
     texts = dict(zip((*starts, *before), expressions[len(left) + len(observed) :], strict=True))
     parameters, first = variables.parameters, len(variables.measured)
     if any(min(columns_in(each), default=first) < first for each in texts.values()):
@@ -282,8 +282,8 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     outputs = expressions[len(left) : len(left) + len(observed)]
     column = (*range(len(measured.inputs)), *(measured.inputs.index(name) for _, name, _ in delays))
     delay = (*([-1] * len(measured.inputs)), *(parameters.index(each) for *_, each in delays))
-    for name, each in zip(measured.states, outputs, strict=True):
-        if min(columns_in(each), default=first) >= len(variables.states):
+    for name, output in zip(measured.states, outputs, strict=True):
+        if min(columns_in(output), default=first) >= len(variables.states):
             raise CommonlawError("observation-without-state", name=name, states=variables.states)
     for bound in text.bounds:
         check_choice("parameter", bound.name, [name for name in parameters if name not in properties])

@@ -250,5 +250,5 @@ class _Curves:
 
     def at_more_times(self, times: Sequence[Floats]) -> Forecast:
         """Return the same at more times of each trial."""
-        trials = [_with_times(trial, own) for trial, own in zip(self.trials, times, strict=True)]
+        trials = [_with_times(trial, time) for trial, time in zip(self.trials, times, strict=True)]
         return replace(self, trials=self.trials.with_trials(trials)).forecast()

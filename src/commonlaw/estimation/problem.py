@@ -242,17 +242,17 @@ class Problem:
     @cached_property
     def known_noise(self) -> Bools:
         """Of which observables standard deviations are known, shape (m,)."""
-        return np.asarray(np.any([each.trial.known_noise for each in self.trials], axis=0))
+        return np.asarray(np.any([trial.trial.known_noise for trial in self.trials], axis=0))
 
     @cached_property
     def counts(self) -> Floats:
         """How many measurements of each observable there are, shape (m,)."""
-        return np.asarray(sum(each.trial.counts.sum(axis=0) for each in self.trials))
+        return np.asarray(sum(trial.trial.counts.sum(axis=0) for trial in self.trials))
 
     @cached_property
     def censored(self) -> Bools:
         """Which observables have censored measurements, shape (m,)."""
-        return np.asarray(np.any([np.isfinite(each.trial.below).any(axis=0) for each in self.trials], axis=0))
+        return np.asarray(np.any([np.isfinite(trial.trial.below).any(axis=0) for trial in self.trials], axis=0))
 
     def residuals(self, unknowns: Floats, noise: Floats, slopes: bool = True) -> tuple[Floats, Floats | None]:
         """Return standardized residuals, shape (r,), and their derivatives, shape (r, p).

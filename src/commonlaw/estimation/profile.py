@@ -114,7 +114,7 @@ def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) 
     if not np.isfinite(cost):
         raise CommonlawError("profile-not-finite")
     if noise is None:
-        count = sum(int(np.isfinite(each.trial.states).sum()) for each in problem.trials)
+        count = sum(int(np.isfinite(trial.trial.states).sum()) for trial in problem.trials)
         known = known * np.sqrt(cost / max(count - len(first), 1))
         best, cost = _least(problem, begun.bounds, best, everything, known)
     slopes = problem.residuals(best, known)[1]

@@ -228,7 +228,7 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
 
 def rough_noise(problem: Problem) -> Floats:
     """Return noise to begin with where it is not known: a share of how measurements scatter, shape (m,)."""
-    values = np.concatenate([each.trial.states for each in problem.trials])
+    values = np.concatenate([trial.trial.states for trial in problem.trials])
     found = np.ones(values.shape[1])
     for k, column in enumerate(values.T):
         seen = column[np.isfinite(column)]
@@ -263,7 +263,7 @@ def maximize(
         unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
     progress(f"computing the likelihood of {len(starts)} first values")
     coarse = replace(problem, tolerance=_ROUGH_TOLERANCE)
-    costs = np.array([_cost(coarse, each, noise) for each in starts])
+    costs = np.array([_cost(coarse, start, noise) for start in starts])
     if not np.isfinite(costs).any():
         raise unsolved
     ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: _IMPROVED if problem.unknowns else 1]
@@ -345,7 +345,7 @@ def _score(problem: Problem, unknowns: Floats, noise: Floats, fixed: bool) -> tu
     """Return the negative log-likelihood with priors, and the noise of maximum likelihood."""
     levels = noise if fixed else problem.noise_levels(unknowns, noise)
     levels = np.maximum(levels, _EXACT * rough_noise(problem))
-    priors = sum(0.5 * float(np.sum(each.residuals(unknowns) ** 2)) for each in problem.priors)
+    priors = sum(0.5 * float(np.sum(prior.residuals(unknowns) ** 2)) for prior in problem.priors)
     score = priors - problem.log_likelihood(unknowns, levels)
     return (float(score) if np.isfinite(score) else np.inf), levels
 

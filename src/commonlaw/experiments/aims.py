@@ -28,7 +28,7 @@ class Quantity:
 
     def std(self, prior: Floats) -> float:
         """Return how far off it may be now, as a standard deviation over all hypotheses."""
-        variances = np.array([own @ own for own in self.slopes])
+        variances = np.array([slope @ slope for slope in self.slopes])
         return float(np.sqrt(prior @ (variances + (self.values - prior @ self.values) ** 2)))
 
     def expected_std(self, prior: Floats, evidence: Evidence) -> float:
@@ -61,14 +61,14 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
     names = objects if chosen is None else (chosen,)
     if forecast is None:
         return _of_hypotheses(text, hypotheses, found["name"], names)
-    made = [_forecast(found, each, names) for each in hypotheses]
+    made = [_forecast(found, hypothesis, names) for hypothesis in hypotheses]
     return Quantity(text, np.array([value for value, _ in made]), tuple(slopes for _, slopes in made))
 
 
 def coefficients(hypotheses: Sequence[Hypothesis]) -> list[Quantity]:
     """Return the coefficients of the first law, each of every object."""
     first = hypotheses[0]
-    letters, objects = [each.name for each in named_parameters(first.law).definitions], first.objects
+    letters, objects = [definition.name for definition in named_parameters(first.law).definitions], first.objects
     return [
         _of_hypotheses(f"{letter} of {name}" if len(objects) > 1 else letter, hypotheses, letter, (name,))
         for letter in letters
@@ -77,7 +77,7 @@ def coefficients(hypotheses: Sequence[Hypothesis]) -> list[Quantity]:
 
 
 def _of_hypotheses(text: str, hypotheses: Sequence[Hypothesis], letter: str, names: Sequence[str]) -> Quantity:
-    made = [_coefficient(letter, hypotheses[0], each, names) for each in hypotheses]
+    made = [_coefficient(letter, hypotheses[0], hypothesis, names) for hypothesis in hypotheses]
     return Quantity(text, np.array([value for value, _ in made]), tuple(slopes for _, slopes in made))
 
 
@@ -85,8 +85,8 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
     """Return the mean of a coefficient of the first law over objects as another law has it, and its derivatives."""
     law, terms = first.law, each.law.terms.names
     parameters = named_parameters(law)
-    named = {own.name: own for own in parameters.definitions}
-    named = {law.terms.names[own.term]: own for own in parameters.definitions} | named
+    named = {definition.name: definition for definition in parameters.definitions}
+    named = {law.terms.names[definition.term]: definition for definition in parameters.definitions} | named
     if name not in named:
         raise unknown("coefficient of this law", name, named)
     columns = {term: k for k, term in enumerate(terms)}

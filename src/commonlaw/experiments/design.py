@@ -196,11 +196,11 @@ def usual(law: Law, trials: Trials) -> dict[str, Options]:
     """Return how experiments were made: where trials start, how long they take, how many samples they have."""
     followed = law.predict(trials, averaged=False)
     trials = matched(law, trials)
-    starts = np.array([each.states[0] for each in followed.trajectories])
+    starts = np.array([trajectory.states[0] for trajectory in followed.trajectories])
     found: dict[str, Options] = {}
     rates = [rate for _, rate in state_rates(law)]
     for j, name in enumerate(law.terms.variables.states):
-        spread = max(np.ptp(each.states[:, j]) for each in followed.trajectories)
+        spread = max(np.ptp(trajectory.states[:, j]) for trajectory in followed.trajectories)
         if name in rates and np.abs(starts[:, j]).max() < _REST * spread:
             found[name] = (0.0,)
         elif name not in law.schema.starts:
@@ -208,10 +208,10 @@ def usual(law: Law, trials: Trials) -> dict[str, Options]:
     if law.schema.doses:
         found |= _usual_doses(law, trials)
     else:
-        inputs = np.array([each.inputs.mean(axis=0) for each in trials])
+        inputs = np.array([trial.inputs.mean(axis=0) for trial in trials])
         found |= {name: _between(inputs[:, j]) for j, name in enumerate(law.schema.inputs)}
-    found["duration"] = (float(np.median([each.times[-1] - each.times[0] for each in trials])),)
-    found["samples"] = (float(np.median([len(each.measured()) for each in trials])),)
+    found["duration"] = (float(np.median([trial.times[-1] - trial.times[0] for trial in trials])),)
+    found["samples"] = (float(np.median([len(trial.measured()) for trial in trials])),)
     return found
 
 
@@ -219,7 +219,7 @@ def _usual_doses(law: Law, trials: Trials) -> dict[str, Options]:
     """Return the amounts of doses, which stand in trials as large inputs for a moment, and when the first is given."""
     found: dict[str, Options] = {}
     for j, name in enumerate(law.schema.inputs):
-        own = [(each, np.flatnonzero(each.inputs[:, j])) for each in trials]
+        own = [(trial, np.flatnonzero(trial.inputs[:, j])) for trial in trials]
         pulses = [(each, given) for each, given in own if len(given)]
         amounts = [each.inputs[i, j] * (each.times[i] - each.times[i - 1]) for each, given in pulses for i in given]
         found[name] = _between(np.array(amounts)) if amounts else (0.0,)
@@ -241,11 +241,11 @@ def _between(values: "np.typing.NDArray[np.float64]") -> Options:
 
 def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
     """Return all that several laws could be, each of them as probable as another."""
-    if not laws or not all(isinstance(each, Law) for each in laws):
+    if not laws or not all(isinstance(law, Law) for law in laws):
         raise CommonlawError("design-without-laws")
     first = laws[0]
-    for each in laws:
-        refuse_observation(each)
+    for law in laws:
+        refuse_observation(law)
     for each in laws[1:]:
         same = (each.terms.variables.measured, each.objects, each.schema.logarithmic) == (
             first.terms.variables.measured,
@@ -255,7 +255,7 @@ def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
         if not same:
             raise CommonlawError("design-different-laws")
     share = 1 / len(laws)
-    return tuple(PlausibleLaw(share * own.probability, own.law) for each in laws for own in each.models)
+    return tuple(PlausibleLaw(share * model.probability, model.law) for law in laws for model in law.models)
 
 
 @dataclass(frozen=True, eq=False)

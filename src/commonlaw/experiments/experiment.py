@@ -95,7 +95,7 @@ class Settings:
                     if not properties:
                         raise CommonlawError("setting-without-properties", name=name)
                     raise CommonlawError("setting-not-a-property", name=name, properties=properties)
-            lacking = [f"object.{each}" for each in properties if f"object.{each}" not in options]
+            lacking = [f"object.{attribute}" for attribute in properties if f"object.{attribute}" not in options]
             if lacking:
                 raise CommonlawError("setting-properties-missing", properties=lacking)
             objects = _some(law.objects)
@@ -112,14 +112,18 @@ class Settings:
     @property
     def varied(self) -> tuple[str, ...]:
         """What there is a choice of."""
-        return tuple(name for name, own in self.options.items() if isinstance(own, Range) or len(own) > 1)
+        return tuple(name for name, option in self.options.items() if isinstance(option, Range) or len(option) > 1)
 
     def at(self, point: Floats) -> dict[str, Value]:
         """Return the settings at a point of the unit cube, shape (varied settings,)."""
         found, shares = dict[str, Value](), dict(zip(self.varied, point.tolist(), strict=True))
-        for name, own in self.options.items():
+        for name, option in self.options.items():
             share = shares.get(name, 0.0)
-            found[name] = own.at(share) if isinstance(own, Range) else own[min(int(share * len(own)), len(own) - 1)]
+            found[name] = (
+                option.at(share)
+                if isinstance(option, Range)
+                else option[min(int(share * len(option)), len(option) - 1)]
+            )
         return found
 
     def spread(self, count: int, seed: int) -> Floats:
@@ -223,7 +227,7 @@ def check_amount(what: str, value: object) -> None:
 
 def _check_name(name: str, law: Law) -> None:
     variables, details = law.terms.variables, ("at", "every") if law.schema.doses else ("shape", "period")
-    inputs = [each for own in variables.inputs for each in (own, *(f"{own}.{detail}" for detail in details))]
+    inputs = [each for signal in variables.inputs for each in (signal, *(f"{signal}.{detail}" for detail in details))]
     if name not in (*TIMING, *variables.states, *inputs) and not (name.startswith("object.") and name != "object."):
         raise unknown("setting of an experiment", name, (*variables.states, *inputs, *TIMING, "object.<property>"))
 
@@ -341,7 +345,9 @@ class Experiment:
     @property
     def cost(self) -> float:
         """What all of its trials cost."""
-        set_ = {name: own for name, own in self.settings.items() if isinstance(own, float) and name != "repeats"}
+        set_ = {
+            name: setting for name, setting in self.settings.items() if isinstance(setting, float) and name != "repeats"
+        }
         set_ |= {"trial": 1.0, "sample": len(self.times), "duration": float(self.times[-1] - self.times[0])}
         each = sum(self.prices.get(name, 0.0) * abs(own) for name, own in set_.items())
         return self.repeats * sum(each + self.prices.get(name, 0.0) for name in self.objects)

@@ -134,9 +134,9 @@ class Evidence:
         pairs = zip(hypotheses, draws.unknowns, strict=True)
         made = np.array([each.mean + own @ each.by_unknowns.T + noise @ each.root.T for each, own in pairs])
         deviance, gradients, information = [], [], []
-        for each in hypotheses:
-            own = each.whitened()
-            off = (made - each.mean) @ own.contrasts.T
+        for hypothesis in hypotheses:
+            own = hypothesis.whitened()
+            off = (made - hypothesis.mean) @ own.contrasts.T
             deviance.append(np.sum(off**2, axis=2) + own.constant)
             gradients.append(off @ own.slopes)
             information.append((own.slopes.T @ own.slopes)[np.newaxis, np.newaxis])
@@ -151,9 +151,12 @@ class Evidence:
         count = len(hypotheses)
         shape = (count, len(measured) // count)
         deviance, gradients, information = [], [], []
-        for each in hypotheses:
-            all_ = [own.whitened() for own in each]
-            off = [own.contrasts @ (y - predicted.mean) for own, predicted, y in zip(all_, each, measured, strict=True)]
+        for hypothesis in hypotheses:
+            all_ = [own.whitened() for own in hypothesis]
+            off = [
+                own.contrasts @ (y - predicted.mean)
+                for own, predicted, y in zip(all_, hypothesis, measured, strict=True)
+            ]
             values = [one @ one + own.constant for own, one in zip(all_, off, strict=True)]
             deviance.append(np.reshape(values, shape))
             gradient = [one @ own.slopes for own, one in zip(all_, off, strict=True)]
@@ -165,7 +168,7 @@ class Evidence:
     def __add__(self, other: "Evidence") -> "Evidence":
         return Evidence(
             self.deviance + other.deviance,
-            tuple(one + two for one, two in zip(self.gradients, other.gradients, strict=True)),
+            tuple(gradient + two for gradient, two in zip(self.gradients, other.gradients, strict=True)),
             tuple(one + two for one, two in zip(self.information, other.information, strict=True)),
         )
 

@@ -37,7 +37,7 @@ class Forecasts:
     @classmethod
     def of(cls, experiment: Experiment, hypotheses: Sequence[Hypothesis]) -> "Forecasts":
         """Return those of an experiment in which no law diverges."""
-        law, predicted = hypotheses[0].law, [each.predictions([experiment])[0] for each in hypotheses]
+        law, predicted = hypotheses[0].law, [hypothesis.predictions([experiment])[0] for hypothesis in hypotheses]
         first = [own[0] for own in predicted if own is not None]
         states, times = law.schema.measured, experiment.times
         shape = (len(first), -1, len(states))
@@ -131,7 +131,7 @@ class Design(ShownInNotebooks):
     @property
     def cost(self) -> float:
         """What all experiments cost."""
-        return sum(each.experiment.cost for each in self.experiments)
+        return sum(experiment.experiment.cost for experiment in self.experiments)
 
     @property
     def tells_apart(self) -> bool:
@@ -151,8 +151,8 @@ class Design(ShownInNotebooks):
                 f"{self.aim.quantity.name} is {with_error(value, now)} now; its standard error is then {then:.2g}."
             )
         elif not self.aim.of_law:
-            gains = [each for each in self.gains if each.then < (1 - MIN_RELATIVE_GAIN) * each.now][:3]
-            parts = [f"{each.name} from {each.now:.2g} to {each.then:.2g} {each.unit}".rstrip() for each in gains]
+            gains = [gain for gain in self.gains if gain.then < (1 - MIN_RELATIVE_GAIN) * gain.now][:3]
+            parts = [f"{gain.name} from {gain.now:.2g} to {gain.then:.2g} {gain.unit}".rstrip() for gain in gains]
             sentences += [f"Expected standard errors: {', '.join(parts)}."] if parts else []
             sentences.append(f"Information gain on all coefficients: {self.experiments[-1].bits:.1f} bits.")
         return tuple(sentences)
@@ -197,13 +197,13 @@ class Design(ShownInNotebooks):
         lines = []
         if len(self.laws) > 1:
             lines += ["Laws that remain plausible:"]
-            lines += [f"  {each.probability:.2f}  {'; '.join(each.law.structure)}" for each in self.laws]
+            lines += [f"  {law.probability:.2f}  {'; '.join(law.law.structure)}" for law in self.laws]
             lines += [""]
         few = len(self.experiments) == 1
         lines += ["Most informative next experiment:" if few else "Most informative next experiments:"]
-        costs = [f": cost {each.experiment.cost:.4g}" for each in self.experiments]
+        costs = [f": cost {experiment.experiment.cost:.4g}" for experiment in self.experiments]
         costs = [""] * len(costs) if {*costs} == {": cost 1"} else costs  # Without prices all cost the same
-        texts = [f"{each.text}{cost}" for each, cost in zip(self.experiments, costs, strict=True)]
+        texts = [f"{experiment.text}{cost}" for experiment, cost in zip(self.experiments, costs, strict=True)]
         lines += [f"  {i}. {text}" for i, text in enumerate(texts, 1)]
         return "\n".join([*lines, "", *self.sentences])
 
@@ -212,13 +212,13 @@ class Design(ShownInNotebooks):
         import pandas as pd
 
         rows = []
-        for each in self.experiments:
-            times = each.experiment.times
+        for experiment in self.experiments:
+            times = experiment.experiment.times
             lasts = {"duration": float(times[-1] - times[0]), "samples": len(times)}  # Until it leaves its limits
-            settings = {name: own for name, own in each.experiment.settings.items() if name != "times"}
-            row = {**settings, **lasts, "cost": each.experiment.cost, "bits": each.bits}
-            row |= {"chance": each.chance} if len(self.laws) > 1 else {}
-            rows.append(row | ({} if each.std is None else {"standard error": each.std}))
+            settings = {name: setting for name, setting in experiment.experiment.settings.items() if name != "times"}
+            row = {**settings, **lasts, "cost": experiment.experiment.cost, "bits": experiment.bits}
+            row |= {"chance": experiment.chance} if len(self.laws) > 1 else {}
+            rows.append(row | ({} if experiment.std is None else {"standard error": experiment.std}))
         return pd.DataFrame(rows)
 
 

@@ -160,7 +160,7 @@ class Hypothesis:
         """Return experiments that end where its forecasts leave the limits of states (and rates)."""
         if not limits:
             return [*experiments]
-        planned = [_planned(self.law, each) for each in experiments]
+        planned = [_planned(self.law, experiment) for experiment in experiments]
         problems = [own.problem(name) for own in planned for name in own.experiment.objects]
         found = iter(simulate(problems, tolerance=_TOLERANCE))
         return [
@@ -172,7 +172,7 @@ class Hypothesis:
         self, experiments: Sequence[Experiment], limit: float | None = None
     ) -> list[tuple[Gaussian, ...] | None]:
         """Return predictions of each experiment's trials; None where a state exceeds the limit, see `simulate`."""
-        planned = [_planned(self.law, each) for each in experiments]
+        planned = [_planned(self.law, experiment) for experiment in experiments]
         trials = [(own, name) for own in planned for name in own.experiment.objects]
         found = iter(self._predictions(trials, [None] * len(trials), limit))
         whole = [[next(found) for _ in own.experiment.objects] for own in planned]
@@ -207,7 +207,7 @@ class Hypothesis:
         """
         own, count = _planned(self.law, experiment), len(experiment.objects)
         names = [*experiment.objects] * len(measured)
-        points = [own.point(each) for each in initial.unknowns for _ in range(count)]
+        points = [own.point(unknown) for unknown in initial.unknowns for _ in range(count)]
         predicted = [each for listed in initial.predicted for each in listed]
         highest = _MAX_RELATIVE_STATE * max((float(np.abs(each.mean).max()) for each in predicted), default=1.0)
         highest = highest if limit is None else min(highest, limit)
@@ -238,7 +238,7 @@ class Simulated:
     @classmethod
     def joined(cls, parts: "Sequence[Simulated]") -> "Simulated":
         """Return the draws of several, one after the other."""
-        return cls(np.concatenate([each.unknowns for each in parts]), [own for each in parts for own in each.predicted])
+        return cls(np.concatenate([part.unknowns for part in parts]), [own for part in parts for own in part.predicted])
 
     def repeated(self, count: int) -> "Simulated":
         """Return the same so many times."""
@@ -304,9 +304,9 @@ class _Planned:
         variables = self.law.terms.variables
         states = variables.natural(found.states)
         inside = np.ones(len(states), dtype=np.bool_)
-        for name, own in limits.items():
+        for name, limit in limits.items():
             values = states[:, variables.index(name)]
-            inside &= (values >= own.low) & (values <= own.high)
+            inside &= (values >= limit.low) & (values <= limit.high)
         outside = np.flatnonzero(~inside)
         return float(
             found.times[outside[0] - 1] if len(outside) and outside[0] else found.times[-1 if not len(outside) else 0]
@@ -396,4 +396,4 @@ def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
         pushed = highest_columns(law.order, len(law.schema.states))
         forced = carried[..., pushed] * errors.force * steps[:, np.newaxis]
         parts.append(np.einsum("namc,mk->nakc", forced, np.linalg.cholesky(kernel)))
-    return np.concatenate([each.reshape(count, width, -1) for each in parts], axis=2)
+    return np.concatenate([part.reshape(count, width, -1) for part in parts], axis=2)

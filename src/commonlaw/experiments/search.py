@@ -168,8 +168,8 @@ class Search:
         ]
         experiments = self.hypotheses[0].within(experiments, self.limits)
         left, predicted = list(range(len(experiments))), [list[tuple[Gaussian, ...]]() for _ in experiments]
-        for each in self.hypotheses:
-            found = each.predictions([experiments[i] for i in left], self._farthest)
+        for hypothesis in self.hypotheses:
+            found = hypothesis.predictions([experiments[i] for i in left], self._farthest)
             for i, own in zip(left, found, strict=True):
                 predicted[i] += [] if own is None else [own]
             left = [i for i, own in zip(left, found, strict=True) if own is not None]
@@ -203,7 +203,7 @@ class Search:
             return self._simulated(each.experiment, count, place)
         draws = self._draws(count, place)
         return _sum(
-            Evidence.of(trial, own) for trial, own in zip(zip(*each.predicted, strict=True), draws, strict=False)
+            Evidence.of(trial, draw) for trial, draw in zip(zip(*each.predicted, strict=True), draws, strict=False)
         )
 
     @cached_property
@@ -213,9 +213,9 @@ class Search:
 
     def _simulate(self, experiment: Experiment, count: int, place: int) -> Evidence:
         draws, laws, limit = self._draws(count, place), self.hypotheses, self._farthest
-        made = [law.simulated(experiment, own, limit) for law, own in zip(laws, draws[0].unknowns, strict=True)]
+        made = [law.simulated(experiment, unknown, limit) for law, unknown in zip(laws, draws[0].unknowns, strict=True)]
         measured = [
-            [predicted.drawn(own.noise[i]) for predicted, own in zip(trials, draws, strict=False)]
+            [predicted.drawn(draw.noise[i]) for predicted, draw in zip(trials, draws, strict=False)]
             for each in made
             for i, trials in enumerate(each.predicted)
         ]
@@ -232,7 +232,7 @@ class Search:
 
     def _draws(self, count: int, place: int) -> list[Draws]:
         """Return draws for every trial of an experiment, of which each object makes one at most."""
-        sizes = [each.unknowns for each in self.hypotheses]
+        sizes = [hypothesis.unknowns for hypothesis in self.hypotheses]
         own, each = range(len(self.settings.objects)), -(-count // len(sizes))
         return [Draws.of(sizes, MAX_MEASUREMENTS, each, (self.seed, count), place * len(own) + i) for i in own]
 

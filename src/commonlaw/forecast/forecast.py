@@ -109,7 +109,7 @@ class Forecast(ShownInNotebooks):
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
         """The divergences of these forecasts."""
-        return tuple(each.outcome for each in self.trajectories if each.outcome is not None)
+        return tuple(trajectory.outcome for trajectory in self.trajectories if trajectory.outcome is not None)
 
     @property
     def is_fit(self) -> bool:
@@ -201,16 +201,16 @@ class Forecast(ShownInNotebooks):
             ends, schema = self.followed.bands(level, measured), self.followed.trials.schema
             return tuple((natural(low, schema), natural(high, schema)) for low, high in ends)
         parts = self.parts or (Part(1.0, self, (1.0,) * len(self.trials)),)
-        scales = [each.forecast._scales(measured) for each in parts]
-        centers = [each.forecast._states() for each in parts]
-        known = [each.forecast.degrees_of_freedom for each in parts]
+        scales = [part.forecast._scales(measured) for part in parts]
+        centers = [part.forecast._states() for part in parts]
+        known = [part.forecast.degrees_of_freedom for part in parts]
         states = len(self.trials.schema.states)
         degrees = np.array([np.full(states, np.inf) if own is None else own for own in known])[:, np.newaxis, :]
         return tuple(
             mixture_interval(
-                np.array([each.weights[i] for each in parts]).reshape(-1, 1, 1),
-                np.array([own[i] for own in centers]),
-                np.array([own[i] for own in scales]),
+                np.array([part.weights[i] for part in parts]).reshape(-1, 1, 1),
+                np.array([center[i] for center in centers]),
+                np.array([scale[i] for scale in scales]),
                 degrees,
                 level,
             )
@@ -253,7 +253,7 @@ class Forecast(ShownInNotebooks):
     def as_measured(self, measured: Trials) -> "Forecast":
         """Return the forecast of measured trials from this one, which has logarithms of some of their states."""
         schema, again = self.trials.schema, self.at_more_times
-        states = [natural(each.states, schema) for each in self.trajectories]
+        states = [natural(trajectory.states, schema) for trajectory in self.trajectories]
         std = None
         if self.std is not None:  # To first order
             columns = np.isin(schema.states, schema.logarithmic)
@@ -261,7 +261,9 @@ class Forecast(ShownInNotebooks):
         return replace(
             self,
             trials=as_measured(self.trials, measured),
-            trajectories=tuple(replace(each, states=x) for each, x in zip(self.trajectories, states, strict=True)),
+            trajectories=tuple(
+                replace(trajectory, states=x) for trajectory, x in zip(self.trajectories, states, strict=True)
+            ),
             std=std,
             at_more_times=None if again is None else partial(_measured_at, again, measured),
             followed=self,

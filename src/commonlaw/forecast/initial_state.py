@@ -303,9 +303,9 @@ def with_weights(law: Law, trials: Trials) -> Law:
     known = np.zeros(len(law.schema.states)) if law.uncertainty.noise is None else law.uncertainty.noise
     if law.order == 0 or known.all():
         return law
-    largest = np.fmax.reduce(np.abs(np.concatenate([each.states for each in trials])), axis=0, initial=0.0)
+    largest = np.fmax.reduce(np.abs(np.concatenate([trial.states for trial in trials])), axis=0, initial=0.0)
     levels = [np.sqrt(np.finfo(float).eps) * np.where(largest > 0, largest, 1.0)]
-    levels += [noise_level(each.times, each.states) for each in trials if each.complete]
+    levels += [noise_level(trial.times, trial.states) for trial in trials if trial.complete]
     noise = np.where(known > 0, known, np.max(levels, axis=0))
     return replace(law, uncertainty=replace(law.uncertainty, noise=noise))
 
@@ -475,7 +475,7 @@ def _measured_start(law: Law, trial: Trial) -> Floats:
 def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator | None:
     """Return what estimates the first rates: the law's own method, or the first that takes the samples, if any."""
     methods = law.provenance.differentiation or RobustSpline(), RobustSpline(), ForwardDifference()
-    return next((each for each in methods if each.takes(trial.times, trial.states)), None)
+    return next((method for method in methods if method.takes(trial.times, trial.states)), None)
 
 
 def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:

@@ -125,7 +125,10 @@ def _drawn(law: Law, name: str, trials: Trials) -> Population:
         return _typical(law, f"{name} is not in the law: it has the mean coefficients of the others{why}")
     explanation, values = law.uncertainty.explanation, trials.properties.get(name, {})
     assert explanation is not None
-    given = {each: _in_unit(each, values[each], trials.schema, law.schema) for each in explanation.properties}
+    given = {
+        attribute: _in_unit(attribute, values[attribute], trials.schema, law.schema)
+        for attribute in explanation.properties
+    }
     coefficients, indices = law.coefficients[0].copy(), np.argwhere(law.support)
     covariance = explanation.covariance
     turn, scatter = np.zeros((len(indices), len(covariance))), np.zeros(len(indices))
@@ -133,7 +136,7 @@ def _drawn(law: Law, name: str, trials: Trials) -> Population:
     for i, relation in enumerate(explanation.relations):
         if relation is not None:
             part = slice(first, first + len(relation.factors))
-            own = [given[each] for each in relation.properties]
+            own = [given[attribute] for attribute in relation.properties]
             for each, value in zip(relation.properties, own, strict=True):
                 if relation.exponents and not value > 0:
                     raise CommonlawError("property-not-positive", property=each, object=name, value=value)

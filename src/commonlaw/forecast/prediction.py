@@ -122,8 +122,8 @@ def inputs_of_doses(grid: Floats, doses: Sequence[Mapping[float, float]]) -> Inp
     if not doses:
         return None
     moment = MOMENT * float(np.diff(grid).min(initial=np.inf))
-    given = np.array(sorted({time for each in doses for time in each}), dtype=np.float64)
-    values = np.array([[each.get(float(time), 0.0) for each in doses] for time in given]).reshape(-1, len(doses))
+    given = np.array(sorted({time for dose in doses for time in dose}), dtype=np.float64)
+    values = np.array([[dose.get(float(time), 0.0) for dose in doses] for time in given]).reshape(-1, len(doses))
     times = np.column_stack([given, given + moment, given + 2 * moment]).ravel()
     pulses = np.stack([np.zeros_like(values), values / moment, np.zeros_like(values)], axis=1)
     pulses = pulses.reshape(-1, len(doses))
@@ -229,7 +229,7 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: floa
         has_std = law.uncertainty.has_std
         return _Forecaster(each, followed, (beginning,), None, has_std, "auto", 1e-8, 0, limit).forecast()
 
-    found = average([Part(each.probability, forecast(each.law)) for each in law.models])
+    found = average([Part(model.probability, forecast(model.law)) for model in law.models])
     return found.as_measured(measured) if law.schema.logarithmic else found
 
 
@@ -249,7 +249,7 @@ class _Forecaster:
 
     def forecast(self) -> Forecast:
         """Return the forecasts at the times of the trials."""
-        problems = [self._problem(each) for each in self.beginnings]
+        problems = [self._problem(beginning) for beginning in self.beginnings]
         method, with_std = self.method, self.return_std
         found = simulate(problems, method=method, tolerance=self.tolerance, sensitivities=with_std, limit=self.limit)
         std, noise = (self._std(found), self.law.uncertainty.noise) if self.return_std else (None, None)
@@ -260,8 +260,10 @@ class _Forecaster:
         return Forecast(
             self.trials,
             tuple(
-                trajectory if own.fitted is None else own.fitted.followed_by(trajectory, own.trial.times)
-                for own, trajectory in zip(self.beginnings, lighter, strict=True)
+                trajectory
+                if beginning.fitted is None
+                else beginning.fitted.followed_by(trajectory, beginning.trial.times)
+                for beginning, trajectory in zip(self.beginnings, lighter, strict=True)
             ),
             std,
             noise,
@@ -269,15 +271,17 @@ class _Forecaster:
             known.error_model,
             again,
             degrees_of_freedom=known.degrees_of_freedom,
-            horizons=tuple(np.maximum(0.0, each.trial.times - each.known_until) for each in self.beginnings),
+            horizons=tuple(
+                np.maximum(0.0, beginning.trial.times - beginning.known_until) for beginning in self.beginnings
+            ),
             widening=known.widening,
         )
 
     def at_more_times(self, times: Sequence[Floats]) -> Forecast:
         """Return the forecasts from the same beginnings at more times of each trial."""
         finer = [
-            replace(each, trial=with_times(each.trial, each.inputs, more))
-            for each, more in zip(self.beginnings, times, strict=True)
+            replace(beginning, trial=with_times(beginning.trial, beginning.inputs, more))
+            for beginning, more in zip(self.beginnings, times, strict=True)
         ]
         trials = self.trials.with_trials([each.trial for each in finer])
         return replace(self, trials=trials, beginnings=tuple(finer)).forecast()
@@ -286,17 +290,19 @@ class _Forecaster:
         """Return the standard deviations of the states of each trajectory, with what is before its start."""
         law, noise, deviations = self.law, _noise_of(self.law), []
         covariance, errors = law.uncertainty.known_covariance(), law.uncertainty.error_model
-        for own, trajectory in zip(self.beginnings, found, strict=True):
-            known = covariance[object_index(law, own.trial.object)]
-            if own.fitted is None:
-                each = errors.measurement_std(own.start_samples.states, own.start_samples.std(noise))
-                std = trajectory_std(trajectory, known, start_covariance(law, own.start_samples, each, self.seed))
+        for beginning, trajectory in zip(self.beginnings, found, strict=True):
+            known = covariance[object_index(law, beginning.trial.object)]
+            if beginning.fitted is None:
+                each = errors.measurement_std(beginning.start_samples.states, beginning.start_samples.std(noise))
+                std = trajectory_std(trajectory, known, start_covariance(law, beginning.start_samples, each, self.seed))
             else:
-                carried, initial = own.fitted.propagated(trajectory)
+                carried, initial = beginning.fitted.propagated(trajectory)
                 std = trajectory_std(carried, known, initial)
             if errors.of_law:
-                std = np.hypot(std, model_error_std(law, own.ahead, own.inputs, trajectory.states))
-            deviations.append(std if own.fitted is None else own.fitted.std_followed_by(std, own.trial.times))
+                std = np.hypot(std, model_error_std(law, beginning.ahead, beginning.inputs, trajectory.states))
+            deviations.append(
+                std if beginning.fitted is None else beginning.fitted.std_followed_by(std, beginning.trial.times)
+            )
         return tuple(deviations)
 
     def _problem(self, beginning: Beginning) -> InitialValueProblem:
@@ -407,19 +413,19 @@ def average(parts: Sequence[Part]) -> Forecast:
         return parts[0].forecast
     first = parts[0].forecast
     weights = [_weights(parts, i) for i in range(len(first.trajectories))]
-    moments = [_moments(parts, i, own) for i, own in enumerate(weights)]
+    moments = [_moments(parts, i, weight) for i, weight in enumerate(weights)]
     return replace(
         first,
         trajectories=tuple(own for own, _ in moments),
         std=None if first.std is None else tuple(std for _, std in moments),
         at_more_times=None if first.at_more_times is None else partial(_averaged_at, tuple(parts)),
-        parts=tuple(each._replace(weights=tuple(own[k] for own in weights)) for k, each in enumerate(parts)),
+        parts=tuple(part._replace(weights=tuple(weight[k] for weight in weights)) for k, part in enumerate(parts)),
     )
 
 
 def _averaged_at(parts: Sequence[Part], times: Sequence[Floats]) -> Forecast:
     """Return the average of the forecasts at more times; a function of a module, as processes hand it to each other."""
-    pairs = [(each, each.forecast.at_more_times) for each in parts]
+    pairs = [(part, part.forecast.at_more_times) for part in parts]
     return average([each._replace(forecast=more(times)) for each, more in pairs if more])
 
 
@@ -428,7 +434,7 @@ def remarks_on(found: Forecast) -> tuple[str, ...]:
     if len(found.parts) < 2:
         return ()
     own, farthest = found.parts[0], 0.0
-    lost = [each.label for each, share in zip(found.trials, own.weights, strict=True) if not share]
+    lost = [trial.label for trial, share in zip(found.trials, own.weights, strict=True) if not share]
     if lost:
         return (
             f"the law diverges in {', '.join(lost)}: its forecasts there average the other plausible laws, of total "
@@ -439,7 +445,7 @@ def remarks_on(found: Forecast) -> tuple[str, ...]:
     width = len(found.trials.schema.states)
     for i, (std, noise) in enumerate(zip(own.forecast.std or (), own.forecast.measurement_std(), strict=True)):
         middle = found.trajectories[i].states[:, :width]
-        others = [(each.weights[i], each.forecast.trajectories[i].states[:, :width]) for each in found.parts]
+        others = [(part.weights[i], part.forecast.trajectories[i].states[:, :width]) for part in found.parts]
         between = np.sqrt(sum(share * (states - middle) ** 2 for share, states in others if share))
         farthest = max(farthest, float(np.nanmax(between / np.hypot(std[:, :width], noise), initial=0.0)))
     if farthest <= 1:
@@ -453,9 +459,9 @@ def remarks_on(found: Forecast) -> tuple[str, ...]:
 
 def _weights(parts: Sequence[Part], trial: int) -> Floats:
     """Return what each forecast of a trial counts, shape (parts,)."""
-    shares: Floats = np.array([each.probability for each in parts])
+    shares: Floats = np.array([part.probability for part in parts])
     whole = np.zeros(len(parts), dtype=np.bool_)
-    for k, (forecast, trajectory) in enumerate((each.forecast, each.forecast.trajectories[trial]) for each in parts):
+    for k, (forecast, trajectory) in enumerate((part.forecast, part.forecast.trajectories[trial]) for part in parts):
         std = 0.0 if forecast.std is None else forecast.std[trial]
         whole[k] = trajectory.outcome is None and np.isfinite(trajectory.states).all() and np.isfinite(std).all()
     if not whole.any():
@@ -465,7 +471,7 @@ def _weights(parts: Sequence[Part], trial: int) -> Floats:
 
 def _moments(parts: Sequence[Part], trial: int, weights: Floats) -> tuple[Trajectory, Floats]:
     """Return the median trajectory of a trial and the standard deviation about it, shape (n, width)."""
-    kept = [(share, each.forecast) for share, each in zip(weights, parts, strict=True) if share]
+    kept = [(share, part.forecast) for share, part in zip(weights, parts, strict=True) if share]
     states = np.array([each.trajectories[trial].states for _, each in kept])
     # The least of the values up to which half of the weight lies
     order = np.argsort(states, axis=0)
@@ -473,7 +479,7 @@ def _moments(parts: Sequence[Part], trial: int, weights: Floats) -> tuple[Trajec
     found = np.take_along_axis(order, reached.argmax(axis=0)[np.newaxis], axis=0)
     median = np.take_along_axis(states, found, axis=0)[0]
     variance = np.zeros_like(median)
-    for (share, each), own in zip(kept, states, strict=True):
+    for (share, each), state in zip(kept, states, strict=True):
         with np.errstate(invalid="ignore"):
-            variance += share * ((0.0 if each.std is None else each.std[trial]) ** 2 + (own - median) ** 2)
+            variance += share * ((0.0 if each.std is None else each.std[trial]) ** 2 + (state - median) ** 2)
     return replace(kept[0][1].trajectories[trial], states=median), np.sqrt(variance)

@@ -164,4 +164,4 @@ def _joined(held: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
 
 def _below(parts: Sequence[Floats]) -> Floats:
     """Return rows below each other, in Fortran order: long columns go several times faster than rows."""
-    return np.concatenate([each.T for each in parts], axis=1).T
+    return np.concatenate([part.T for part in parts], axis=1).T

@@ -48,12 +48,12 @@ class ObjectRows:
     def __add__(self, later: "ObjectRows") -> "ObjectRows":
         """Return what both come to: trial k is in group k modulo 32."""
         groups = list(self.groups)
-        for index, own in enumerate(later.groups, self.count):
+        for index, group in enumerate(later.groups, self.count):
             if index < MAX_GROUPS:
-                groups.append(own)
+                groups.append(group)
             else:
                 slot = index % MAX_GROUPS
-                groups[slot] = tuple(one + other for one, other in zip(groups[slot], own, strict=True))
+                groups[slot] = tuple(one + other for one, other in zip(groups[slot], group, strict=True))
         (least, most), (low, high) = self.extremes, later.extremes
         extremes = np.stack([np.minimum(least, low), np.maximum(most, high)])
         samples = (*self.samples, *later.samples)[:_TRIALS_FOR_ACCURACY]
@@ -116,7 +116,7 @@ def rows_by_object(
         for trial in some if sampled else ():  # Samples in the middle show how accurate the rows of a trial are
             left_out = max(0, len(trial) - SAMPLES) // 2
             kept.append(trial.rows(slice(left_out, left_out + SAMPLES)) if left_out else trial)
-        extremes = np.array([[each.min() for each in columns], [each.max() for each in columns]])
+        extremes = np.array([[column.min() for column in columns], [column.max() for column in columns]])
         _add(found, {some[0].object: ObjectRows((tuple(problems),), 1, extremes, tuple(kept))})
     return found
 

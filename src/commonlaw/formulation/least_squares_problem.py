@@ -282,13 +282,13 @@ def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[Lea
 
     factor, rows = merge(problems).factor, counts @ np.array([problem.rows for problem in problems])
     if not can_precondition(factor):
-        return [_merged_as_drawn(problems, own) for own in counts]
-    mixed = np.array([solve_triangular(factor, each.factor.T, trans="T").T for each in problems])
+        return [_merged_as_drawn(problems, count) for count in counts]
+    mixed = np.array([solve_triangular(factor, problem.factor.T, trans="T").T for problem in problems])
     grams = np.matmul(mixed.transpose(0, 2, 1), mixed).reshape(len(problems), -1)
     factors = (_factor_of(gram, factor, problems[0].terms) for gram in (counts @ grams).reshape(-1, *factor.shape))
     return [
-        _merged_as_drawn(problems, own) if each is None else LeastSquaresProblem(each, problems[0].terms, int(number))
-        for own, number, each in zip(counts, rows, factors, strict=True)
+        _merged_as_drawn(problems, count) if each is None else LeastSquaresProblem(each, problems[0].terms, int(number))
+        for count, number, each in zip(counts, rows, factors, strict=True)
     ]
 
 
@@ -302,7 +302,7 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
 
     factor, terms = LeastSquaresProblem.of(library, targets).factor, library.shape[1]
     if not can_precondition(factor):
-        return [LeastSquaresProblem.of(library, targets, own) for own in counts]
+        return [LeastSquaresProblem.of(library, targets, count) for count in counts]
     inverse, size = np.triu(lapack.dtrtri(factor)[0]), len(factor)
     (left, right), together = np.triu_indices(size), 128  # Rows whose products are held at a time
     sums, products = np.zeros((len(left), len(counts)), order="F"), np.empty((len(left), together))

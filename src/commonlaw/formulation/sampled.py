@@ -85,7 +85,7 @@ class StrongForm(AbstractSampledForm):
                 rates = self.rates(trial, slice(before, stop + halo) if local else _WHOLE)
             inside = slice(start - before, stop - before)
             states = rates.states[inside] if self.library_states == "smoothed" else trial.states[start:stop]
-            lower, targets = split_derivatives([each[inside] for each in rates.derivatives], self.order)
+            lower, targets = split_derivatives([derivative[inside] for derivative in rates.derivatives], self.order)
             columns = [states.T, lower.T, trial.inputs[start:stop].T, trial.times[np.newaxis, start:stop]]
             yield start, np.concatenate(columns).T, targets
 

@@ -195,7 +195,7 @@ class WeakRows:
         weights = test_functions.weights(trial.times, order)
         target = (-1) ** order * weights[order]
         primitives = {i: antiderivative(term, size) for i, term in enumerate(terms.terms) if order == 2}
-        by_parts = {i: each for i, each in primitives.items() if each is not None}
+        by_parts = {i: primitive for i, primitive in primitives.items() if primitive is not None}
         library = weights[0] @ terms.evaluate(values)
         slopes = terms.jacobian(values)
         # Where a slope is not finite, as that of a root at 0, the noise of one sample is taken for nothing

@@ -89,7 +89,7 @@ class RelationComparison:
         for each in found:
             if each.kind is best:
                 relations.setdefault(each.form, []).append(each)
-        score, own = max(((_total(own), own) for own in relations.values()), key=lambda pair: pair[0])
+        score, own = max(((_total(relation), relation) for relation in relations.values()), key=lambda pair: pair[0])
         chosen = max(own, key=lambda each: each.score)
         probability = float(np.exp(score - np.logaddexp.reduce(list(totals.values()))))
         each_its_own = _total([each for each in every if each.kind is RelationKind.OWN])
@@ -193,7 +193,7 @@ class RelationComparison:
 
     def _evidence(self, tried: CoefficientModel) -> Floats:
         left_out = CoefficientModel.left_out(len(self._points), tried.in_logs)
-        models = [left_out if k == self.index else each for k, each in enumerate(self.models)]
+        models = [left_out if k == self.index else model for k, model in enumerate(self.models)]
         others = JointModel.of(self.measured, models)
         # Relations times objects that are computed together take memory
         count, step = max(map(len, (tried.columns, tried.offsets))), max(1, 200_000 // len(self._points))
@@ -216,7 +216,7 @@ def _over_scatters(scores: Floats) -> tuple[Floats, Floats, Floats]:
 
 def _total(choices: Sequence[RelationChoice]) -> float:
     """Return the logarithm of the sum of what speaks for several relations."""
-    return float(np.logaddexp.reduce([each.score for each in choices]))
+    return float(np.logaddexp.reduce([choice.score for choice in choices]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,9 +292,9 @@ def _most_probable(own: Estimates, properties: PropertyTable) -> list[RelationCh
     score = _score(own, choices)
     # With correlated errors the scatters of coefficients are confounded, and the first coefficient took it
     for k in [k for k in range(size) if size > 1 and choices[k].scatter]:
-        exact = _chosen(own, [each.model for each in choices], k, properties, scatter=False)
+        exact = _chosen(own, [choice.model for choice in choices], k, properties, scatter=False)
         order = [*(j for j in range(size) if j != k), k]
-        tried = _swept(own, [exact if j == k else each for j, each in enumerate(choices)], properties, order)
+        tried = _swept(own, [exact if j == k else choice for j, choice in enumerate(choices)], properties, order)
         if _score(own, tried) > score:
             choices, score = tried, _score(own, tried)
     return choices
@@ -323,11 +323,11 @@ def _chosen(
 
 def _score(own: Estimates, choices: Sequence[RelationChoice]) -> float:
     """Return the logarithm of prior times evidence of the relations of all coefficients together."""
-    models = [each.model for each in choices]
+    models = [choice.model for choice in choices]
     measured, _ = _pointed(own, models)
-    logs = np.array([each.in_logs for each in models])
-    density = JointModel.of(measured, models).log_evidence(np.concatenate([each.precision for each in models]))
-    return density - float(np.log(abs(measured.points[:, logs])).sum()) + sum(each.log_price for each in choices)
+    logs = np.array([model.in_logs for model in models])
+    density = JointModel.of(measured, models).log_evidence(np.concatenate([model.precision for model in models]))
+    return density - float(np.log(abs(measured.points[:, logs])).sum()) + sum(choice.log_price for choice in choices)
 
 
 def _pointed(own: Estimates, models: Sequence[CoefficientModel]) -> tuple[Estimates, Floats]:
@@ -335,7 +335,7 @@ def _pointed(own: Estimates, models: Sequence[CoefficientModel]) -> tuple[Estima
     objects, size = own.estimates.shape
     points, variances = np.empty((2, objects, size))
     for k in range(size):
-        others = [CoefficientModel.left_out(objects) if j == k else each for j, each in enumerate(models)]
+        others = [CoefficientModel.left_out(objects) if j == k else model for j, model in enumerate(models)]
         points[:, k], variances[:, k] = JointModel.of(own, others).without(k)
     return replace(own, points=points), np.sqrt(variances)
 
@@ -344,17 +344,17 @@ def _explained(
     own: Estimates, choices: Sequence[RelationChoice], properties: PropertyTable, units: Floats
 ) -> Explained:
     """Return what follows from the relations of all coefficients, in units of the estimates."""
-    models = [each.model for each in choices]
+    models = [choice.model for choice in choices]
     measured, _ = _pointed(own, models)
     joint = JointModel.of(measured, models)
-    factors, covariance = joint.factors(np.concatenate([each.precision for each in models]))
+    factors, covariance = joint.factors(np.concatenate([model.precision for model in models]))
     # What scatter leaves of the model, T - T P T, is nothing to the last digit where there is none
     drawn = joint.variances[:, :, np.newaxis] * joint.precisions
     estimates = joint.design @ factors + np.einsum("okl,ol->ok", drawn, joint.residuals - joint.design @ factors)
-    estimates += np.array([each.offsets for each in models]).T
+    estimates += np.array([model.offsets for model in models]).T
     given = np.eye(len(units)) * joint.variances[:, np.newaxis] - drawn * joint.variances[:, np.newaxis]
     shared = (joint.design - drawn @ joint.design) @ np.linalg.cholesky(covariance)
-    logs = np.array([each.in_logs for each in models])
+    logs = np.array([model.in_logs for model in models])
     signs = np.sign(measured.points)
     values = np.where(logs, signs * np.exp(np.where(logs, estimates, 0.0)), estimates)
     slopes = units * np.where(logs, values, 1.0)

@@ -96,7 +96,7 @@ class JointModel:
     @classmethod
     def of(cls, measured: Estimates, models: Sequence[CoefficientModel]) -> "JointModel":
         """Return the model of coefficients that each have a model."""
-        own = measured.in_logs([each.in_logs for each in models])
+        own = measured.in_logs([model.in_logs for model in models])
         count, size = own.estimates.shape
         offsets, variances, parts = np.zeros((count, size)), np.zeros((count, size)), [np.empty((count, size, 0))]
         for k, model in enumerate(models):

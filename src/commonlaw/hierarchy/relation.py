@@ -130,7 +130,7 @@ class Relation:
         ones = np.ones((len(values), 1))
         if self.kind is RelationKind.AFFINE:
             return np.concatenate([ones, values], axis=1)
-        powers = np.prod(values ** np.array([float(each) for each in self.exponents]), axis=1, keepdims=True)
+        powers = np.prod(values ** np.array([float(exponent) for exponent in self.exponents]), axis=1, keepdims=True)
         return np.asarray(ones * powers)
 
 
@@ -207,7 +207,11 @@ CONSTANTS = {
 
 def dimensions_of(coefficients: Sequence[str | None], properties: Mapping[str, str]) -> Dimensions:
     """Return the base dimensions of coefficients and of properties, by the texts of their units."""
-    units = [*(each for each in coefficients if each is not None), *properties.values(), *CONSTANTS.values()]
+    units = [
+        *(coefficient for coefficient in coefficients if coefficient is not None),
+        *properties.values(),
+        *CONSTANTS.values(),
+    ]
     bases = sorted({base for unit in units for base in parse_unit(unit).dimensionality})
 
     def powers(unit: str) -> Floats:
@@ -215,7 +219,7 @@ def dimensions_of(coefficients: Sequence[str | None], properties: Mapping[str, s
         return np.array([own.get(base, 0) for base in bases], dtype=np.float64)
 
     return Dimensions(
-        [None if each is None else powers(each) for each in coefficients],
+        [None if coefficient is None else powers(coefficient) for coefficient in coefficients],
         {name: powers(unit) for name, unit in properties.items()},
         np.array([powers(unit) for unit in CONSTANTS.values()]),
     )

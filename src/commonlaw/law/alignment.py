@@ -128,16 +128,16 @@ def with_parameters_of(other: "Law", law: "Law") -> "Law":
     for name in law.terms.variables.parameters:
         same[_places(law, name)].append(name)
     variables, names = other.terms.variables, list[str]()
-    for each in variables.parameters:
-        known = same[_places(other, each)]
+    for parameter in variables.parameters:
+        known = same[_places(other, parameter)]
         taken = (*law.terms.variables.names, *variables.measured, *names)
-        names.append(known.pop(0) if known else free_name(each, taken))
+        names.append(known.pop(0) if known else free_name(parameter, taken))
     return replace(other, terms=replace(other.terms, variables=replace(variables, parameters=tuple(names))))
 
 
 def _places(law: "Law", name: str) -> frozenset[tuple[int, str]]:
     """Return in which equations' terms a constant is, these with a sign in place of it and of others."""
     variables, column = law.terms.variables, law.terms.variables.index(name)
-    signs = [*variables.measured, *("?" if each == name else "#" for each in variables.parameters)]
+    signs = [*variables.measured, *("?" if parameter == name else "#" for parameter in variables.parameters)]
     pairs = np.argwhere(law.support & law.terms.is_factor).tolist()
     return frozenset((j, law.terms.terms[k].text(signs)) for j, k in pairs if column in law.terms.terms[k].columns())

@@ -219,8 +219,13 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
     dynamic = {*range(len(variables.states))}
     used = [law.terms.terms[k] for k in np.flatnonzero(law.support.any(axis=0) & law.terms.is_factor)]
     with_states = [[pair for pair in each.powers if columns_in(pair[0]) & dynamic] for each in used]
-    is_state = [len(each) == 1 and each[0][0].column is not None and each[0][1] == 1 for each in with_states]
-    if not any(with_states) or any(each and not own for each, own in zip(with_states, is_state, strict=True)):
+    is_state = [
+        len(with_state) == 1 and with_state[0][0].column is not None and with_state[0][1] == 1
+        for with_state in with_states
+    ]
+    if not any(with_states) or any(
+        with_state and not own for with_state, own in zip(with_states, is_state, strict=True)
+    ):
         return
     origin, unit = np.zeros(system.states), law.schema.units.get(law.schema.time, "")
 

@@ -86,7 +86,7 @@ class _System:
 
 def _system(law: Law, name: str | None, initial: ArrayLike | None) -> _System:
     """Return a law in plain names, of one object or of all."""
-    delayed = [each for each in law.schema.inputs if "(" in each]
+    delayed = [signal for signal in law.schema.inputs if "(" in signal]
     for problem, found in (
         ("discrete time", law.order == 0),
         ("doses", bool(law.schema.doses)),
@@ -99,9 +99,11 @@ def _system(law: Law, name: str | None, initial: ArrayLike | None) -> _System:
     known, variables = named_parameters(law), law.terms.variables
     names = _plain_names([*variables.states, *variables.inputs, *known.names])
     count, end = len(variables.states), len(variables.states) + len(variables.inputs)
-    values = np.stack([each.of(coefficients) for each in known.definitions] or [np.empty(len(objects))], axis=1)
+    values = np.stack(
+        [definition.of(coefficients) for definition in known.definitions] or [np.empty(len(objects))], axis=1
+    )
     visited = law.provenance.domain.visited
-    middle = [np.mean(visited[each]) if each in visited else 1.0 for each in variables.states]
+    middle = [np.mean(visited[state]) if state in visited else 1.0 for state in variables.states]
     start = np.asarray(middle if initial is None else initial, dtype=np.float64)
     if start.shape != (count,) or not np.isfinite(start).all():
         raise CommonlawError("export-initial", names=variables.states)
@@ -348,7 +350,9 @@ def _modelica(system: _System, stem: str) -> bytes:
         "",
     ]
     for name, title, row in zip(models[1:], system.objects, system.values, strict=True):
-        given = ", ".join(f"{own} = {_number(each)}" for own, each in zip(system.parameters, row, strict=True))
+        given = ", ".join(
+            f"{parameter} = {_number(each)}" for parameter, each in zip(system.parameters, row, strict=True)
+        )
         lines += [f"  model {name} {_quoted(title)}", f"    extends {models[0]}{f'({given})' if given else ''};"]
         lines += [f"  end {name};"]
     return _joined([*lines, f"end {package};"])

@@ -204,7 +204,7 @@ def _with_widening(document: dict[str, Any]) -> dict[str, Any]:
     if not (isinstance(known, dict) and isinstance(errors, dict) and "widening" in errors):
         return document
     factor = errors["widening"]
-    left = {"error_model": {name: each for name, each in errors.items() if name != "widening"} or None}
+    left = {"error_model": {name: error for name, error in errors.items() if name != "widening"} or None}
     wider = known.get("widening") or (None if factor == 1 else {"horizons": [0.0], "factors": [factor]})
     return document | {"uncertainty": known | left | {"widening": wider}}
 
@@ -230,7 +230,11 @@ def _renamed(document: dict[str, Any]) -> dict[str, Any]:
 
 def compared_with_the_best(alternatives: Sequence[Alternative]) -> tuple[Alternative, ...]:
     """Return alternatives whose Bayes factors are against the best of their equation, no more against the chosen."""
-    known = [(each.equation, value) for each in alternatives if (value := each.measures.get(_BAYES_FACTOR)) is not None]
+    known = [
+        (alternative.equation, value)
+        for alternative in alternatives
+        if (value := alternative.measures.get(_BAYES_FACTOR)) is not None
+    ]
     least = {name: min(value for other, value in known if other == name) for name, _ in known}
 
     def compared(each: Alternative) -> Alternative:
@@ -305,7 +309,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
     covariance, wider = uncertainty.covariance, uncertainty.widening
     levels = {**vars(uncertainty.error_model)}
     grown = {kind: each.tolist() for kind, each in levels.pop("heteroscedastic").items()}
-    known = {name: np.asarray(each) for name, each in levels.items() if each is not None}
+    known = {name: np.asarray(level) for name, level in levels.items() if level is not None}
     errors: dict[str, Any] = {name: each.tolist() for name, each in known.items() if np.isfinite(each).all()}
     if grown:
         errors |= {"proportional": grown.pop("proportional", None), "heteroscedastic": grown}
@@ -346,8 +350,8 @@ def _saved_explanation(explanation: Explanation | None) -> ExplanationDocument |
     if explanation is None:
         return None
     saved = [
-        RelationDocument(**vars(each) | {"exponents": tuple(map(str, each.exponents))}) if each else None
-        for each in explanation.relations
+        RelationDocument(**vars(relation) | {"exponents": tuple(map(str, relation.exponents))}) if relation else None
+        for relation in explanation.relations
     ]
     return ExplanationDocument(relations=saved, covariance=explanation.covariance.tolist())
 
@@ -444,7 +448,7 @@ def _read_other(saved: OtherDocument, law: Law) -> Law:
 
 
 def _read_law(document: LawDocument, functions: tuple[Function, ...]) -> Law:
-    schema, known = document.schema, (*FUNCTIONS, *(each.name for each in functions))
+    schema, known = document.schema, (*FUNCTIONS, *(function.name for function in functions))
     if missing := {name for text in document.terms for name in _CALL.findall(text)} - {*known}:
         raise CommonlawError("functions-missing", names=sorted(missing))
     variables = Variables(
@@ -494,7 +498,9 @@ def _read_uncertainty(
     inclusion = saved.inclusion_probabilities
     levels = msgspec.structs.asdict(saved.error_model) if saved.error_model else {}
     grown = levels.pop("heteroscedastic", {}) | {"proportional": levels.pop("proportional", None)}
-    errors: dict[str, Any] = {name: np.array(each) if isinstance(each, list) else each for name, each in levels.items()}
+    errors: dict[str, Any] = {
+        name: np.array(level) if isinstance(level, list) else level for name, level in levels.items()
+    }
     errors["heteroscedastic"] = {kind: np.array(each) for kind, each in grown.items() if each is not None}
     if saved.shared_factor is not None:
         columns = max((len(row) for rows in saved.shared_factor.values() for row in rows), default=parameters)
@@ -504,8 +510,8 @@ def _read_uncertainty(
         ]
         shared = np.array(matrices).reshape(len(objects), parameters, columns)
     if document.explanation is not None:
-        relations = tuple(_read_relation(each) if each else None for each in document.explanation.relations)
-        size = sum(len(each.factors) for each in relations if each)
+        relations = tuple(_read_relation(relation) if relation else None for relation in document.explanation.relations)
+        size = sum(len(relation.factors) for relation in relations if relation)
         factors = _matrix(document.explanation.covariance, "the covariance of its factors is", (size, size))
         explanation = Explanation(relations, factors)
     return Uncertainty(
@@ -513,7 +519,7 @@ def _read_uncertainty(
         shared,
         None if saved.noise is None else np.array(saved.noise),
         None if inclusion is None else _matrix(inclusion, "its inclusion probabilities are", shape),
-        ErrorModel(**{name: each for name, each in errors.items() if each is not None}),
+        ErrorModel(**{name: error for name, error in errors.items() if error is not None}),
         None if saved.unpooled is None else _read_estimates(saved.unpooled, objects, parameters),
         None if saved.pooled is None else _read_estimates(saved.pooled, objects, parameters),
         None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),

@@ -103,7 +103,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
                 raise CommonlawError("averaged-law-differs")
             if not 0 < probability < 1:
                 raise CommonlawError("averaged-law-probability", probability=probability)
-        if sum(each.probability for each in self.uncertainty.other_laws) >= 1:
+        if sum(law.probability for law in self.uncertainty.other_laws) >= 1:
             raise CommonlawError("averaged-laws-probability")
 
     def _check_names(self) -> None:

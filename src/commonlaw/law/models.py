@@ -79,15 +79,15 @@ class NamedModel:
         """Return the equations and initial values as an ``aligned`` block of LaTeX without dollars."""
         delayed = re.compile(r"\w+\(t - \w+\)")
         lagged = delayed.findall(self.equations)
-        texts = [delayed.sub(r"`\g<0>`", each) for each in self.without_bounds]
-        equations = split_equations([each for each in texts if "'" in each])
-        initial = dict(each.split(" = ") for each in texts if "'" not in each)
+        texts = [delayed.sub(r"`\g<0>`", without_bound) for without_bound in self.without_bounds]
+        equations = split_equations([text for text in texts if "'" in text])
+        initial = dict(text.split(" = ") for text in texts if "'" not in text)
         schema = Schema(self.states, (*self.inputs, *lagged, *self.properties))
-        order = one_order([each.order for each in equations])
+        order = one_order([equation.order for equation in equations])
         variables = law_variables(schema, order)
         rates = [(name, f"{name}'") for name in self.states] if order == 2 else []
         variables = replace(variables, states=(*self.states, *(rate for _, rate in rates)))
-        rows = latex_summands([each.text for each in equations], schema, variables, rates, initial)
+        rows = latex_summands([equation.text for equation in equations], schema, variables, rates, initial)
         lefts = (*latex_left_hand_sides(self.states, order), *(f"{latex_name(each[:-3])}(0)" for each in initial))
         addends = ([Addend(negative, "", latex) for negative, latex in row] for row in rows)
         written = aligned(zip(lefts, addends, strict=True))

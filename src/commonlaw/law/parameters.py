@@ -38,19 +38,21 @@ class Parameters:
     @property
     def names(self) -> tuple[str, ...]:
         """The names, in the order of `Law.structure`."""
-        return tuple(each.name for each in self.definitions)
+        return tuple(definition.name for definition in self.definitions)
 
     @property
     def places(self) -> tuple[list[int], list[int]]:
         """The equation and the term in which each parameter stands first."""
-        return [each.equation for each in self.definitions], [each.term for each in self.definitions]
+        return [definition.equation for definition in self.definitions], [
+            definition.term for definition in self.definitions
+        ]
 
     @cached_property
     def values(self) -> Floats:
         """Estimates, shape (objects, parameters)."""
         values = np.empty((len(self.law.objects), len(self.definitions)))
-        for i, each in enumerate(self.definitions):
-            values[:, i] = each.of(self.law.coefficients)
+        for i, definition in enumerate(self.definitions):
+            values[:, i] = definition.of(self.law.coefficients)
         values.flags.writeable = False
         return values
 
@@ -77,10 +79,10 @@ class Parameters:
         """
         places = {(j, k): i for i, (j, k) in enumerate(np.argwhere(self.law.support).tolist())}
         found = np.zeros((len(coefficients), len(self.definitions), len(places)))
-        for i, each in enumerate(self.definitions):
-            own = [(part.equation, part.term) for part in each.parts]
+        for i, definition in enumerate(self.definitions):
+            own = [(part.equation, part.term) for part in definition.parts]
             if places.keys() >= {*own}:
-                found[:, i, [places[place] for place in own]] = each.gradient(coefficients)
+                found[:, i, [places[place] for place in own]] = definition.gradient(coefficients)
             else:
                 found[:, i] = np.nan
         return found
@@ -89,10 +91,10 @@ class Parameters:
     def units(self) -> tuple[str | None, ...]:
         """Units, as far as those of the variables determine them."""
         known, units = _units(self.law), list[str | None]()
-        for each in self.definitions:
-            parts = [known.get((part.equation, part.term)) for part in each.parts]
-            powers = [unit**part.power for unit, part in zip(parts, each.parts, strict=True) if unit is not None]
-            units.append(f"{reduce(mul, powers):~P}" if len(powers) == len(each.parts) else None)
+        for definition in self.definitions:
+            parts = [known.get((part.equation, part.term)) for part in definition.parts]
+            powers = [unit**part.power for unit, part in zip(parts, definition.parts, strict=True) if unit is not None]
+            units.append(f"{reduce(mul, powers):~P}" if len(powers) == len(definition.parts) else None)
         return tuple(units)
 
     def intervals(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
@@ -119,7 +121,7 @@ class Parameters:
             placed = np.zeros((len(drawn), *model.coefficients.shape))
             placed[..., model.support] = drawn
             draws[rows] = _by_terms_of(law, model, placed)
-        return np.stack([each.of(draws) for each in self.definitions], axis=-1)
+        return np.stack([definition.of(draws) for definition in self.definitions], axis=-1)
 
 
 def named_parameters(law: Law) -> Parameters:
@@ -160,7 +162,7 @@ def coefficient_intervals(law: Law, level: float = 0.95, averaged: bool = True) 
     values = np.array([_by_terms_of(law, each.law, each.law.coefficients) for each in laws])
     errors = np.nan_to_num([_by_terms_of(law, each.law, standard_errors(each.law)) for each in laws])
     degrees = [each.law.uncertainty.degrees_of_freedom for each in laws]
-    whole = np.array([np.full(len(law.schema.states), np.inf) if each is None else each for each in degrees])
+    whole = np.array([np.full(len(law.schema.states), np.inf) if degree is None else degree for degree in degrees])
     low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
     absent = law.coefficients == 0
     return np.where(absent, np.nan, low), np.where(absent, np.nan, high)

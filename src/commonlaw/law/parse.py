@@ -61,12 +61,12 @@ class Coefficient(NamedTuple):
 
     def of(self, coefficients: Floats) -> Floats:
         """Return what it stands for, from coefficients whose last axes are equations and terms."""
-        return self.value([coefficients[..., each.equation, each.term] for each in self.parts])
+        return self.value([coefficients[..., part.equation, part.term] for part in self.parts])
 
     def gradient(self, coefficients: Floats) -> Floats:
         """Return its derivatives by the coefficients of its parts, shape (objects, parts)."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            wholes = [coefficients[:, each.equation, each.term] for each in self.parts]
+            wholes = [coefficients[:, part.equation, part.term] for part in self.parts]
             shares = [part.power / whole for part, whole in zip(self.parts, wholes, strict=True)]
             return np.asarray(self.value(wholes)[:, np.newaxis] * np.stack(shares, axis=1))
 
@@ -124,7 +124,7 @@ def read_equations(
     inside this term. Terms may call functions of Python.
     """
     equations = split_equations(given)
-    by_state = {each.state: each for each in equations}
+    by_state = {equation.state: equation for equation in equations}
     missing = [name for name in schema.states if name not in by_state]
     others = [name for name in by_state if name not in schema.states]
     if missing or others:
@@ -198,7 +198,7 @@ def latex_summands(
     Those of observation equations, by name, follow.
     """
     equations = split_equations(given)
-    meanings = meanings_of(schema, one_order([each.order for each in equations]))._replace(unclear={})
+    meanings = meanings_of(schema, one_order([equation.order for equation in equations]))._replace(unclear={})
     written = (*equations, *(observation_equation(name, right) for name, right in observed.items()))
     return tuple(
         ((False, rf"\text{{{each.right_hand_side}}}"),)
@@ -229,8 +229,10 @@ def meanings_of(schema: Schema, order: Order) -> Meanings:
 
 def _solved(products: Sequence[Product]) -> tuple[Coefficient, ...] | None:
     """Return the named coefficients by the coefficients of terms, none if these do not determine them one by one."""
-    names = list(dict.fromkeys(name for each in products for name, _ in each.coefficients))
-    powers = np.array([[dict(each.coefficients).get(name, 0) for name in names] for each in products], dtype=np.float64)
+    names = list(dict.fromkeys(name for product in products for name, _ in product.coefficients))
+    powers = np.array(
+        [[dict(product.coefficients).get(name, 0) for name in names] for product in products], dtype=np.float64
+    )
     if len(names) != len(products) or (names and not np.isclose(abs(np.linalg.det(powers)), 1.0)):
         return None
     inverse = np.rint(np.linalg.inv(powers)).astype(int) if names else np.empty((0, 0), dtype=int)
@@ -238,8 +240,8 @@ def _solved(products: Sequence[Product]) -> tuple[Coefficient, ...] | None:
         Coefficient(
             name,
             tuple(
-                Part(each.equation, each.term, each.factor, power)
-                for each, power in zip(products, row, strict=True)
+                Part(product.equation, product.term, product.factor, power)
+                for product, power in zip(products, row, strict=True)
                 if power
             ),
         )
@@ -253,13 +255,13 @@ def stated_law(
     """Return what the law of equations is made of, all of whose coefficients have values, see `Law.from_text`."""
     schema = Schema(tuple(each.state for each in split_equations(equations)), **names)
     given = read_equations(equations, schema)
-    letters = [each.name for each in given.coefficients]
+    letters = [coefficient.name for coefficient in given.coefficients]
     for name in values:
         check_choice("coefficient", name, letters)
     missing = [name for name in letters if name not in values]
     if missing:
         raise CommonlawError("parameter-values-missing", parameters=missing, first=missing[0])
-    by_object = [each for each in values.values() if isinstance(each, Mapping)]
+    by_object = [value for value in values.values() if isinstance(value, Mapping)]
     objects = tuple(dict.fromkeys(name for each in by_object for name in each)) or ("object",)
     coefficients = np.tile(given.known, (len(objects), 1, 1))
     own = {name: _by_object(name, values[name], objects) for name in letters}

@@ -282,7 +282,7 @@ def comparable_groups(law: Law) -> dict[str, list[str | float]]:
     found = dict[str, list[str | float]]()
     for name in property_names(law.properties) if shares_terms(law) else ():
         groups = [law.properties.get(owner, {}).get(name) for owner in law.objects]
-        values = sorted({each for each in groups if each is not None}, key=lambda value: (str(type(value)), value))
+        values = sorted({group for group in groups if group is not None}, key=lambda value: (str(type(value)), value))
         if None not in groups and 1 < len(values) <= len(groups) / 2:
             found[name] = values
     return found

@@ -38,7 +38,10 @@ def structure(law: Law) -> tuple[str, ...]:
 
 def _labels(law: Law, write: Callable[[str], str]) -> list[list[tuple[int, text.Label]]]:
     """Return for each equation its terms, by index, each with a number or a written parameter before it."""
-    names = {(each.equation, each.term): write(each.name) for each in named_parameters(law).definitions}
+    names = {
+        (definition.equation, definition.term): write(definition.name)
+        for definition in named_parameters(law).definitions
+    }
     rows: list[list[tuple[int, text.Label]]] = [[] for _ in law.schema.states]
     for j, k in np.argwhere(law.support & law.terms.is_factor).tolist():
         rows[j].append((k, names.get((j, k), float(law.coefficients[0, j, k]))))
@@ -69,7 +72,7 @@ def equations(law: Law, name: str | None, digits: int, errors: bool | None) -> t
         numbers = {key: text.numbered(*pair, digits) for key, pair in values.parameters(law).items()}
         return tuple(each.with_numbers(numbers) for each in split_equations(law.provenance.equations))
     parameters = [text.with_error(*pair, digits, bracket=True) for pair in values.inner_parameters(law)]
-    written = (f"({each})" if each.startswith("-") else each for each in parameters)
+    written = (f"({parameter})" if parameter.startswith("-") else parameter for parameter in parameters)
     names = law.terms.factors_over((*law.terms.variables.measured, *written))
     rows = zip(lefts, values.factors(law), values.errors, strict=True)
     return tuple(text.equation(*row, names, digits, law.terms.have_parameters) for row in rows)
@@ -86,7 +89,7 @@ def to_latex(law: Law, name: str | None = None, digits: int = 4, errors: bool | 
     """Return `Law.equations`, with the same arguments and errors, as an ``aligned`` block of LaTeX without dollars."""
     lefts = text.latex_left_hand_sides(law.schema.states, law.order)
     terms = law.terms.latex_factors(law.terms.variables.names)
-    parameters = [latex_name(each) for each in law.terms.variables.parameters]
+    parameters = [latex_name(parameter) for parameter in law.terms.variables.parameters]
     if name is None and _has_relations(law):
         return text.aligned(related_rows(law, LATEX, (*lefts, *parameters), terms, digits, errors is not False))
     values = _Values.of(law, name, errors)
@@ -178,10 +181,10 @@ def printed(law: Law) -> str:
             body += ["", *text.coefficient_table(law.objects, heads, known.values, known.errors)]
     else:
         by_object = {name: law.equations(name) for name in law.objects}
-        body = [line for name, lines in by_object.items() for line in (f"{name}:", *(f"  {each}" for each in lines))]
+        body = [line for name, lines in by_object.items() for line in (f"{name}:", *(f"  {line}" for line in lines))]
     meanings = ", ".join([*(f"{rate} = {state}'" for state, rate in state_rates(law)), *values])
     lines = [*body, *(["", f"with {meanings}"] if meanings else []), *text.said_within_errors(within_errors(law))]
-    return "\n".join(map(in_line, [*lines, *(f"Note: {each}" for each in law.diagnostics)]))
+    return "\n".join(map(in_line, [*lines, *(f"Note: {diagnostic}" for diagnostic in law.diagnostics)]))
 
 
 def relations_frame(law: Law) -> "pd.DataFrame":

@@ -63,10 +63,10 @@ class Domain:
             found = np.concatenate([_rates(trial) for trial in trials])
             columns |= {rate: found[:, schema.states.index(state)] for state, rate in rates}
         for name in property_names(trials.properties):
-            values = [own[name] for own in trials.properties.values() if name in own]
+            values = [attribute[name] for attribute in trials.properties.values() if name in attribute]
             if isinstance(values[0], float):
                 columns[name] = np.array(values)
-        return cls({name: value_range(each) for name, each in columns.items()})
+        return cls({name: value_range(column) for name, column in columns.items()})
 
     def to_frame(self, units: Mapping[str, str]) -> "pd.DataFrame":
         """Return a table of the visited ranges, with the units of their variables."""
@@ -241,9 +241,9 @@ class Provenance:
                 **candidate.measures,
                 "chosen": candidate.chosen,
             }
-            for equation in dict.fromkeys(each.equation for each in self.alternatives)
+            for equation in dict.fromkeys(alternative.equation for alternative in self.alternatives)
             for begin, end, candidate in path_segments(
-                [each for each in self.alternatives if each.equation == equation]
+                [alternative for alternative in self.alternatives if alternative.equation == equation]
             )
         ]
         if not rows:
@@ -262,7 +262,7 @@ class Provenance:
 
 def path_segments(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, float, Alternative]]:
     """Yield where each segment of a solver's path begins and ends (the last has no end), and its candidate."""
-    begins = sorted((value, i) for i, each in enumerate(alternatives) for value in each.hyperparameters)
+    begins = sorted((value, i) for i, alternative in enumerate(alternatives) for value in alternative.hyperparameters)
     turns = [pair for k, pair in enumerate(begins) if k == 0 or begins[k - 1][1] != pair[1]]
     ends = [*(begin for begin, _ in turns[1:]), math.inf]
     for (begin, i), end in zip(turns, ends, strict=False):

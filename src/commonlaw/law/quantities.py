@@ -83,12 +83,15 @@ def _patterns() -> tuple[_Pattern, ...]:
     for form in forms():
         for text in form.equations:
             equations = split_equations(text)
-            states, orders = tuple(each.state for each in equations), tuple(each.order for each in equations)
+            states, orders = (
+                tuple(equation.state for equation in equations),
+                tuple(equation.order for equation in equations),
+            )
             inputs = tuple(name for name in form.inputs if re.search(rf"\b{name}\b", text))
             given = read_equations(text, Schema(states, inputs))
             variables, entries = given.terms.variables, _entries(given)
-            inside = tuple(_inside([each.term for each in entries], variables))
-            bounds = {each.name: each for each in given.bounds}
+            inside = tuple(_inside([entry.term for entry in entries], variables))
+            bounds = {bound.name: bound for bound in given.bounds}
             found.append(_Pattern(form, states, inputs, orders, variables, entries, inside, bounds))
     return tuple(found)
 
@@ -105,7 +108,7 @@ def _summands(term: Term, variables: Variables) -> Iterator[tuple[float, Term, d
     for number, part in found:
         outer = {factor: n for factor, n in part.powers if factor.column is not None and factor.column >= first}
         powers = {variables.names[factor.column or 0]: n for factor, n in outer.items()}
-        yield number, Term(tuple(each for each in part.powers if each[0] not in outer)), powers
+        yield number, Term(tuple(power for power in part.powers if power[0] not in outer)), powers
 
 
 def _over(names: Sequence[str], variables: Variables) -> Variables:
@@ -176,14 +179,14 @@ class _Match:
     @cached_property
     def unknown(self) -> tuple[str, ...]:
         """Parameters that are factors of terms."""
-        names = dict.fromkeys(name for each in self.pattern.entries for name in each.powers)
+        names = dict.fromkeys(name for entry in self.pattern.entries for name in entry.powers)
         return tuple(name for name in names if name not in self.inner)
 
     @cached_property
     def solution(self) -> tuple[list[int], Floats, Floats]:
         """Entries that determine these, powers of them that they are, and their powers in all entries."""
         powers = np.array(
-            [[each.powers.get(name, 0) for name in self.unknown] for each in self.pattern.entries], dtype=float
+            [[entry.powers.get(name, 0) for name in self.unknown] for entry in self.pattern.entries], dtype=float
         )
         powers = powers.reshape(len(self.pattern.entries), len(self.unknown))
         chosen = list[int]()
@@ -203,7 +206,7 @@ class _Match:
         chosen, inverse, powers = self.solution
         with np.errstate(all="ignore"):
             for row, entry, places in zip(sizes, self.pattern.entries, self.places, strict=True):
-                row += sum(_value(coefficients, whole, each) for each in places) / entry.number
+                row += sum(_value(coefficients, whole, place) for place in places) / entry.number
                 for name, power in entry.powers.items():
                     row /= found[name] ** power if name in self.inner else 1.0
             for name, row in zip(self.unknown, inverse, strict=True):
@@ -219,9 +222,10 @@ class _Match:
         """Return whether the coefficients of one object, shape (1, equations, terms), have the form."""
         values, agree = self.values(coefficients)
         inside = (
-            np.all((values[name] > each.low) & (values[name] < each.high)) for name, each in self.pattern.bounds.items()
+            np.all((values[name] > bound.low) & (values[name] < bound.high))
+            for name, bound in self.pattern.bounds.items()
         )
-        return bool(agree.all()) and all(np.isfinite(each).all() for each in values.values()) and all(inside)
+        return bool(agree.all()) and all(np.isfinite(value).all() for value in values.values()) and all(inside)
 
 
 def _value(coefficients: Floats, parameters: Floats, place: _Place) -> Floats:
@@ -273,7 +277,7 @@ def _matched(law: Law, pattern: _Pattern, chosen: tuple[int, ...], names: Mappin
     for order in permutations(inside):
         known = in_law | dict(zip(pattern.inside, order, strict=True))
         columns_of_form = [plain.get(known.get(name, ""), "unused") for name in pattern.variables.names]
-        keys = [(each.equation, parse_term(each.term.expression(columns_of_form), over)) for each in pattern.entries]
+        keys = [(entry.equation, parse_term(entry.term.expression(columns_of_form), over)) for entry in pattern.entries]
         if {*keys} != {*places}:
             continue
         volume = _volume(law, names[pattern.states[0]]) if form.bolus else None
@@ -299,7 +303,7 @@ def _matched(law: Law, pattern: _Pattern, chosen: tuple[int, ...], names: Mappin
 
 def _inside(terms: Sequence[Term], variables: Variables) -> list[str]:
     """Return the parameters in terms."""
-    used = frozenset[int]().union(*(each.columns() for each in terms))
+    used = frozenset[int]().union(*(term.columns() for term in terms))
     return [name for name in variables.parameters if variables.index(name) in used]
 
 
@@ -397,7 +401,7 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
     for i, owner in enumerate(law.objects if law.order != 0 else ()):
         parameters = law.coefficients[i, law.support]
         covariance = None if law.uncertainty.covariance is None else law.uncertainty.covariance[i]
-        own = _most_specific([each for each in matches if each.holds(law.coefficients[[i]])])
+        own = _most_specific([match for match in matches if match.holds(law.coefficients[[i]])])
         found = [(each.title, quantity) for each in own for quantity in _quantities_of(each, initial or {})]
         if not own:
             found += [("Linear system", quantity) for quantity in modes(law, parameters)]

@@ -97,7 +97,7 @@ def _check_step(tree: ast.expr) -> None:
         if not (_is_text(given) if wanted is str else isinstance(given, ast.Name) and given.id == wanted):
             raise _NotOnListError
     others = call.args[len(first) :]
-    if name == "law.explain" and any(map(_is_text, [*others, *(each.value for each in call.keywords)])):
+    if name == "law.explain" and any(map(_is_text, [*others, *(keyword.value for keyword in call.keywords)])):
         raise _NotOnListError  # The name of a file of properties: none but the user names files
     _check_arguments(resolve_name(function), others, call.keywords, 0)
 
@@ -105,10 +105,10 @@ def _check_step(tree: ast.expr) -> None:
 def _check_arguments(function: Any, values: Sequence[ast.expr], keywords: Sequence[ast.keyword], depth: int) -> None:
     """Refuse keywords that the function does not have, and values that are not plain."""
     names = inspect.signature(function).parameters
-    for each in keywords:
-        if each.arg not in names:
+    for keyword in keywords:
+        if keyword.arg not in names:
             raise _NotOnListError
-    for value in (*values, *(each.value for each in keywords)):
+    for value in (*values, *(keyword.value for keyword in keywords)):
         _check_value(value, depth + 1)
 
 
@@ -138,8 +138,8 @@ def _check_value(tree: ast.expr | None, depth: int) -> None:
             _check_arguments(setting, arguments, keywords, depth)
         case _:
             raise _NotOnListError
-    for each in values:
-        _check_value(each, depth + 1)
+    for value in values:
+        _check_value(value, depth + 1)
 
 
 def _is_text(tree: ast.expr) -> bool:
@@ -184,10 +184,14 @@ class Source:
 def call(function: Callable[..., Any], values: Mapping[str, Any], *first: str) -> str:
     """Return the call of a public function as Python: its name, first arguments, and values that are not defaults."""
     name, *arguments = first
-    for each in inspect.signature(function).parameters.values():
-        value = values.get(each.name, each.default)
-        if each.default is not each.empty and each.name not in _NOT_SAID and not _same(value, each.default):
-            arguments.append(f"{each.name}={written(value)}")
+    for parameter in inspect.signature(function).parameters.values():
+        value = values.get(parameter.name, parameter.default)
+        if (
+            parameter.default is not parameter.empty
+            and parameter.name not in _NOT_SAID
+            and not _same(value, parameter.default)
+        ):
+            arguments.append(f"{parameter.name}={written(value)}")
     return f"{name}({', '.join(arguments)})"
 
 
@@ -252,7 +256,7 @@ def to_script(law: Law, path: str | Source = "trials.csv") -> str:
     if schema.wide:
         roles |= {"object": None, "states": list(schema.wide), "wide": roles.get("wide") or schema.measured[0]}
         roles |= {"noise_columns": None}  # Those of the long table
-    said = ", ".join(f"{name}={each!r}" for name, each in roles.items() if each is not None)
+    said = ", ".join(f"{name}={role!r}" for name, role in roles.items() if role is not None)
     reading = f"from_frame({source.dataset}.to_frame()" if source.dataset else f"read({source.table!r}"
     read = (
         f"cl.TrialStream.from_parquet({source.table!r}, {said})" if source.stream else f"cl.Trials.{reading}, {said})"

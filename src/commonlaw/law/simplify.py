@@ -120,9 +120,9 @@ def _vanishing_part(law: Law, estimates: "_Estimates", tolerance: float) -> _Van
             parts = sympy.Poly(sympy.expand(above), *measured).coeffs()
         except sympy.PolynomialError:
             continue
-        for part in (each for each in parts if each.is_Add):
+        for part in (part for part in parts if part.is_Add):
             gradient = sympy.lambdify(letters, [part, *(part.diff(letter) for letter in letters)])
-            along = np.array([gradient(*own) for own in estimates.values[:-1]], dtype=np.float64)
+            along = np.array([gradient(*value) for value in estimates.values[:-1]], dtype=np.float64)
             for name, letter in zip(names, letters, strict=True):
                 slope = part.diff(letter)  # Linear in letters before terms only
                 if name not in parameters and part.has(letter) and not slope.has(letter):
@@ -185,15 +185,19 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
         )
     constraints, found = _constrained(start, tolerance)
     chi_square, degrees = start.chi_square(constraints)
-    names, gone, rights = start.parameters.names, {each.letter for each in constraints}, right_hand_sides(law)
+    names, gone, rights = (
+        start.parameters.names,
+        {constraint.letter for constraint in constraints},
+        right_hand_sides(law),
+    )
     left = [i for i, name in enumerate(names) if name not in gone]
-    for each in constraints:
-        number = symbolic().Rational(each.number.numerator, each.number.denominator)
-        form = number if each.other is None else number * symbol(names[each.other])
-        rights = [right.subs(symbol(each.letter), form) for right in rights]
+    for constraint in constraints:
+        number = symbolic().Rational(constraint.number.numerator, constraint.number.denominator)
+        form = number if constraint.other is None else number * symbol(names[constraint.other])
+        rights = [right.subs(symbol(constraint.letter), form) for right in rights]
     return Simplification(
         equations=shortest(law, rights),
-        replaced=tuple(each.replacement(names, start) for each in constraints),
+        replaced=tuple(constraint.replacement(names, start) for constraint in constraints),
         chi_square=chi_square,
         degrees_of_freedom=degrees,
         objects=law.objects,
@@ -223,9 +227,9 @@ def within_errors(law: Law) -> tuple[str, ...]:
     if len(law.objects) == 1:
         values = zip(parameters.names, found.values[0].tolist(), errors.tolist(), strict=True)
         written = {name: (value < 0, rounded(abs(value), error)) for name, value, error in values}
-    for each in constraints:
-        negative, text = (False, "1") if each.other is None else written[parameters.names[each.other]]
-        written[each.letter] = (negative != (each.number < 0), text)
+    for constraint in constraints:
+        negative, text = (False, "1") if constraint.other is None else written[parameters.names[constraint.other]]
+        written[constraint.letter] = (negative != (constraint.number < 0), text)
     write = {name: (lambda _, own=own: own) for name, own in written.items()}
     return tuple(_without_ones(each.with_numbers(write)) for each in split_equations(law.structure))
 
@@ -320,8 +324,8 @@ class _Estimates:
         covariances = np.concatenate([own.covariance, mean.uncertainty.known_covariance()])
         parameters = named_parameters(law)
         values = np.zeros((len(coefficients), len(parameters.names)))
-        for i, each in enumerate(parameters.definitions):
-            values[:, i] = each.of(coefficients)
+        for i, definition in enumerate(parameters.definitions):
+            values[:, i] = definition.of(coefficients)
         # A parameter at a bound of zero has no error
         slopes = np.nan_to_num(parameters.slopes(coefficients), posinf=np.inf, neginf=-np.inf)
         return cls(parameters, values, slopes @ covariances @ slopes.transpose(0, 2, 1))
@@ -331,7 +335,7 @@ class _Estimates:
         return float(np.sqrt(max(row @ self.covariances[-1] @ row, 0.0)))
 
     def _distances(self, constraints: Sequence[_Constraint]) -> tuple[Floats, Floats, Floats]:
-        rows, numbers = zip(*(each.row(self.values.shape[1]) for each in constraints), strict=True)
+        rows, numbers = zip(*(constraint.row(self.values.shape[1]) for constraint in constraints), strict=True)
         left = self.values @ np.array(rows).T - np.array(numbers)
         shared = self.covariances @ np.array(rows).T
         inverse = np.linalg.pinv(np.array(rows) @ shared, rcond=1e-12, hermitian=True)
@@ -369,7 +373,7 @@ def _candidates(found: _Estimates, constraints: Sequence[_Constraint]) -> Iterat
     Ratios of whole numbers have the bits of both (Elias 1975, the gamma code).
     """
     parameters, inside = found.parameters, found.parameters.law.terms.variables.parameters
-    gone, units = {each.index for each in constraints}, parameters.units
+    gone, units = {constraint.index for constraint in constraints}, parameters.units
     powers = [pair for product in parameters.products for pair in product.coefficients]
     for i, letter in enumerate(parameters.names):
         if i in gone:

@@ -70,20 +70,20 @@ def parameter_frame(law: Law, level: float | None = None, averaged: bool = True)
         values, errors, names = parameters.values, parameters.errors, np.array(parameters.names)
         rows, p = np.indices(values.shape).reshape(2, -1)
         indices: tuple[Any, ...] = (rows, p)
-        j, k = (np.array(each, dtype=np.intp)[p] for each in parameters.places)
+        j, k = (np.array(place, dtype=np.intp)[p] for place in parameters.places)
         labels, units = names[p].tolist(), [parameters.units[each] or "" for each in p.tolist()]
         ends = None if level is None else parameters.intervals(level, averaged)
     else:
         values, errors = law.coefficients, standard_errors(law)
         indices = rows, j, k = np.nonzero(values)
-        by_place = {(each.equation, each.term): each.name for each in parameters.definitions}
+        by_place = {(definition.equation, definition.term): definition.name for definition in parameters.definitions}
         known, places = coefficient_units(law), list(zip(j.tolist(), k.tolist(), strict=True))
         labels = [by_place.get(place, "") for place in places]
         units = [known.get((lefts[a], law.terms.names[b]), "") for a, b in places]
         ends = None if level is None else coefficient_intervals(law, level, averaged)
     equations = [equation_label(law, *place) for place in zip(j.tolist(), k.tolist(), strict=True)]
     columns: dict[str, Any] = {
-        "object": [law.objects[each] for each in rows.tolist()],
+        "object": [law.objects[row] for row in rows.tolist()],
         "equation": equations,
         "term": [law.terms.names[each] for each in k.tolist()],
         "parameter": labels,
@@ -157,7 +157,7 @@ def interval_frame(law: Law, level: float = 0.95, averaged: bool = True) -> pd.D
     found["unit"] = found.pop("unit")
     found = found.drop(columns=["equation", "term"] if by_name else ["parameter"])
     saved = {"estimate": "coefficient", "inclusion probability": "term probability"}
-    found.columns = pd.Index([saved.get(each, each) for each in found.columns])
+    found.columns = pd.Index([saved.get(column, column) for column in found.columns])
     return found if found["unit"].any() else found.drop(columns="unit")
 
 
@@ -171,8 +171,8 @@ def coefficient_rows(law: Law) -> pd.DataFrame:
 def comparison_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     """Return the candidates of each equation from the best to the worst, see `Law.comparison`."""
     found = []
-    for equation in dict.fromkeys(each.equation for each in alternatives):
-        own = [each for each in alternatives if each.equation == equation]
+    for equation in dict.fromkeys(alternative.equation for alternative in alternatives):
+        own = [alternative for alternative in alternatives if alternative.equation == equation]
         names = [name for each in own for name in each.measures]
         measure = next((name for name in _COMPARING if name in names), names[0] if names else "")
         rows = candidate_frame(own).assign(measure=measure)
@@ -197,14 +197,14 @@ def candidate_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     """Return the candidates that a law was chosen from."""
     rows = [
         {
-            "equation": each.equation,
-            "terms": ", ".join(each.terms),
-            "size": len(each.terms),
-            **each.measures,
-            "proven": each.proven,
-            "chosen": each.chosen,
+            "equation": alternative.equation,
+            "terms": ", ".join(alternative.terms),
+            "size": len(alternative.terms),
+            **alternative.measures,
+            "proven": alternative.proven,
+            "chosen": alternative.chosen,
         }
-        for each in alternatives
+        for alternative in alternatives
     ]
     return pd.DataFrame(rows)
 
@@ -216,7 +216,7 @@ def readable_candidates(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     # What the chosen one alone has compares nothing
     others = frame if frame["chosen"].all() else frame[~frame["chosen"]]
     measures = [name for name in _MEASURES if name in frame and others[name].notna().any()]
-    frame["terms"] = [" + ".join(each.terms) or "0" for each in alternatives]
+    frame["terms"] = [" + ".join(alternative.terms) or "0" for alternative in alternatives]
     frame[""] = np.where(frame["chosen"], "*", "")
     few = frame["size"] <= frame["equation"].map(chosen) + _MORE_TERMS
     return frame.loc[few, ["", "equation", "terms", *measures]]
@@ -231,7 +231,7 @@ def summary(law: Law) -> str:
         tables.append(readable(quantities))
     if law.provenance.alternatives:
         tables.append(readable_candidates(law.provenance.alternatives))
-    return "\n\n".join([str(law), *(each.to_string(index=False, na_rep="") for each in tables)])
+    return "\n\n".join([str(law), *(table.to_string(index=False, na_rep="") for table in tables)])
 
 
 def shown_quantities(law: Law) -> pd.DataFrame:

@@ -69,8 +69,8 @@ class Widening:
         fits = horizons.ndim == 1 and horizons.shape == factors.shape and len(horizons) > 0
         if not (fits and np.all(np.diff(horizons) > 0) and np.all(factors > 0) and np.isfinite(arrays).all()):
             raise CommonlawError("interval-inflation")
-        for each in arrays:
-            each.flags.writeable = False
+        for array in arrays:
+            array.flags.writeable = False
         return Widening(horizons, factors)
 
     def at(self, ahead: Floats) -> Floats:
@@ -127,7 +127,7 @@ class Explanation:
     @property
     def properties(self) -> tuple[str, ...]:
         """Names of the properties that coefficients follow."""
-        return tuple(dict.fromkeys(name for each in self.relations if each for name in each.properties))
+        return tuple(dict.fromkeys(name for relation in self.relations if relation for name in relation.properties))
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +214,7 @@ class Uncertainty:
 
     def map_other_laws(self, change: Callable[[Any], Any]) -> tuple[PlausibleLaw[Any], ...]:
         """Return the plausible laws, the same change made to each."""
-        return tuple(PlausibleLaw(each.probability, change(each.law)) for each in self.other_laws)
+        return tuple(PlausibleLaw(law.probability, change(law.law)) for law in self.other_laws)
 
     def reach(self, states: int, level: float = 0.95) -> Floats:
         """Return how many standard errors on both sides hold this share, for each of so many states, shape (states,).
@@ -336,17 +336,17 @@ def _checked_explanation(explanation: Explanation, size: int) -> Explanation:
     relations = explanation.relations
     if len(relations) != size:
         raise CommonlawError("relations-count", given=len(relations), expected=size)
-    for each in filter(None, relations):
-        follows = len(each.properties)
-        powers = follows if each.kind is RelationKind.POWER_LAW else 0
-        factors = 1 + follows if each.kind is RelationKind.AFFINE else 1
-        alone = each.kind in (RelationKind.UNIVERSAL, RelationKind.OWN) and follows
-        counts = len(each.factors), len(each.errors), len(each.exponents)
-        zero = bool(powers) and 0.0 in (*each.factors, each.typical)
-        least = min(each.scatter, each.scatter_error, *each.errors, 0.0)
+    for relation in filter(None, relations):
+        follows = len(relation.properties)
+        powers = follows if relation.kind is RelationKind.POWER_LAW else 0
+        factors = 1 + follows if relation.kind is RelationKind.AFFINE else 1
+        alone = relation.kind in (RelationKind.UNIVERSAL, RelationKind.OWN) and follows
+        counts = len(relation.factors), len(relation.errors), len(relation.exponents)
+        zero = bool(powers) and 0.0 in (*relation.factors, relation.typical)
+        least = min(relation.scatter, relation.scatter_error, *relation.errors, 0.0)
         if alone or counts != (factors, factors, powers) or not least >= 0 or zero:
-            raise CommonlawError("relation-damaged", kind=each.kind)
-    count = sum(len(each.factors) for each in relations if each)
+            raise CommonlawError("relation-damaged", kind=relation.kind)
+    count = sum(len(relation.factors) for relation in relations if relation)
     return Explanation(
         relations, checked(explanation.covariance, "covariance of factors", "factors, the same", (count, count))
     )

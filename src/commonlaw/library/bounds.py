@@ -29,7 +29,7 @@ class Bound:
 
 def limits_of(name: str, bounds: Sequence[Bound]) -> tuple[float, float]:
     """Return between which numbers a coefficient lies, infinite for none."""
-    own = [each for each in bounds if each.name == name]
+    own = [bound for bound in bounds if bound.name == name]
     return max((each.low for each in own), default=-np.inf), min((each.high for each in own), default=np.inf)
 
 
@@ -55,8 +55,8 @@ def bounds_in(texts: str | Sequence[str]) -> tuple[Bound, ...]:
 
 def _bound(text: str) -> Bound:
     parts = _SIGN.split(text)
-    numbers = [_number(each) for each in parts[::2]]
-    names = [each for each, number in zip(parts[::2], numbers, strict=True) if number is None]
+    numbers = [_number(part) for part in parts[::2]]
+    names = [part for part, number in zip(parts[::2], numbers, strict=True) if number is None]
     one_way = len({*parts[1::2]}) == 1 and len(numbers) <= 3 and (len(numbers) < 3 or numbers[1] is None)
     if len(names) != 1 or not names[0].isidentifier() or not one_way:
         raise CommonlawError("bound-syntax", text=text)

@@ -190,8 +190,8 @@ def with_parameters(
     """
     while True:
         try:
-            for each in equations:
-                each.summands(variables, state_rates, meanings)
+            for equation in equations:
+                equation.summands(variables, state_rates, meanings)
         except InsideError as error:
             variables = replace(variables, parameters=(*variables.parameters, error.args[0]))
         else:
@@ -229,11 +229,11 @@ class _Reader:
     def __init__(self, equation: Equation, variables: Variables, rates: dict[str, str], meanings: Meanings) -> None:
         self.equation, self.variables, self.rates, self.meanings = equation, variables, rates, meanings
         self.tokens = [*self._tokens(), _Token("end", "", len(equation.text))]
-        names = [each.text for each in self.tokens if each.kind == "name" and each.text not in variables.names]
+        names = [token.text for token in self.tokens if token.kind == "name" and token.text not in variables.names]
         self.coefficients = tuple(dict.fromkeys(names))
         self.names = (*variables.names, *self.coefficients)
         self.parameters = len(self.coefficients) + len(variables.parameters)
-        if len(equation.text) > MAX_CHARACTERS or sum(each.kind == "(" for each in self.tokens) > MAX_DEPTH:
+        if len(equation.text) > MAX_CHARACTERS or sum(token.kind == "(" for token in self.tokens) > MAX_DEPTH:
             raise CommonlawError(
                 "equation-too-long", text=equation.text[:57], longest=MAX_CHARACTERS, deepest=MAX_DEPTH
             )
@@ -244,7 +244,7 @@ class _Reader:
             try:
                 tree = read(text, self.names, self.parameters, self.variables.arities)
                 products = multiplied_out(tree, first - len(self.variables.parameters), first)
-                found += [self._of_product(factor, each) for each in products]
+                found += [self._of_product(factor, product) for product in products]
             except CommonlawError as error:
                 self._fail(start, error.diagnostic)
             except NotAFactorError as error:
@@ -271,7 +271,7 @@ class _Reader:
 
     def refuse(self, name: str, problem: Diagnostic) -> NoReturn:
         """Fail where a coefficient stands."""
-        self._fail(next(each for each in self.tokens if (each.kind, each.text) == ("name", name)), problem)
+        self._fail(next(token for token in self.tokens if (token.kind, token.text) == ("name", name)), problem)
 
     def _addends(self) -> list[tuple[float, _Token, str]]:
         """Return sign, first token and text of each addend, as the grammar of terms writes it: with all signs."""
@@ -305,7 +305,7 @@ class _Reader:
 
     def _of_product(self, sign: float, product: Product) -> "_Written":
         shown = [
-            (with_names(write(tree), [quoted(each) for each in self.names]), power) for tree, power in product.trees
+            (with_names(write(tree), [quoted(name) for name in self.names]), power) for tree, power in product.trees
         ]
         text = "*".join(f"({each})" for each, power in shown if power > 0) or "1"
         text += "".join(f"/({each})" for each, power in shown if power < 0)

@@ -31,8 +31,8 @@ class Product(NamedTuple):
     def times(self, other: "Product", power: int = 1) -> "Product":
         """Return the product, or with a power of -1 the quotient."""
         powers = dict(self.parameters)
-        for column, own in other.parameters.items():
-            powers[column] = powers.get(column, 0) + power * own
+        for column, parameter in other.parameters.items():
+            powers[column] = powers.get(column, 0) + power * parameter
         trees = (*self.trees, *((tree, power * own) for tree, own in other.trees))
         left = {column: own for column, own in powers.items() if own}
         return Product(self.factor * other.factor**power, left, trees)
@@ -88,7 +88,7 @@ def _addends(tree: ast.expr, sign: int) -> list[tuple[int, ast.expr]]:
 
 def _sum(addends: Sequence[tuple[int, ast.expr]], variables: int, inside: int) -> list[Product]:
     """Return the products of a sum; its addends without parameters stay together."""
-    plain = [each for each in addends if not _constants(each[1], variables)]
+    plain = [addend for addend in addends if not _constants(addend[1], variables)]
     found = [] if not plain else [_plain(_joined(plain))]
     for sign, tree in addends:
         if (sign, tree) not in plain:

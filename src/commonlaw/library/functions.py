@@ -59,7 +59,7 @@ class Function:
             parameters = inspect.signature(function).parameters.values()
         except (TypeError, ValueError):
             parameters = dict[str, inspect.Parameter]().values()
-        wanted = [each for each in parameters if each.default is each.empty]
+        wanted = [parameter for parameter in parameters if parameter.default is parameter.empty]
         if not wanted or any(each.kind is not each.POSITIONAL_OR_KEYWORD for each in wanted):
             raise CommonlawError("function-arguments", name=name)
         return cls(name, tuple(each.name for each in wanted), function)
@@ -90,7 +90,7 @@ class Function:
         difference of smaller size. Where f is analytic the complex step ``Im f(x + i h)/h`` (Squire and Trapp 1998)
         agrees with that, and takes its place: it is exact to rounding.
         """
-        arrays = np.broadcast_arrays(*(np.asarray(each, dtype=np.float64) for each in values))
+        arrays = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
         return [self._slope(arrays, i) for i in range(len(arrays))]
 
     def _slope(self, values: Sequence[Floats], index: int) -> Floats:

@@ -45,7 +45,7 @@ class Offer:
     @property
     def count(self) -> int:
         """How many terms there are to choose from."""
-        return len(self.terms) + sum(len(each.above) + len(each.below) for each in self.ratios)
+        return len(self.terms) + sum(len(ratio.above) + len(ratio.below) for ratio in self.ratios)
 
 
 class AbstractLibrary(ABC):
@@ -143,7 +143,7 @@ class SumLibrary(AbstractLibrary):
 
 def _with_plain(ratios: Sequence[Ratios], terms: Terms) -> tuple[Ratios, ...]:
     """Return ratios with more terms added to them."""
-    return tuple(replace(each, added=tuple(dict.fromkeys((*each.added, *terms.terms)))) for each in ratios)
+    return tuple(replace(ratio, added=tuple(dict.fromkeys((*ratio.added, *terms.terms)))) for ratio in ratios)
 
 
 @dataclass(frozen=True)
@@ -423,8 +423,10 @@ class ExpressionLibrary(AbstractLibrary):
     ) -> None:
         if not expressions:
             raise CommonlawError("expressions-empty")
-        called = {each: Function.of(each) for each in expressions if not isinstance(each, str)}
-        texts = tuple(each if isinstance(each, str) else called[each].text for each in expressions)
+        called = {expression: Function.of(expression) for expression in expressions if not isinstance(expression, str)}
+        texts = tuple(
+            expression if isinstance(expression, str) else called[expression].text for expression in expressions
+        )
         object.__setattr__(self, "expressions", texts)
         object.__setattr__(self, "called", functions_in((*called.values(), *functions)))
 
@@ -433,11 +435,15 @@ class ExpressionLibrary(AbstractLibrary):
         return self.called
 
     def bind(self, variables: Variables) -> Terms:
-        plain = (parse_term(each, variables) for each in self.expressions if not parameters_in(each, variables))
+        plain = (
+            parse_term(expression, variables)
+            for expression in self.expressions
+            if not parameters_in(expression, variables)
+        )
         return Terms(variables, tuple(dict.fromkeys(plain)))
 
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
-        inside = (each for each in self.expressions if parameters_in(each, variables))
+        inside = (expression for expression in self.expressions if parameters_in(expression, variables))
         return tuple(dict.fromkeys(parametric_term(each, variables) for each in inside))
 
 
@@ -554,7 +560,7 @@ class AutoLibrary(AbstractLibrary):
             for name in ("saturating", "hill", "exponential", "logarithm", "trigonometric", "contact")
         ]
         driven = ParametricLibrary("periodic", (variables.time,))
-        several = (*alone, *(PolynomialLibrary(1) * each for each in factors), *of_states, driven)
+        several = (*alone, *(PolynomialLibrary(1) * factor for factor in factors), *of_states, driven)
         return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))
 
     @property
@@ -632,4 +638,4 @@ def _pieces(text: str, separator: str) -> list[str]:
         depth += 0 if quoted else (each == "(") - (each == ")")
         pieces[-1] += each
         position += 1
-    return [each.strip() for each in pieces]
+    return [piece.strip() for piece in pieces]

@@ -130,7 +130,7 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             return f"{inside(base, _Binding.WHOLE)}^{{{inside(exponent, _Binding.SUM)}}}", _Binding.POWER
         case ast.Call(func=ast.Name(id=name), args=arguments):
-            inner = ", ".join(inside(each, _Binding.SUM) for each in arguments)
+            inner = ", ".join(inside(argument, _Binding.SUM) for argument in arguments)
             if name in _FORMS:
                 form, binding = _FORMS[name]
                 return form.format(inner), binding

@@ -133,7 +133,7 @@ class Ratios:
         """
         terms, letters = tuple(self.below[i] for i in below), list[str]()
         sizes = np.ones(len(terms)) if sizes is None else sizes
-        reference = max((i for i, each in enumerate(terms) if each.columns()), key=lambda i: float(sizes[i]))
+        reference = max((i for i, term in enumerate(terms) if term.columns()), key=lambda i: float(sizes[i]))
         for letter in _LETTERS[: len(below) - 1]:
             letters.append(free_name(letter, (*variables.measured, *letters)))
         return Ratio(tuple(self.above[i] for i in above), terms, reference, tuple(letters))
@@ -141,8 +141,8 @@ class Ratios:
     def is_reduced(self, above: Sequence[int], below: Sequence[int]) -> bool:
         """Whether no variable cancels in a ratio: ``s/(K + s)``, but not ``s^2/(K s + s^2)``."""
         terms = (*(self.above[i] for i in above), *(self.below[i] for i in below))
-        exponents = [each.exponents for each in terms]
-        columns = [each.keys() for each in exponents if each is not None]
+        exponents = [term.exponents for term in terms]
+        columns = [exponent.keys() for exponent in exponents if exponent is not None]
         return len(columns) < len(terms) or not set(columns[0]).intersection(*columns)
 
 
@@ -156,7 +156,7 @@ def parameters_in(expression: str, variables: Variables) -> tuple[str, ...]:
         (equation,) = split_equations(f"y' = {expression}")
         found = with_parameters(variables, [equation])
         if not any(each.coefficients for each in equation.summands(found)):
-            return tuple(each for each in found.parameters if each not in variables.parameters)
+            return tuple(parameter for parameter in found.parameters if parameter not in variables.parameters)
     return ()
 
 
@@ -260,10 +260,10 @@ def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | Non
     if not asked and half > 1 and not rest:
         vectors = [variables.states[:half], variables.states[half:]]
     of_vectors, free = [], free_name("p", variables.names)
-    for components in (each for each in vectors if len(each) > 1):
-        squared = "(" + " + ".join(f"{quoted(each)}^2" for each in components) + ")"
+    for components in (vector for vector in vectors if len(vector) > 1):
+        squared = "(" + " + ".join(f"{quoted(component)}^2" for component in components) + ")"
         texts = (text.format(u=quoted(u), s=squared, p=free) for u in components for text in family.of_vectors)
-        of_vectors += [parametric_term(each, variables) for each in texts]
+        of_vectors += [parametric_term(text, variables) for text in texts]
     return (*found, *(replace(whole, tied=tuple(parts)) for whole, *parts in tied), *of_pairs, *of_vectors)
 
 
@@ -274,7 +274,7 @@ _ANY = Variables(("u_", "w_"))
 def _of(text: str, variables: Variables, names: tuple[str, str]) -> ParametricTerm:
     """Return a function of a family of variables of these names; its parameters have names that are no variables."""
     whole = parametric_term(text.format(u=_ANY.states[0], w=_ANY.states[1]), _ANY)
-    free = [free_name(each, variables.names) for each in whole.parameters]
+    free = [free_name(parameter, variables.names) for parameter in whole.parameters]
     return parametric_term(whole.term.expression((*names, "", *free)), variables)
 
 

@@ -68,7 +68,7 @@ class Program:
     ) -> "Program":
         """Return the program of products of powers of expressions over ``v<i>``; None stands for the number zero."""
         writer = _Writer(variables, functions)
-        outputs = [writer.constant(0.0) if each is None else writer.product(each) for each in products]
+        outputs = [writer.constant(0.0) if product is None else writer.product(product) for product in products]
 
         def place(register: int) -> int:
             if register < 0:
@@ -87,7 +87,7 @@ class Program:
             variables,
             np.array(list(writer.constants), dtype=np.float64),
             np.array(code, dtype=np.int64).reshape(-1, 3),
-            np.array([place(each) for each in outputs], dtype=np.int64),
+            np.array([place(output) for output in outputs], dtype=np.int64),
             tuple(calls),
         )
 
@@ -109,9 +109,11 @@ class Program:
         with np.errstate(all="ignore"):
             for place, (operation, operands) in enumerate(self._steps, len(slopes)):
                 found = dict[int, Any]()
-                inside = [registers[each] for each in operands]
+                inside = [registers[operand] for operand in operands]
                 if isinstance(operation, Function):
-                    outers: list[Any] = operation.slopes(*inside) if any(slopes[each] for each in operands) else []
+                    outers: list[Any] = (
+                        operation.slopes(*inside) if any(slopes[operand] for operand in operands) else []
+                    )
                 else:
                     outers = [
                         slope(inside[0], inside[-1], registers[place]) if slopes[operand] else None
@@ -159,7 +161,7 @@ class Program:
         with np.errstate(all="ignore"):
             for operation, operands, term in self._runs:
                 out = None if term is None or columns is None else columns[term]
-                registers.append(operation(*[registers[each] for each in operands], out=out))
+                registers.append(operation(*[registers[operand] for operand in operands], out=out))
         return registers
 
 
@@ -171,7 +173,9 @@ class _Writer:
         self.constants: dict[float, int] = {}
         self.code: dict[tuple[str | Function, tuple[int, ...]], int] = {}
         known: dict[str, Callable[..., int]] = {name: partial(self.emit, name) for name in OPERATIONS}
-        self.algebra = Algebra(self.constant, known | {each.name: partial(self.add, each) for each in functions})
+        self.algebra = Algebra(
+            self.constant, known | {function.name: partial(self.add, function) for function in functions}
+        )
 
     def constant(self, value: float) -> int:
         """Return the place of a constant."""
@@ -200,7 +204,7 @@ class _Writer:
         if max(operands) < 0:
             values = list(self.constants)
             with np.errstate(all="ignore"):
-                return self.constant(OPERATIONS[name](*(np.float64(values[-1 - each]) for each in operands)))
+                return self.constant(OPERATIONS[name](*(np.float64(values[-1 - operand]) for operand in operands)))
         if name == "power" and right is not None and right < 0:
             exponent = list(self.constants)[-1 - right]
             if exponent.is_integer() and abs(exponent) <= _MAX_CHAIN:

@@ -54,8 +54,8 @@ def _rewritten(text: str, whole: str) -> str:
     if len(parts) == 1:
         return found
     steps = []
-    for left, sign, right in zip(parts[::2], parts[1::2], parts[2::2], strict=False):
-        high, low = (left.strip(), right.strip()) if sign == ">" else (right.strip(), left.strip())
+    for part, sign, right in zip(parts[::2], parts[1::2], parts[2::2], strict=False):
+        high, low = (part.strip(), right.strip()) if sign == ">" else (right.strip(), part.strip())
         if not high or not low:
             raise CommonlawError("condition-syntax", expression=whole)
         below = "" if low == "0" else f" - {_factor(low)}"

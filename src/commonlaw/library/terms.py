@@ -83,7 +83,7 @@ class Terms:
         """The complexity of each term, shape (terms,); shared divisors with parameters count once."""
         first, seen, found = len(self.variables.measured), set[Term](), list[float]()
         for term in self.terms:
-            below = {each for each in term.divisors if any(column >= first for column in each.columns())}
+            below = {divisor for divisor in term.divisors if any(column >= first for column in divisor.columns())}
             found.append(term.complexity() - sum(each.complexity() for each in below & seen))
             seen |= below
         return np.array(found)

@@ -48,7 +48,7 @@ class Variables:
     @property
     def arities(self) -> dict[str, int]:
         """The number of arguments of each function of Python by its name."""
-        return {each.name: len(each.arguments) for each in self.functions}
+        return {function.name: len(function.arguments) for function in self.functions}
 
     @property
     def names(self) -> tuple[str, ...]:

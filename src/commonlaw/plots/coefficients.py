@@ -124,16 +124,16 @@ class DotPlot:
         law, found = self.law, list[Coefficient]()
         parameters = named_parameters(law)
         values, errors, (low, high) = parameters.values, parameters.errors, parameters.intervals()
-        for i, each in enumerate(parameters.definitions):
-            parts = [(part.equation, law.terms.names[part.term]) for part in each.parts]
+        for i, definition in enumerate(parameters.definitions):
+            parts = [(part.equation, law.terms.names[part.term]) for part in definition.parts]
             true = values[:, i] * np.nan
             if self.truth is not None:
-                true = each.value([true_values(law, self.truth, *part) for part in parts])
-            label, unit = math(latex_name(each.name), each.name), unit_text(parameters.units[i] or "")
+                true = definition.value([true_values(law, self.truth, *part) for part in parts])
+            label, unit = math(latex_name(definition.name), definition.name), unit_text(parameters.units[i] or "")
             ends = (values[:, i],) * 2 if law.uncertainty.covariance is None else (low[:, i], high[:, i])
             own = values[:, i], true, np.nan_to_num(errors[:, i]), *ends
-            left = equation_label(law, each.equation, each.term)
-            found.append(Coefficient(each.equation, left, each.name, label, label, unit, *own))
+            left = equation_label(law, definition.equation, definition.term)
+            found.append(Coefficient(definition.equation, left, definition.name, label, label, unit, *own))
         return found
 
     @property
@@ -167,11 +167,11 @@ class DotPlot:
         """Draw into a part of a figure."""
         if self.several:
             grid = index.subgridspec(self.lines, self.columns)
-            for i, each in enumerate(self.coefficients):
+            for i, coefficient in enumerate(self.coefficients):
                 panel = figure.add_subplot(grid[i])
-                self.draw_panel(panel, each)
+                self.draw_panel(panel, coefficient)
                 panel.tick_params(labelleft=i % self.columns == 0)
-                panel.set_title(self.title(each))
+                panel.set_title(self.title(coefficient))
         else:
             self._draw_lines(index)
 
@@ -185,7 +185,10 @@ class DotPlot:
 
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
-        learned, known = key("learned", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
+        learned, known = (
+            key("learned", **_DOT),
+            any(np.isfinite(coefficient.true).any() for coefficient in self.coefficients),
+        )
         bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", color=COLORS[0])]
         return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
 
@@ -202,7 +205,9 @@ class DotPlot:
         panel.set_xlabel(each.label)
 
     def _draw_lines(self, index: SubplotSpec) -> None:
-        groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]
+        groups = [
+            [coefficient for coefficient in self.coefficients if coefficient.equation == j] for j in range(self.lines)
+        ]
         ratios = [1 + len(group) for group in groups]
         panels = index.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
         for panel, group, left in zip(panels, groups, equation_labels(self.law), strict=True):
@@ -228,7 +233,7 @@ class DotPlot:
 
     def _scale(self, panel: Axes) -> bool:
         """Make the axis symmetric-logarithmic if coefficients differ by a factor above 100; return whether."""
-        values = np.abs([[*each.learned, *each.true] for each in self.coefficients])
+        values = np.abs([[*coefficient.learned, *coefficient.true] for coefficient in self.coefficients])
         low, high = np.nanmin(values), np.nanmax(values)
         differ = bool(high > 100 * low)
         if differ:
@@ -267,9 +272,9 @@ def plot_intervals(law: Law) -> Figure:
         panels = figure.subplots(dots.lines, dots.columns, squeeze=False)
         for panel in panels.flat[len(dots.coefficients) :]:
             panel.set_visible(False)
-        for panel, each in zip(panels.flat, dots.coefficients, strict=False):
-            _draw_in_order(panel, each)
-            panel.set_title(dots.title(each))
+        for panel, coefficient in zip(panels.flat, dots.coefficients, strict=False):
+            _draw_in_order(panel, coefficient)
+            panel.set_title(dots.title(coefficient))
         return frozen_layout(figure)
     figure = Figure(figsize=(dots.width, 0.8 + dots.height), layout="constrained")
     dots.draw(figure, figure.add_gridspec(1, 1)[0])
@@ -287,7 +292,7 @@ class IntervalPanels:
     def captions(self) -> list[str]:
         """What each panel shows."""
         before = "" if self.law.provenance.equations and self.law.uncertainty.explanation is None else "before "
-        return [f"{before}{each.name} in {each.left}" for each in self._dots.coefficients]
+        return [f"{before}{coefficient.name} in {coefficient.left}" for coefficient in self._dots.coefficients]
 
     @styled()
     def draw(self, panel: int) -> Figure:

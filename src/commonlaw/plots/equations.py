@@ -58,13 +58,13 @@ def letter_of(law: Law, equation: int, term: int) -> str:
 
 def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
     """Return what a coefficient is as given: a factor times letters or over them, or a number and no letter."""
-    for each in named_parameters(law).products:
-        if (each.equation, each.term) == (equation, term):
+    for product in named_parameters(law).products:
+        if (product.equation, product.term) == (equation, term):
             above, below = (
-                r"\, ".join(latex_name(name) for name, own in each.coefficients if own == power) for power in (1, -1)
+                r"\, ".join(latex_name(name) for name, own in product.coefficients if own == power) for power in (1, -1)
             )
             latex = rf"\frac{{{above or 1}}}{{{below}}}" if below else above
-            return each.factor, math(latex, " ".join(name for name, _ in each.coefficients))
+            return product.factor, math(latex, " ".join(name for name, _ in product.coefficients))
     return float(law.coefficients[0, equation, term]), ""
 
 

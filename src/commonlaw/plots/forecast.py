@@ -133,8 +133,8 @@ def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, column
                 panel.set_ylabel(axis_label(what, schema.units.get(schema.states[j], "")))
     for alike in pairs.values():
         limits = limits_of([curve for pair in alike for curve in pair.curves])
-        for panel, own in zip((alike[0].above, alike[0].below), limits, strict=True):
-            panel.set_ylim(*own)
+        for panel, limit in zip((alike[0].above, alike[0].below), limits, strict=True):
+            panel.set_ylim(*limit)
         for pair in alike:
             draw_bands(pair)
     show_lowest_ticks(lower, columns, axis_label(schema.time, schema.units.get(schema.time, "")))
@@ -240,7 +240,7 @@ def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float
     low = max(forecasts.min(initial=low), low - span / 2)
     high = min(forecasts.max(initial=high), high + span / 2)
     ends = ((curve.error, curve.forecast - curve.low, curve.high - curve.forecast) for curve in curves)
-    largest = np.max(np.abs(np.concatenate([each for own in ends for each in own])), initial=0)
+    largest = np.max(np.abs(np.concatenate([each for end in ends for each in end])), initial=0)
     bound = 1.1 * (min(largest, span) or span / 100)
     return (low - span / 20, high + span / 20), (-bound, bound)
 
@@ -289,8 +289,8 @@ def of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     more = None if again is None else at_more_times
     followed = None if followed is None else of_objects(followed, objects)
     parts = tuple(
-        each._replace(forecast=of_objects(each.forecast, objects), weights=tuple(each.weights[i] for i in kept))
-        for each in forecast.parts
+        part._replace(forecast=of_objects(part.forecast, objects), weights=tuple(part.weights[i] for i in kept))
+        for part in forecast.parts
     )
     return replace(
         forecast,

@@ -50,15 +50,15 @@ def plot_phase_plane(
         Values of inputs, zero by default.
     """
     owner, schema = only_object(law, name), law.schema
-    held = {each: (inputs or {}).get(each, 0.0) for each in schema.inputs}
+    held = {signal: (inputs or {}).get(signal, 0.0) for signal in schema.inputs}
     field = _field(law, owner, [*held.values()])
     forecast = trials if isinstance(trials, Forecast) else fitted(law, trials.select(object=owner))
     smooth = forecast.smooth()
-    chosen = [i for i, each in enumerate(smooth.trials) if each.object == owner]
-    states = smooth.latent or [each.states for each in smooth.trajectories]
+    chosen = [i for i, trial in enumerate(smooth.trials) if trial.object == owner]
+    states = smooth.latent or [trajectory.states for trajectory in smooth.trajectories]
     paths = [states[i][:, :2] for i in chosen]
     observed = () if law.observation is None else law.observation.equations
-    columns = [j for j, each in enumerate(forecast.trials.schema.states) if each not in observed]
+    columns = [j for j, state in enumerate(forecast.trials.schema.states) if state not in observed]
     measured = [forecast.trials[i].states[:, columns] for i in chosen if len(columns) == 2]
     low, high = _window(np.concatenate([*paths, *measured]))
     names = (schema.states[0], rate_names(law)[0]) if len(schema.states) == 1 else schema.states

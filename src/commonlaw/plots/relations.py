@@ -84,24 +84,24 @@ def plot_relations(law: Law) -> Figure:
         From `Law.explain`.
     """
     rows = [*_coefficients(law)]
-    columns = max(each.panels for each in rows)
+    columns = max(row.panels for row in rows)
     figure = Figure(figsize=fitting(1.6 + 3.1 * columns, 0.7 + 2.7 * len(rows)), layout="constrained")
     named = len(law.objects) <= _NAMED
     alike = {"color": COLORS[0], "marker": ".", "alpha": 0.5}
     grid, look = figure.add_gridspec(len(rows), columns), looks(law.objects) if named else {}
-    for i, each in enumerate(rows):
-        for k in range(each.panels):
+    for i, row in enumerate(rows):
+        for k in range(row.panels):
             panel = figure.add_subplot(grid[i, k])
-            _draw(panel, each, k, law)
-            points = zip(law.objects, _positions(each, k), each.sign * each.estimates, each.halves, strict=True)
+            _draw(panel, row, k, law)
+            points = zip(law.objects, _positions(row, k), row.sign * row.estimates, row.halves, strict=True)
             for name, position, value, half in points:
                 panel.errorbar(position, value, half, linestyle="none", capsize=2 * named, **look.get(name, alike))
             if k == 0:
-                panel.set_ylabel(axis_label("−coefficient" if each.sign < 0 else "coefficient", each.unit))
-                panel.set_title(each.label, loc="left")
+                panel.set_ylabel(axis_label("−coefficient" if row.sign < 0 else "coefficient", row.unit))
+                panel.set_title(row.label, loc="left")
     keys = [key(plain(name), linestyle="none", **own) for name, own in look.items()]
     keys.append(key("relation", color="black"))
-    if any(each.relation.scatter for each in rows):
+    if any(row.relation.scatter for row in rows):
         keys.append(key("95 % of objects", color=GREY, linewidth=6, alpha=0.4))
     add_legend(figure, keys)
     return frozen_layout(figure)

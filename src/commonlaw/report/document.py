@@ -197,7 +197,7 @@ class Report:
             for section in self.sections
         )
         return replace(
-            self, sections=tuple(sections), blocks=tuple(each for each in self.blocks if isinstance(each, kinds))
+            self, sections=tuple(sections), blocks=tuple(block for block in self.blocks if isinstance(block, kinds))
         )
 
     def named_blocks(self) -> "Iterator[Picture | Table]":

@@ -146,7 +146,7 @@ def _coefficients(law: Law) -> Iterator[Block]:
     differ = ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)  # What is universal is said above
     if differ.any():
         heads, values, errors = (
-            [each for each, own in zip(heads, differ, strict=True) if own],
+            [head for head, own in zip(heads, differ, strict=True) if own],
             values[:, differ],
             errors[:, differ],
         )

@@ -83,7 +83,7 @@ def data_checks(case: LawCase) -> Section:
     """Return the part on what the data checks found."""
     found = case.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
     remarks = [*found.lines(), *dict.fromkeys(found.notes), *map(str, case.law.diagnostics)]
-    said = "Data checks: no problem found." if not remarks else listed([case.said(each) for each in remarks])
+    said = "Data checks: no problem found." if not remarks else listed([case.said(remark) for remark in remarks])
     trials = case.trials
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
@@ -314,7 +314,7 @@ def _contrasts(case: LawCase) -> Iterator[Block]:
             continue
         if len(frame):
             frame = frame.drop(columns="reference").dropna(axis=1, how="all")
-            frame.columns = [name if each == "value" else each for each in frame.columns]
+            frame.columns = [name if column == "value" else column for column in frame.columns]
             caption = f"{literal(title)}, with 95 % intervals of Student's t that contain the scatter between objects."
             yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
 
@@ -422,7 +422,7 @@ def ranges(case: LawCase) -> Section:
     learned = "The law was fitted in the ranges below and extrapolates outside them. "
     given = "The law was given and compared with trials in the ranges below. "
     text = (learned if law.provenance.is_learned else given) + " ".join(
-        literal(each) for each in case.findings.sentences[:1]
+        literal(sentence) for sentence in case.findings.sentences[:1]
     )
     if law.provenance.is_learned and law.uncertainty.explanation is None and len(law.objects) > 1:
         text += " Other objects are forecast with the mean coefficients."

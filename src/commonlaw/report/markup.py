@@ -63,7 +63,9 @@ def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
     names = parameters.names
     lefts = left_hand_sides(law)
     if law.uncertainty.explanation is not None and not law.provenance.equations:
-        terms = [(lefts[each.equation], law.terms.names[each.term]) for each in parameters.definitions]
+        terms = [
+            (lefts[definition.equation], law.terms.names[definition.term]) for definition in parameters.definitions
+        ]
         names = tuple(f"{term} in {left}" if len(law.schema.states) > 1 else f"of {term}" for left, term in terms)
     return zip(names, parameters.units, strict=True)
 

@@ -42,7 +42,9 @@ def notebook_html(
             return visible(str(steps.to_html(index=False, border=0, justify="left")))
         case LawVerdict():
             names = ("state", "law", "persistence", "unit")
-            errors = pd.DataFrame([{name: getattr(each, name) for name in names} for each in value.state_errors])
+            errors = pd.DataFrame(
+                [{name: getattr(state_error, name) for name in names} for state_error in value.state_errors]
+            )
             return _page("Verdict", value.sentences, "Root mean square errors of forecasts", errors)
         case Residuals():
             return _page("Residuals", str(value).splitlines(), "Tests", value.tests())
@@ -57,7 +59,7 @@ def notebook_html(
                 shown = markdown(law_markdown(value))
             except CommonlawError:  # Without the extra that draws formulas
                 shown = f"<pre>{escape(str(value))}</pre>"
-            notes = "".join(f"<p>Note: {escape(in_line(str(each)))}</p>" for each in value.diagnostics)
+            notes = "".join(f"<p>Note: {escape(in_line(str(diagnostic)))}</p>" for diagnostic in value.diagnostics)
             table = value.params.dropna(axis=1, how="all")
             drawn = (
                 _drawn(lambda: plot_intervals(value.select(value.objects[:_OBJECTS]))) if value.support.any() else ""
@@ -75,7 +77,7 @@ def notebook_html(
 
 def _page(title: str, sentences: Sequence[str], of_table: str, table: pd.DataFrame) -> str:
     """Return a heading, the first sentence in bold, the others as a list, and a table under its own heading."""
-    first, *others = [escape(in_line(each)) for each in sentences] or [""]
+    first, *others = [escape(in_line(sentence)) for sentence in sentences] or [""]
     listed = "".join(f"<li>{each}</li>" for each in others)
     below = f"<h5>{of_table}</h5>{_table(table)}" if len(table) else ""
     return visible(f"<div><h4>{title}</h4><p><strong>{first}</strong></p><ul>{listed}</ul>{below}</div>")

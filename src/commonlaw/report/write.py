@@ -130,9 +130,9 @@ def _light(element: Element, anchors: dict[str, Element]) -> list[Element]:
     if element.tag == f"{_SVG}g":
         element.text = None
         element.attrib.pop("id", None)
-        used = [each for each in parts if each.tag == f"{_SVG}use"]
+        used = [part for part in parts if part.tag == f"{_SVG}use"]
         if len(used) > 1 and len({(each.attrib[_LINK], each.get("style")) for each in used}) == 1:
-            parts = [*(each for each in parts if each not in used), *_markers(used, anchors)]
+            parts = [*(part for part in parts if part not in used), *_markers(used, anchors)]
     element[:] = parts
     return parts if element.tag == f"{_SVG}g" and not element.attrib else [element]
 

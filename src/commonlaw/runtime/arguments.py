@@ -75,7 +75,9 @@ def parse_spec(kind: str, text: str, makers: Mapping[str, Callable[..., T]]) -> 
 
 def format_spec(name: str, settings: object) -> str:
     """Return the text that `parse_spec` reads back, with every setting, so that it outlives a change of defaults."""
-    return ":".join([name, *(str(getattr(settings, each)) for each in inspect.signature(type(settings)).parameters)])
+    return ":".join(
+        [name, *(str(getattr(settings, parameter)) for parameter in inspect.signature(type(settings)).parameters)]
+    )
 
 
 def _value(text: str) -> Any:

@@ -57,7 +57,7 @@ class Cluster:
     def __str__(self) -> str:
         """Return how many workers there are, with how much memory, and where dask shows what they do."""
         workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
-        limits = [each["memory_limit"] for each in workers if each["memory_limit"]]
+        limits = [worker["memory_limit"] for worker in workers if worker["memory_limit"]]
         each = f" of {min(limits) / 1e9:.1f} GB" if limits else ""
         return f"{counted(len(workers), 'worker')}{each}, dashboard {self.client.dashboard_link}"
 
@@ -341,7 +341,7 @@ def _versions() -> dict[str, str]:
     """Return the versions of this process."""
     modules = {name: import_module(name) for name in _SAME}
     return {"Python": "{}.{}".format(*sys.version_info)} | {
-        name: str(each.__version__) for name, each in modules.items()
+        name: str(module.__version__) for name, module in modules.items()
     }
 
 

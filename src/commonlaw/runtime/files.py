@@ -134,10 +134,10 @@ def mark_as_used(file: Path) -> None:
 def remove_longest_unused(files: Iterable[Path], most: int) -> None:
     """Remove those of several files that were longest not written or used, until all take at most so many bytes."""
     known = []
-    for each in files:
+    for file in files:
         with suppress(OSError):  # Another process may have removed it
-            state = each.stat()
-            known.append((state.st_mtime_ns, state.st_size, each))
+            state = file.stat()
+            known.append((state.st_mtime_ns, state.st_size, file))
     for _, size, each in sorted(known, reverse=True):
         most -= size
         if most < 0:

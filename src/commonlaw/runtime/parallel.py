@@ -120,8 +120,8 @@ class _Team:
             helpers[-1].start()
         try:
             work()
-            for each in helpers:
-                each.join()
+            for helper in helpers:
+                helper.join()
         except BaseException:  # Ctrl-C: nobody waits for the others, who end where they begin their next piece
             self._is_given_up = True
             raise

@@ -202,15 +202,15 @@ def stability(
     blocks = [[block for trial in trials for block in trial] for trials in groups]
     if min(map(len, blocks)) < 2:
         raise CommonlawError("one-segment-to-draw")
-    generator, counts = np.random.default_rng(seed), [len(own) for own in blocks]
+    generator, counts = np.random.default_rng(seed), [len(block) for block in blocks]
     drawn = [
         [np.bincount(generator.integers(n, size=n), minlength=n).astype(np.float64) for n in counts]
         for _ in range(n_resamples)
     ]
     # Whatever the number of workers, so that the law does not depend on it; held are 128 MB of factors at most
-    at_once = min(5, max(1, 2**24 // sum(own[0].factor.size for own in blocks)))
+    at_once = min(5, max(1, 2**24 // sum(block[0].factor.size for block in blocks)))
     parts = [drawn[i : i + at_once] for i in range(0, n_resamples, at_once)]
-    work, size = partial(_supports, blocks, path), sum(len(own) * own[0].factor.size for own in blocks)
+    work, size = partial(_supports, blocks, path), sum(len(block) * block[0].factor.size for block in blocks)
     found = done_in_parts(work, parts, "resampling") if size <= 2**20 else map(work, parts)  # 8 MB go to workers
     return Stability(tuple(support for each in found for support in each))
 
@@ -220,5 +220,5 @@ def _supports(
 ) -> list[tuple[Bools, ...]]:
     """Return the supports on the path of each of some resamples, which say how often objects draw their blocks."""
     by_object = zip(*drawn, strict=True)
-    problems = [redrawn(own, np.array(counts)) for own, counts in zip(blocks, by_object, strict=True)]
+    problems = [redrawn(block, np.array(counts)) for block, counts in zip(blocks, by_object, strict=True)]
     return [tuple(each.support for each in path(some)) for some in zip(*problems, strict=True)]

@@ -234,13 +234,13 @@ def _criteria(
     candidates: Sequence[Candidate], problems: Problems, target: int, library: int, rows: Floats, bias: Floats
 ) -> list[dict[str, float]]:
     """Return the information criteria of each candidate; fits as good as the best but for `bias` are equal."""
-    fits = [zip(problems, least_squares(problems, target, each.support), strict=True) for each in candidates]
+    fits = [zip(problems, least_squares(problems, target, candidate.support), strict=True) for candidate in candidates]
     variances = np.array([[problem.rss(own, target) / problem.rows for problem, own in pairs] for pairs in fits])
     variances = np.maximum(variances, variances.min(axis=0) + np.maximum(bias, np.finfo(float).tiny))
     found = []
-    for each, own in zip(candidates, variances, strict=True):
-        shared = bool(np.all(each.support == each.support[0]))
-        fit = FitStatistics(rows, own, each.support.sum(axis=1).astype(float), library, shared)
+    for candidate, variance in zip(candidates, variances, strict=True):
+        shared = bool(np.all(candidate.support == candidate.support[0]))
+        fit = FitStatistics(rows, variance, candidate.support.sum(axis=1).astype(float), library, shared)
         found.append({name: criterion(fit) for name, criterion in CRITERIA.items()})
     return found
 
@@ -248,8 +248,8 @@ def _criteria(
 def _distinct(candidates: Sequence[Candidate]) -> list[tuple[Candidate, tuple[float, ...]]]:
     """Return one candidate of each support, a proven one if there is one, and the hyperparameters that give it."""
     found: dict[bytes, list[Candidate]] = {}
-    for each in candidates:
-        found.setdefault(each.support.tobytes(), []).append(each)
+    for candidate in candidates:
+        found.setdefault(candidate.support.tobytes(), []).append(candidate)
     chosen = [max(same, key=lambda each: each.proven) for same in found.values()]
     values = [[each.hyperparameter for each in same if np.isfinite(each.hyperparameter)] for same in found.values()]
-    return [(each, tuple(sorted(own))) for each, own in zip(chosen, values, strict=True)]
+    return [(each, tuple(sorted(value))) for each, value in zip(chosen, values, strict=True)]

@@ -102,7 +102,7 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
                 Alternative(equation, names, each.measures(), each.candidate.proven, chosen, each.hyperparameters)
             )
     provenance = replace(law.provenance, outcomes=tuple(outcomes), alternatives=tuple(alternatives))
-    return replace(law, coefficients=_with(law, [each.chosen for each in selections]), provenance=provenance)
+    return replace(law, coefficients=_with(law, [selection.chosen for selection in selections]), provenance=provenance)
 
 
 def fitted_law(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Law:
@@ -114,14 +114,14 @@ def fitted_law(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver
 
 def _with(law: Law, candidates: Sequence[Candidate]) -> Floats:
     """Return the coefficients of a law with those of a candidate for each equation."""
-    return law.coefficients + np.stack([each.coefficients for each in candidates], axis=1)
+    return law.coefficients + np.stack([candidate.coefficients for candidate in candidates], axis=1)
 
 
 def _outcomes(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Iterator[Outcome]:
     """Yield the outcomes of a solver."""
     if isinstance(solver, STLSQ) and solver.shared and len(law.objects) == 1:
         yield note("one-object", law.objects[0])
-    if not all(each.converged for each in candidates):
+    if not all(candidate.converged for candidate in candidates):
         yield note("solver-stopped")
     for j, (equation, candidate) in enumerate(zip(left_hand_sides(law), candidates, strict=True)):
         if not law.support[j].any():

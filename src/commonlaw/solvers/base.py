@@ -190,13 +190,13 @@ class Candidate:
         if len(candidates) == 1:
             return candidates[0]
         return cls(
-            np.concatenate([each.support for each in candidates]),
-            np.concatenate([each.coefficients for each in candidates]),
+            np.concatenate([candidate.support for candidate in candidates]),
+            np.concatenate([candidate.coefficients for candidate in candidates]),
             candidates[0].hyperparameter,
-            all(each.proven for each in candidates),
-            all(each.converged for each in candidates),
-            max(each.largest for each in candidates),
-            min(each.smallest for each in candidates),
+            all(candidate.proven for candidate in candidates),
+            all(candidate.converged for candidate in candidates),
+            max(candidate.largest for candidate in candidates),
+            min(candidate.smallest for candidate in candidates),
         )
 
 

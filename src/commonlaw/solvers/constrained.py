@@ -108,7 +108,8 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
     scales = np.where(norms > 0, norms, 1.0)
     terms = problems[0].terms
     blocks = [
-        (problem.factor[:, :terms] / own)[:, row] for problem, own, row in zip(problems, scales, support, strict=True)
+        (problem.factor[:, :terms] / scale)[:, row]
+        for problem, scale, row in zip(problems, scales, support, strict=True)
     ]
     columns, goal = block_diag(*blocks), np.concatenate([problem.factor[:, terms + target] for problem in problems])
     solutions = _solutions(matrix[:, support.ravel()] / scales[support], right)

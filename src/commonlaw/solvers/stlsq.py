@@ -137,7 +137,7 @@ class STLSQ(AbstractSolver):
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         fits = [_Fits(group, target, self.ridge) for group in groups(problems, self.shared)]
         return threshold_path(
-            lambda threshold: Candidate.join([self._threshold(each, allowed, threshold) for each in fits]), values
+            lambda threshold: Candidate.join([self._threshold(fit, allowed, threshold) for fit in fits]), values
         )
 
     def _threshold(self, fits: "_Fits", allowed: Bools, threshold: float) -> Candidate:

@@ -121,7 +121,7 @@ def _errors(how: dict[str, Any], piece: tuple[Law, TrialStream, Path | None]) ->
             if is_typical(law, name, trials):
                 wanted = [*law.uncertainty.explanation.properties]
                 raise CommonlawError("object-without-properties", object=name, properties=wanted)
-    if from_time is not None and not any(each.times[0] < from_time <= each.times[-1] for each in trials):
+    if from_time is not None and not any(trial.times[0] < from_time <= trial.times[-1] for trial in trials):
         return pd.DataFrame()
     with unannounced():
         forecast = predict(law, trials, return_std=law.uncertainty.has_std, **how)
@@ -132,7 +132,7 @@ def _errors(how: dict[str, Any], piece: tuple[Law, TrialStream, Path | None]) ->
         write_whole(file, content.getvalue())
     known = forecast.std is not None and forecast.noise is not None
     bands = forecast.bands(measured=True) if known else [None] * len(forecast.trials)
-    compared = [_compared(forecast, i, own) for i, own in enumerate(bands)]
+    compared = [_compared(forecast, i, band) for i, band in enumerate(bands)]
     errors, schema = forecast.errors(), forecast.trials.schema
     measured = [schema.states.index(name) for name in schema.measured]
     samples, spread, within = np.array(compared).transpose(1, 0, 2)[:, :, measured].reshape(3, -1)
@@ -237,7 +237,7 @@ def _read(names: set[str], parts: Sequence[TrialStream], progress: ProgressCallb
 
 def _some(names: set[str], part: TrialStream) -> Trials | None:
     trials = part.read()
-    chosen = [each for each in trials if each.object in names]
+    chosen = [trial for trial in trials if trial.object in names]
     return trials.with_trials(chosen) if chosen else None
 
 

@@ -98,7 +98,7 @@ def check_stream(
     spent = rows.groupby("state", sort=False)["spent"].sum()
     sums = [reduce(_added, own) for own in zip(*(each for _, each in found), strict=True)]
     patterns = patterns_of(
-        law.schema.states, sums, law.schema.time, [float(spent.get(each, 0.0)) for each in law.schema.states]
+        law.schema.states, sums, law.schema.time, [float(spent.get(state, 0.0)) for state in law.schema.states]
     )
     rows = rows[rows["samples"] > 0]
     tested = [size_over_noise(*each) for each in rows[["samples", "squares", "spent"]].itertuples(index=False)]
@@ -142,9 +142,9 @@ def _rows(law: Law, found: Residuals, spent: Floats) -> "pd.DataFrame":
     orders = np.broadcast_to(np.array(law.order), len(law.schema.states)).tolist()
     for (name, trials), taken in zip(series.items(), spent.tolist(), strict=True):
         for j, state in enumerate(law.schema.states):
-            values = np.concatenate([each[:, j] for each in trials])
+            values = np.concatenate([trial[:, j] for trial in trials])
             seen = values[np.isfinite(values)]
-            pairs = sum((neighbours(each[:, j]) for each in trials), np.zeros(4))
+            pairs = sum((neighbours(trial[:, j]) for trial in trials), np.zeros(4))
             starts = orders[j] * len(trials)
             row = dict(zip(_SUMS, [len(seen), seen.sum(), seen @ seen, *pairs[:3]], strict=True))
             rows.append(

@@ -236,7 +236,7 @@ def _unreadable(cells: Sequence[str], texts: Sequence[str], numbers: Sequence[st
     """Return the cell for which a column is not numbers; `texts` are its bare cells, `numbers` these without units."""
     patterns = [each for mark, each in _NUMBERS.items() if notation.decimal in (None, mark)]
     limits = [i for i, text in enumerate(texts) if _CENSORED.fullmatch(text)]
-    wrong = [i for i, number in enumerate(numbers) if not any(each.fullmatch(number) for each in patterns)]
+    wrong = [i for i, number in enumerate(numbers) if not any(pattern.fullmatch(number) for pattern in patterns)]
     words = [i for i in wrong if i not in set(limits)]
     if words:
         units = sorted({unit for text in texts if (unit := _number_and_unit(text)[1])})

@@ -106,9 +106,9 @@ class Report:
         """Return a frame with a row for each trial, and columns such as ``height (first)`` and ``height (missing)``."""
         import pandas as pd
 
-        rows, gaps = [], any(count for each in self.trials for count in each.missing.values())
-        for each in self.trials:
-            row = asdict(each)
+        rows, gaps = [], any(count for trial in self.trials for count in trial.missing.values())
+        for trial in self.trials:
+            row = asdict(trial)
             if not gaps:
                 del row["missing"]
             for kind in ("first", "last", *(["missing"] * gaps)):
@@ -135,9 +135,9 @@ def check(data: TrialData, tolerance: float | None) -> Report:
     for trial in trials:
         lengths.setdefault(trial.object, []).append(len(trial))
     uneven = [
-        Finding(f"{name}: trials of very different lengths, {min(each)} to {max(each)} samples", name)
-        for name, each in lengths.items()
-        if max(each) >= _UNEVEN * min(each)
+        Finding(f"{name}: trials of very different lengths, {min(length)} to {max(length)} samples", name)
+        for name, length in lengths.items()
+        if max(length) >= _UNEVEN * min(length)
     ]
     copies = [
         _in(trial, f"an exact copy of {before.label}, which adds no information")
@@ -241,7 +241,7 @@ def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
     """Return each trial, of five samples or more, that equals one before it to the last bit, and that one."""
     by_digest = dict[tuple[object, ...], Trial]()
     pairs = list[tuple[Trial, Trial]]()
-    for trial in (each for each in trials if len(each) >= _SHORT):
+    for trial in (trial for trial in trials if len(trial) >= _SHORT):
         content = b"".join(each.tobytes() for each in (trial.times, trial.states, trial.inputs))
         before = by_digest.setdefault((trial.states.shape, hashlib.sha256(content).digest()), trial)
         if before is not trial:

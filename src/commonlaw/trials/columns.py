@@ -270,7 +270,7 @@ def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:
     present = column[~empty]
     families = (bool, np.bool_), (numbers.Real, Decimal), (str,), (date,)
     types = {type(cell) for cell in present}
-    kinds = {next((each[0] for each in families if issubclass(kind, each)), kind) for kind in types}
+    kinds = {next((family[0] for family in families if issubclass(kind, family)), kind) for kind in types}
     if len(kinds) > 1:
         column[~empty] = [str(cell) for cell in present]
         return column, True
@@ -331,14 +331,14 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
     loose = [i for i, (_, is_mixed) in enumerate(columns) if is_mixed]
     table = filled_table(source, headers, [column for column, _ in columns], loose=loose)
     named_units = dict(zip(split_headers(source, headers)[0], headers, strict=True)) if units else {}
-    more = {name: units[own] for name, own in named_units.items() if own in units}
+    more = {name: units[named_unit] for name, named_unit in named_units.items() if named_unit in units}
     return replace(table, units={**table.units, **more})
 
 
 def with_unit(values: Any) -> tuple[Any, str]:
     """Return the values and the unit of a quantity of pint, or of a list of these; other values and no unit."""
-    if isinstance(values, list | tuple) and values and all(hasattr(each, "magnitude") for each in values):
-        return [each.m_as(values[0].units) for each in values], f"{values[0].units:~C}"
+    if isinstance(values, list | tuple) and values and all(hasattr(value, "magnitude") for value in values):
+        return [value.m_as(values[0].units) for value in values], f"{values[0].units:~C}"
     return (values.magnitude, f"{values.units:~C}") if hasattr(values, "magnitude") else (values, "")
 
 

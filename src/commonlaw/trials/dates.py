@@ -272,7 +272,7 @@ class _Parts(NamedTuple):
 def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order: DateOrder | None) -> Column:
     """Return dates as ISO 8601 writes them; the order of day and month is that which is possible in all rows."""
     parts = {cell: _parts(cell) for cell in dict.fromkeys(cells[present].tolist()) if isinstance(cell, str)}
-    local = {cell: each for cell, each in parts.items() if each is not None}
+    local = {cell: part for cell, part in parts.items() if part is not None}
     if not local:
         return cells
     possible = [

@@ -208,7 +208,7 @@ def _file(where: Any) -> "pq.ParquetFile":
     _, parquet = _arrow("reading Parquet files")
     file = parquet.ParquetFile(where)
     columns = map(file.schema.column, range(len(file.schema)))
-    texts = [each.path for each in columns if each.physical_type == "BYTE_ARRAY"]
+    texts = [column.path for column in columns if column.physical_type == "BYTE_ARRAY"]
     return parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts)
 
 

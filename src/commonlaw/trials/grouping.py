@@ -71,7 +71,7 @@ def groups_of(owners: Codes, objects: Sequence[str], runs: Codes, labels: Sequen
     rank = np.argsort(in_order)[which]
     rows = np.split(np.argsort(rank, kind="stable"), np.cumsum(np.bincount(rank))[:-1])
     names = ((objects[code // len(labels)], labels[code % len(labels)]) for code in codes[in_order])
-    return [Group(*name, own) for name, own in zip(names, rows, strict=True)]
+    return [Group(*name, row) for name, row in zip(names, rows, strict=True)]
 
 
 def trials_of(
@@ -109,7 +109,7 @@ def trials_of(
         if not kept.all():
             gaps.append(f"{group.label}: {shown([table.locate(int(row)) for row in rows[~kept]])}")
         if kept.any():
-            times, states, inputs, noise, below = (each[rows[kept]] for each in cells)
+            times, states, inputs, noise, below = (cell[rows[kept]] for cell in cells)
             earlier = inputs_before(cells[0][rows], cells[2][rows], kept)
             made.append(Trial(group.object, group.trial, times, states, inputs, noise, earlier=earlier, below=below))
             row_indices.append(rows[kept])
@@ -239,7 +239,7 @@ def _refuse_twice(
     what = f"{table.source}: {group.label}: the time {own[twice[0]]:g} is there twice, in {here} and in {there}"
     places = np.searchsorted(group.rows, rows)
     together = may_be_apart or bool(np.all(places[twice + 1] - places[twice] == 1))
-    if together and all(np.array_equal(each[rows[twice]], each[rows[twice + 1]], equal_nan=True) for each in cells[1:]):
+    if together and all(np.array_equal(cell[rows[twice]], cell[rows[twice + 1]], equal_nan=True) for cell in cells[1:]):
         raise CommonlawError("copies", repeats=what)
     if not together or any(_tells_apart(table, name, *_numbered(cells[0], groups)) for name in table.columns):
         raise CommonlawError("time-repeated", repeats=what, remedy=_remedy(table, cells[0], groups))
@@ -247,7 +247,7 @@ def _refuse_twice(
 
 def repeats_in_words(trials: Sequence[Trial]) -> list[str]:
     """Return a note on trials with several measurements at one time, if there are any."""
-    found = [each for each in trials if each.repeats is not None]
+    found = [trial for trial in trials if trial.repeats is not None]
     if not found:
         return []
     repeated = [each.counts[each.counts > 1] for each in found]

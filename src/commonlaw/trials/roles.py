@@ -131,7 +131,7 @@ def free_columns(table: Table, roles: Reading) -> list[str]:
     named: list[Any] = [roles.get(role) for role in ("object", "trial", "time", "states", "inputs", "properties")]
     listed = [each if isinstance(each, list | tuple) else [each] for each in named]
     texts = [each for own in listed for each in own if isinstance(each, str) and each]
-    taken = {table.find(each) for each in texts if split_header(each)[0] in table.columns or each in table.columns}
+    taken = {table.find(text) for text in texts if split_header(text)[0] in table.columns or text in table.columns}
     return [name for name in table.columns if name not in taken]
 
 

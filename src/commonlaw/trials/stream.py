@@ -76,7 +76,8 @@ class TrialStream:
             for part in self.parts:
                 trials = part.read()
                 size += sum(
-                    own.times.nbytes + own.states.nbytes + own.inputs.nbytes + own.noise.nbytes for own in trials
+                    trial.times.nbytes + trial.states.nbytes + trial.inputs.nbytes + trial.noise.nbytes
+                    for trial in trials
                 )
                 remedy = "take some of them, or stream.select(object=...)"
                 check_memory(counted(len(self.parts), "file"), size, remedy)
@@ -109,7 +110,7 @@ class TrialStream:
         Raises `CommonlawError` if no trial begins by then.
         """
         parts = self.parts or (self,)
-        kept = [TrialStream(self.schema, _Kept(each, Until(time))) for each in parts]
+        kept = [TrialStream(self.schema, _Kept(part, Until(time))) for part in parts]
         begun = done_in_parts(_has_trials, kept, "looking for trials", on_terminal())
         if not any(begun):
             raise CommonlawError("trials-begin-later", time_name=self.schema.time, time=time)
@@ -178,7 +179,7 @@ class TrialStream:
             raise CommonlawError("stream-without-rows", path=files[0].path)
         refuse_dates(begin, begin.find(str(known["time"])))
         schema = read_rows(begin, "object", known).data.schema
-        parts = [cls(schema, _TrialsOfFile(each, known)) for each in files]
+        parts = [cls(schema, _TrialsOfFile(file, known)) for file in files]
         return cls(schema, _OneAfterTheOther(parts), parts)
 
 
@@ -194,8 +195,8 @@ def _looked_for(wanted: Named, part: TrialStream) -> _Looked:
     seen: dict[str, set[str]] = {role: set() for role in wanted.names}
     fit = set[bool]()
     for trial in part:
-        for role, own in wanted.names.items():
-            seen[role] |= own & {name_of(trial, role)}
+        for role, name in wanted.names.items():
+            seen[role] |= name & {name_of(trial, role)}
         fit.add(wanted.fits(trial))
     return _Looked(seen, True in fit, False in fit)
 
@@ -217,7 +218,7 @@ class _Kept:
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects."""
         trials = self.stream.read()
-        return trials.with_trials([kept for each in trials if (kept := self.keep(each)) is not None])
+        return trials.with_trials([kept for trial in trials if (kept := self.keep(trial)) is not None])
 
 
 def objects_of_parts(parts: Sequence[TrialStream], progress: ProgressCallback) -> list[tuple[str, ...]]:
@@ -231,8 +232,8 @@ def _objects(part: TrialStream) -> tuple[str, ...]:
 
 def as_one(parts: Sequence[Trials]) -> Trials:
     """Return the trials of several collections in one, with the properties of their objects."""
-    properties = {name: own for each in parts for name, own in each.properties.items()}
-    notes = tuple(note for each in parts for note in each.notes)
+    properties = {name: attribute for part in parts for name, attribute in part.properties.items()}
+    notes = tuple(note for part in parts for note in part.notes)
     return Trials(tuple(chain.from_iterable(parts)), parts[0].schema, properties, notes)
 
 
@@ -275,7 +276,9 @@ class _TrialsOfFile:
         batches = list[TrialData]()
         trials = tuple(self._trials(batches))
         return Trials(
-            trials, batches[0].schema, {name: own for each in batches for name, own in each.properties.items()}
+            trials,
+            batches[0].schema,
+            {name: attribute for batch in batches for name, attribute in batch.properties.items()},
         )
 
     def _trials(self, read: list[TrialData] | None = None) -> Iterator[Trial]:
@@ -287,9 +290,9 @@ class _TrialsOfFile:
             if key in done:
                 raise CommonlawError("stream-unsorted", where=str(path), trial=parts[0].label)
             done.add(key)
-            own = ((each.times, each.states, each.inputs, each.noise, each.below) for each in parts)
+            own = ((part.times, part.states, part.inputs, part.noise, part.below) for part in parts)
             times, states_of, inputs, noise, below = map(np.concatenate, zip(*own, strict=True))
-            repeats = joined([(each.repeats, each.states.shape) for each in parts])
+            repeats = joined([(part.repeats, part.states.shape) for part in parts])
             trial = Trial(*key, times, states_of, inputs, noise, repeats, below=below) if len(parts) > 1 else parts[0]
             check_measured([trial], states[0])
             check_gaps([trial], Schema(tuple(states[0])))

@@ -48,7 +48,7 @@ def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows
     else:
         rows = _rows(samples, default_object, said, columns, columns)
     if origin is not None:
-        rows = replace(rows, row_indices=tuple(origin[own] for own in rows.row_indices))
+        rows = replace(rows, row_indices=tuple(origin[row_index] for row_index in rows.row_indices))
     if rows.empty:
         raise CommonlawError("nothing-measured", trial=rows.empty[0])
     check_measured(rows.data.trials, rows.data.schema.states)
@@ -95,7 +95,9 @@ def _long_rows(table: Table, default_object: str, roles: Reading, columns: Colum
     )
     schema = replace(rows.data.schema, wide=columns.states)
     return replace(
-        rows, data=rows.data._replace(schema=schema), row_indices=tuple(origin[own] for own in rows.row_indices)
+        rows,
+        data=rows.data._replace(schema=schema),
+        row_indices=tuple(origin[row_index] for row_index in rows.row_indices),
     )
 
 
@@ -216,19 +218,19 @@ def _are_several(states: Any, times: Any) -> bool:
     """Say whether states at the same times, or in the same time steps, are those of several trials."""
     if not isinstance(states, list | tuple):
         return np.ndim(states) == 3
-    sizes = {np.ndim(own) for own in states}
+    sizes = {np.ndim(state) for state in states}
     if sizes != {1}:
         return sizes == {2}
     if hasattr(times, "__iter__"):
-        return len(states) != len(times) and all(len(own) == len(times) for own in states)
-    return not any(isinstance(own, list | tuple) for own in states)  # These are rows
+        return len(states) != len(times) and all(len(state) == len(times) for state in states)
+    return not any(isinstance(state, list | tuple) for state in states)  # These are rows
 
 
 def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
     """Return times that are dates or durations as numbers, from the earliest of all trials on, and what they are in."""
     import pandas as pd
 
-    kinds = {np.asarray(each).dtype.kind for each in runs}
+    kinds = {np.asarray(run).dtype.kind for run in runs}
     if kinds <= set("iufb") or not kinds <= set("mMO"):
         return runs, None
     whole = pd.Series([each for run in runs for each in run]).infer_objects()
@@ -238,7 +240,7 @@ def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
         found = elapsed(whole)
     else:
         return runs, None
-    return np.split(found.values, np.cumsum([len(each) for each in runs])[:-1]), found
+    return np.split(found.values, np.cumsum([len(run) for run in runs])[:-1]), found
 
 
 def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:

@@ -74,7 +74,7 @@ def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
     said = ", ".join(f"{name} from {given[name]} to {units[name]}" for name in changed)
     return replace(
         trials,
-        trials=tuple(_converted(each, schema, changed) for each in trials),
+        trials=tuple(_converted(trial, schema, changed) for trial in trials),
         schema=replace(schema, units={**schema.units, **{name: units[name] for name in changed}}),
         properties=properties,
         notes=(*trials.notes, f"converted into the units of the law: {said}"),
@@ -231,7 +231,8 @@ def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:
         changed.append(replace(trial, inputs=inputs, earlier=earlier if len(earlier) else trial.earlier))
     schema = replace(trials.schema, inputs=(*trials.schema.inputs, *names))
     left = {
-        name: {key: value for key, value in own.items() if key not in names} for name, own in trials.properties.items()
+        name: {key: value for key, value in attribute.items() if key not in names}
+        for name, attribute in trials.properties.items()
     }
     return replace(trials, trials=tuple(changed), schema=schema, properties=left)
 
@@ -440,7 +441,7 @@ def _is_white(count: Floats, differences: Floats, deviations: Floats) -> Bools:
 
 def without_objects(trials: Trials, names: tuple[str, ...]) -> Trials:
     """Return the trials of other objects than those of these names."""
-    return trials.with_trials([each for each in trials if each.object not in names]) if names else trials
+    return trials.with_trials([trial for trial in trials if trial.object not in names]) if names else trials
 
 
 def outcome_of_rest(names: tuple[str, ...]) -> tuple[Outcome, ...]:

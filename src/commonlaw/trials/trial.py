@@ -418,8 +418,8 @@ def _sparse(trials: Sequence[Trial], schema: Schema) -> tuple[int, int, int] | N
     counts = np.array([np.sum(~np.isnan(trial.states), axis=0) for trial in trials])
     samples = [int(np.sum(~np.isnan(trial.states).all(axis=1))) for trial in trials]  # Others have inputs alone
     least = [
-        min(1 if np.isnan(trial.states[-1]).all() else _MIN_MEASURED, own)
-        for trial, own in zip(trials, samples, strict=True)
+        min(1 if np.isnan(trial.states[-1]).all() else _MIN_MEASURED, sample)
+        for trial, sample in zip(trials, samples, strict=True)
     ]
     few = np.argwhere((counts < np.array(least)[:, np.newaxis]) & (counts > 0) & ~schema.unmeasured).tolist()
     return (few[0][0], few[0][1], least[few[0][0]]) if few else None

@@ -49,7 +49,7 @@ class Named:
 
     def fits(self, trial: Trial) -> bool:
         """Return whether a trial has these names."""
-        return all(name_of(trial, role) in own for role, own in self.names.items())
+        return all(name_of(trial, role) in name for role, name in self.names.items())
 
 
 @dataclass(frozen=True)
@@ -279,7 +279,7 @@ class Trials(ShownInNotebooks):
         CommonlawError
             If an object has no trial here, or a value cannot be used.
         """
-        given = {name: {**self.properties.get(name, {}), **own} for name, own in values.items()}
+        given = {name: {**self.properties.get(name, {}), **value} for name, value in values.items()}
         return replace(self, properties={**self.properties, **given})
 
     def of_object(self, name: str) -> tuple[Trial, ...]:
@@ -346,7 +346,7 @@ class Trials(ShownInNotebooks):
         array([0., 1., 2.])
         """
         chosen = self.select(object=list(blanks))
-        kept = [each for each in self.trials if each.object not in labels(blanks)]
+        kept = [trial for trial in self.trials if trial.object not in labels(blanks)]
         if not kept:
             raise CommonlawError("blanks-only")
         times = np.concatenate([each.times for each in chosen])
@@ -438,7 +438,7 @@ class Trials(ShownInNotebooks):
         """
         chosen = self.select(**conditions)
         inside = {id(each) for each in chosen}
-        rest = [each for each in self.trials if id(each) not in inside]
+        rest = [trial for trial in self.trials if id(trial) not in inside]
         if not rest:
             raise CommonlawError("split-one-sided")
         return chosen, self.with_trials(rest)

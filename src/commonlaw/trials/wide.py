@@ -38,8 +38,8 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     wells = {name: found for name in names if (found := _WELL.fullmatch(name))}
     stems = {name: found[1] for name in names if (found := _REPLICATE.fullmatch(name))}
     groups = [[name for name in stems if stems[name] == stem] for stem in dict.fromkeys(stems.values())]
-    if len(wells) >= _MIN_LIKE_COLUMNS and len({found[1] for found in wells.values()}) == 1:
-        letters = {found[2] for found in wells.values()}
+    if len(wells) >= _MIN_LIKE_COLUMNS and len({well[1] for well in wells.values()}) == 1:
+        letters = {well[2] for well in wells.values()}
         alike = [*wells] if len(letters) > 1 or len(wells) >= _MIN_COLUMNS or _start_alike(table, [*wells]) else []
     elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
         individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
@@ -108,11 +108,11 @@ def long_table(
     if not isinstance(wide, bool | str) or not wide:
         raise CommonlawError("wide-not-a-name", value=wide)
     name, unit = split_header(quantity(columns, wide))
-    units = {table.units.get(each, "") for each in columns}
+    units = {table.units.get(column, "") for column in columns}
     if not unit and len(units) > 1:
         raise CommonlawError("wide-units", where=table.source, units=sorted(units))
     unit = unit or next(iter(units), "")
-    repeated = [each for each in table.columns if each not in (time, *columns, *noise.values())]
+    repeated = [column for column in table.columns if column not in (time, *columns, *noise.values())]
     if name in (time, *repeated, "object"):
         raise CommonlawError("wide-name-taken", where=table.source, name=name)
     if not columns:
@@ -122,13 +122,15 @@ def long_table(
     measured = table.taken(rows)
     made: dict[str, Column] = {"object": np.repeat(np.array(columns, dtype=object), len(rows))}
     made |= {each: np.tile(measured.columns[each], count) for each in (time, *repeated)}
-    made[name] = np.concatenate([_quantified(measured, each) for each in columns])
+    made[name] = np.concatenate([_quantified(measured, column) for column in columns])
     if noise:
-        if without := [each for each in columns if each not in noise]:
+        if without := [column for column in columns if column not in noise]:
             raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
-        made[deviations_of(name)] = np.concatenate([measured.numbers(noise[each], missing=True) for each in columns])
+        made[deviations_of(name)] = np.concatenate(
+            [measured.numbers(noise[column], missing=True) for column in columns]
+        )
     conditions = {
-        label.strip(): column_of([table.columns[each][row] for each in columns])[0]
+        label.strip(): column_of([table.columns[column][row] for column in columns])[0]
         for row, label in enumerate(table.columns[time][:first])
         if isinstance(label, str)
     }
@@ -185,11 +187,11 @@ def times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] |
         return None
     name, labels = _objects(table, words)
     rows, state = np.repeat(np.arange(len(table)), len(times)), wide if isinstance(wide, str) else _VALUE
-    stamps = np.array([years.get(each, each) for each in times], dtype=np.float64 if years else object)
+    stamps = np.array([years.get(time, time) for time in times], dtype=np.float64 if years else object)
     columns: dict[str, Column] = {name: labels[rows]}
     columns |= {each: table.columns[each][rows] for each in others if each != name}
     columns[_TIME] = np.tile(stamps, len(table))
-    columns[state] = np.column_stack([_quantified(table, each) for each in times]).ravel()
+    columns[state] = np.column_stack([_quantified(table, time) for time in times]).ravel()
     units = {key: unit for key, unit in table.units.items() if key in columns} | ({_TIME: "year"} if years else {})
     note = (
         f"{table.source}: the columns {times[0]} to {times[-1]} are times, and each row is an object, named by {name}: "

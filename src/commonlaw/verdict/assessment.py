@@ -183,7 +183,10 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     errors = _joined(found, spread)
     horizon = _horizon(errors.leads, errors.errors / spread)
     kinds = [each.kind for each in judged]
-    known, inexact = {each.kind for each in law.diagnostics}, {OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION}
+    known, inexact = (
+        {diagnostic.kind for diagnostic in law.diagnostics},
+        {OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION},
+    )
     states = np.isfinite(spread)
     seen = {(each.trial.object, each.trial.name): 0 for each in judged}
     for each in judged:
@@ -210,7 +213,9 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         exact=not (inexact & known or law.uncertainty.error_model.of_law),
         none_exact=bool(inexact & known and law.provenance.alternatives),
         few_samples=OutcomeKind.FEW_SAMPLES in known,
-        without_terms=tuple(each.where for each in law.diagnostics if each.kind is OutcomeKind.EMPTY_SUPPORT),
+        without_terms=tuple(
+            diagnostic.where for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.EMPTY_SUPPORT
+        ),
     )
 
 
@@ -246,10 +251,10 @@ def _by_state(
 def _spread(trials: Sequence[Trial], states: int) -> Floats:
     """Return the standard deviation of each state within trials, shape (states,); NaN for one that does not change."""
     squares, counts = np.zeros(states), np.zeros(states)
-    for each in trials:
-        seen = np.isfinite(each.states)
-        means = np.nansum(each.states, axis=0) / np.maximum(seen.sum(axis=0), 1)
-        squares, counts = squares + np.nansum((each.states - means) ** 2, axis=0), counts + seen.sum(axis=0)
+    for trial in trials:
+        seen = np.isfinite(trial.states)
+        means = np.nansum(trial.states, axis=0) / np.maximum(seen.sum(axis=0), 1)
+        squares, counts = squares + np.nansum((trial.states - means) ** 2, axis=0), counts + seen.sum(axis=0)
     return np.sqrt(np.where(squares > 0, squares, np.nan) / np.maximum(counts, 1))
 
 
@@ -421,4 +426,4 @@ def _tried(failure: str, step: Callable[[], T], lacking: list[str]) -> T | None:
 
 
 def _names(trials: Trials) -> set[tuple[str, str]]:
-    return {(each.object, each.name) for each in trials}
+    return {(trial.object, trial.name) for trial in trials}

@@ -221,7 +221,7 @@ class LawVerdict(ShownInNotebooks):
             yield "test the law on held-out or new trials"
 
     def _accuracy(self) -> Iterator[str]:
-        known = [each for each in self.state_errors if each.high > each.low]
+        known = [state_error for state_error in self.state_errors if state_error.high > state_error.low]
         own = " and ".join(each.share(each.law) for each in known)
         last = " and ".join(each.share(each.persistence, ends=False) for each in known)
         yield f"RMS forecast error: {own}; of a constant forecast: {last}."
@@ -246,7 +246,7 @@ class LawVerdict(ShownInNotebooks):
 
     @property
     def _spreads(self) -> str:
-        spreads = [each.spread_in_words for each in self.state_errors if each.spread > 0]
+        spreads = [state_error.spread_in_words for state_error in self.state_errors if state_error.spread > 0]
         return f" ({' and '.join(spreads)})" if spreads else ""
 
     def _time(self, span: float) -> str:

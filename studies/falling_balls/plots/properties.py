@@ -47,8 +47,8 @@ def plot_property(trials: Trials, name: str, values: Mapping[str, Mapping[str, f
     look, first = looks(trials.objects), None
     for i, (title, points) in enumerate(values.items()):
         panel: Axes = figure.add_subplot(lines, columns, i + 1, sharex=first, sharey=first)
-        for each in filter(indices.__contains__, points):
-            panel.plot(indices[each], points[each], **look[each], **_OPEN)
+        for point in filter(indices.__contains__, points):
+            panel.plot(indices[point], points[point], **look[point], **_OPEN)
         panel.set_title(plain(title, 60))
         panel.set_xlabel(axis_label(name, trials.schema.units.get(name, "")))
         if i % columns == 0:
@@ -56,7 +56,7 @@ def plot_property(trials: Trials, name: str, values: Mapping[str, Mapping[str, f
         if first is None and 0 < low * _LOGARITHMIC <= high:
             panel.set_xscale("log")
         first = first or panel
-    shown = [each for each in indices if any(each in points for points in values.values())]
+    shown = [index for index in indices if any(index in points for points in values.values())]
     add_legend(figure, [key(plain(each), **look[each], **_OPEN) for each in shown])
     return frozen_layout(figure)
 
@@ -65,7 +65,9 @@ def _numbers(trials: Trials, name: str) -> dict[str, float]:
     """Return the property of each object that has it."""
     found = {each: values[name] for each, values in trials.properties.items() if name in values}
     if not found:
-        raise unknown("property", name, dict.fromkeys(known for each in trials.properties.values() for known in each))
+        raise unknown(
+            "property", name, dict.fromkeys(known for attribute in trials.properties.values() for known in attribute)
+        )
     numbers = {each: value for each, value in found.items() if isinstance(value, float)}
     if not numbers:
         raise CommonlawError(

@@ -154,8 +154,8 @@ def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:
     finer, total = problem.finer(), 0.0
     estimates = fit_each(finer.models, finer.starts_with(fit.estimates), fit.supports, model_errors)
     # Squared changes of measured states, relative to the noise
-    for model, one, after in zip(problem.models, fit.estimates, estimates, strict=True):
-        for mesh, states, finest in zip(model.meshes, one.states, after.states, strict=True):
+    for model, estimate, after in zip(problem.models, fit.estimates, estimates, strict=True):
+        for mesh, states, finest in zip(model.meshes, estimate.states, after.states, strict=True):
             indices = mesh.indices_on(finer.points // problem.points)
             change = (finest[indices] - states)[:, : len(problem.noise)] / problem.std_of(mesh)
             total += float(np.sum(change[mesh.observed] ** 2))

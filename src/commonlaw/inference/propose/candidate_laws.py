@@ -64,15 +64,15 @@ class ParametricSearch:
         supports, estimates = self.plain.supports, self.plain.estimates
         return tuple(
             CandidateSupport(
-                tuple(np.flatnonzero(own).tolist()),
-                starts=(Start(np.array([each.coefficients[j, own] for each in estimates])),),
+                tuple(np.flatnonzero(support).tolist()),
+                starts=(Start(np.array([estimate.coefficients[j, support] for estimate in estimates])),),
             )
-            for j, own in enumerate(supports)
+            for j, support in enumerate(supports)
         )
 
     def with_coefficients(self, rows: Sequence[CandidateSupport], fit: Fit) -> tuple[CandidateSupport, ...]:
         """Return the supports of a fit with its estimates as starting values."""
-        whole = np.array([each.coefficients for each in fit.estimates])
+        whole = np.array([estimate.coefficients for estimate in fit.estimates])
         assembled, found = assemble_terms(self.base, rows), []
         for j, row in enumerate(rows):
             places, inside = assembled.places[j], assembled.parameters[j]
@@ -123,7 +123,7 @@ class ParametricSearch:
             for m, other in enumerate(less.others):
                 if isinstance(other, ParametricTerm) and not other.tied and _is_sigmoid(other, first):
                     place = less.places_of(len(less.plain) + m)
-                    yield replace(less, starts=tuple(_with_opposite(each, place, m) for each in less.starts))
+                    yield replace(less, starts=tuple(_with_opposite(start, place, m) for start in less.starts))
 
     def combine_equations(self, rows: tuple[CandidateSupport, ...]) -> list[tuple[CandidateSupport, ...]]:
         """Return laws that combine the best supports of each equation, given these terms of the others.
@@ -178,7 +178,7 @@ class ParametricSearch:
     ) -> tuple[SearchProblem, Sequence[Estimate], list[Floats]]:
         """Return the problem of fitting a law, estimated states, and starting values of the coefficients."""
         assembled = assemble_terms(self.base, rows)
-        models = tuple(replace(each, terms=assembled.terms) for each in self.base.models)
+        models = tuple(replace(model, terms=assembled.terms) for model in self.base.models)
         excluded = self.base.excluded_terms - int(assembled.terms.is_factor.sum())
         problem = replace(self.base, models=models, known=assembled.known, excluded_terms=excluded, solver=None)
         several = max(len(row.starts) for row in rows)
@@ -235,7 +235,7 @@ def _with_opposite(start: Start, places: Sequence[int], m: int) -> Start:
     """Return starting values with the signs of the coefficient and parameters of the m-th parametric term changed."""
     coefficients = start.coefficients.copy()
     coefficients[:, places] *= -1
-    parameters = tuple(-own if i == m else own for i, own in enumerate(start.parameters))
+    parameters = tuple(-parameter if i == m else parameter for i, parameter in enumerate(start.parameters))
     return Start(coefficients, parameters)
 
 
@@ -266,7 +266,9 @@ def _shown(done: Callable[[float], None], begun: float, count: int) -> Callable[
 def without_processes(fit: Fit, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
     """Return estimates without the states of error processes."""
     width = fit.problem.models[0].width
-    return tuple(replace(each, states=tuple(own[:, :width] for own in each.states)) for each in estimates)
+    return tuple(
+        replace(estimate, states=tuple(state[:, :width] for state in estimate.states)) for estimate in estimates
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,8 +293,8 @@ class AssembledTerms:
         found = np.nan_to_num(self.known)
         for j, start in enumerate(starts):
             found[:, j, list(self.places[j])] = start.coefficients
-            for indices, own in zip(self.parameters[j], start.parameters, strict=True):
-                found[:, j, list(indices)] = own
+            for indices, parameter in zip(self.parameters[j], start.parameters, strict=True):
+                found[:, j, list(indices)] = parameter
         return found
 
 
@@ -306,15 +308,15 @@ def assemble_terms(problem: SearchProblem, rows: Sequence[CandidateSupport]) -> 
         written.append([])
         for other in row.others:
             new = list[str]()
-            for each in other.shared_parameters:
-                new.append(free_name(each, (*variables.measured, *names, *new)))
+            for shared_parameter in other.shared_parameters:
+                new.append(free_name(shared_parameter, (*variables.measured, *names, *new)))
             names += new
             written[-1].append((other.expressions(variables, new), new))
     variables = replace(variables, parameters=tuple(names))
     texts = list(dict.fromkeys(text for own in written for listed, _ in own for text in listed))
     texts = [*(whole.terms[i].expression(whole.variables.names) for i in plain), *texts]
     parameters = (Term(parameter=variables.index(name)) for name in names)
-    terms = Terms(variables, (*(parse_term(each, variables) for each in texts), *parameters))
+    terms = Terms(variables, (*(parse_term(text, variables) for text in texts), *parameters))
     known = np.zeros((*certain.shape[:2], len(terms)))
     known[:, :, : len(plain)] = certain[:, :, plain]
     places, inside = [], []
@@ -340,15 +342,15 @@ def are_parameters_identifiable(fit: Fit) -> bool:
     longest, shortest = max(map(np.ptp, times)), np.concatenate([*map(np.diff, times)]).min()
     for column in frequencies_in_time(terms):
         own = terms.parameters[column - first]
-        frequencies = [np.abs(each.coefficients[:, own]).sum() for each in fit.estimates]
+        frequencies = [np.abs(estimate.coefficients[:, own]).sum() for estimate in fit.estimates]
         if np.median(frequencies) * longest < 2 * np.pi or np.max(frequencies) * shortest > np.pi:
             return False
     equations, chosen = np.nonzero(fit.supports)
     constant = ~terms.is_factor[chosen]
     is_nonlinear = constant | np.array(terms.have_parameters, dtype=bool)[chosen]
     squares = []
-    for each, estimate in zip(fit.evidence.problems, fit.estimates, strict=True):
-        columns = each.factor[:, np.flatnonzero(fit.supports)]
+    for problem, estimate in zip(fit.evidence.problems, fit.estimates, strict=True):
+        columns = problem.factor[:, np.flatnonzero(fit.supports)]
         found = estimate.coefficients[fit.supports]
         try:
             inverse = np.linalg.inv(np.linalg.qr(columns, mode="r"))
@@ -356,7 +358,7 @@ def are_parameters_identifiable(fit: Fit) -> bool:
             return False
         with np.errstate(over="ignore"):
             squares.append(found**2 / np.sum(inverse**2, axis=1))
-    signs = np.sign([each.coefficients[fit.supports] for each in fit.estimates])
+    signs = np.sign([estimate.coefficients[fit.supports] for estimate in fit.estimates])
     least = np.where(np.ptp(signs, axis=0) == 0, np.median(squares, axis=0), np.min(squares, axis=0))
     is_lost = is_nonlinear & ~(least >= settings.SIGNIFICANT**2)
     return not any(

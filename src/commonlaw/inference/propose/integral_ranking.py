@@ -66,8 +66,8 @@ class CandidateSupport:
         places, m = self.places_of(k), k - len(self.plain)
         kept = [i for i in range(len(self.others)) if i != m]
         starts = tuple(
-            Start(np.delete(each.coefficients, places, axis=1), tuple(each.parameters[i] for i in kept))
-            for each in self.starts
+            Start(np.delete(start.coefficients, places, axis=1), tuple(start.parameters[i] for i in kept))
+            for start in self.starts
         )
         plain = tuple(own for i, own in enumerate(self.plain) if i != k)
         return CandidateSupport(plain, tuple(self.others[i] for i in kept), starts)
@@ -95,7 +95,7 @@ def rank_supports(
     """
     courses, found = object_curves(problem, estimates, others), dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
-        matches = [match for each in courses if len((match := each.regression(equation)).target)]
+        matches = [match for course in courses if len((match := course.regression(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
         ranked = _Ranking(matches, plain, others, numbers, max_ratio)
         found[equation] = ranked.best(len(problem.models)) if matches else []
@@ -258,7 +258,7 @@ class _Ranking:
 
     @property
     def _criterion(self) -> InformationCriterion:
-        return InformationCriterion(sum(len(each.target) for each in self.matches), len(self.matches))
+        return InformationCriterion(sum(len(match.target) for match in self.matches), len(self.matches))
 
     def _distinct(self, listed: Sequence[_SumsOfSquares]) -> list[_Key]:
         """Return supports of least squares, few with the same parametric terms and none with equal sums of squares."""
@@ -283,10 +283,10 @@ class _Ranking:
 
         def nearby(match: IntegralRegression) -> list[tuple[float, tuple[int, ...]]]:
             values = [match.grid_search(*key) for key in keys]
-            return [(match.linearized_rss(*key, each), each) for key, each in zip(keys, values, strict=True)]
+            return [(match.linearized_rss(*key, value), value) for key, value in zip(keys, values, strict=True)]
 
         of_keys = list(zip(*in_parallel(nearby, self.matches), strict=True))
-        squares = [sum(left for left, _ in each) for each in of_keys]
+        squares = [sum(left for left, _ in of_key) for of_key in of_keys]
         found = dict[_Key, list[tuple[Floats, ...]]]()
         for k in np.argsort(squares, kind="stable")[: settings.MAX_REFINED]:
             plain, others = keys[k]
@@ -297,7 +297,7 @@ class _Ranking:
     def _fitted(self, key: _Key, parameters: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:
         """Return the coefficients and residuals of a support in each object, at given parameters."""
         parts = [part for a in key[1] for part in self.others[a].parts]
-        shared = [[self._shared(a, own) for a, own in zip(key[1], each, strict=True)] for each in parameters]
+        shared = [[self._shared(a, own) for a, own in zip(key[1], parameter, strict=True)] for parameter in parameters]
         inside = [[own for a, own in zip(key[1], each, strict=True) for _ in self.others[a].parts] for each in shared]
         return [match.fitted(key[0], parts, own) for match, own in zip(self.matches, inside, strict=True)]
 

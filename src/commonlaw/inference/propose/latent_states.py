@@ -122,12 +122,14 @@ def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Po
 
 def _structure(fit: Fit) -> tuple[str, ...]:
     """Return the structure of each equation, with numbers for known coefficients."""
-    coefficients = np.array([each.coefficients for each in fit.estimates])
+    coefficients = np.array([estimate.coefficients for estimate in fit.estimates])
     law, known = replace(fit.problem.law, coefficients=coefficients), fit.problem.known[0]
     letters = [
-        each.name if np.isnan(known[each.equation, each.term]) else f"{known[each.equation, each.term]:g}"
-        for each in named_parameters(law).definitions
-        if law.terms.is_factor[each.term]
+        definition.name
+        if np.isnan(known[definition.equation, definition.term])
+        else f"{known[definition.equation, definition.term]:g}"
+        for definition in named_parameters(law).definitions
+        if law.terms.is_factor[definition.term]
     ]
     return structure(left_hand_sides(law), law.terms.factors, law.support & law.terms.is_factor, letters)
 
@@ -148,7 +150,7 @@ def _deviance(fit: Fit) -> float:
     measured = ~problem.trials.schema.unmeasured
     states = np.concatenate([trial.states for trial in problem.trials])[:, measured]
     scale = 2 * np.isfinite(states).sum(axis=0) @ np.log(problem.noise[measured])
-    return float(scale) + sum(each.deviance for each in fit.estimates)
+    return float(scale) + sum(estimate.deviance for estimate in fit.estimates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +239,7 @@ class _LatentStateModel:
         texts = [term.expression(before.variables.names) for term in before.terms]
         texts += [self._symbol, *(f"{self._symbol}*{quoted(x)}" for x in before.variables.states)]
         texts += [quoted(x) for x in before.variables.states]
-        return Terms(variables, tuple(dict.fromkeys(parse_term(each, variables) for each in texts)))
+        return Terms(variables, tuple(dict.fromkeys(parse_term(text, variables) for text in texts)))
 
     @property
     def _symbol(self) -> str:
@@ -305,7 +307,7 @@ def with_forcing_step(pool: Pool, offered: Sequence[ParametricTerm]) -> Pool:
     terms = fit.problem.terms
     chosen = fit.supports.any(axis=0) & terms.is_factor
     named = [terms.names[k] for k in np.flatnonzero(chosen) if _is_one_of(terms, int(k), offered)]
-    without = min((each.score for each in pool.rivals if each.problem.solver is not None), default=None)
+    without = min((rival.score for rival in pool.rivals if rival.problem.solver is not None), default=None)
     more = np.inf if without is None else without - fit.score
     why = f"latent forcing; without it -2 log evidence is {more:.3g} more"
     step = Step(LATENT_STATE, ", ".join(named) or "none", why)

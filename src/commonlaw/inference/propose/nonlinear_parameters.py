@@ -81,9 +81,9 @@ class _Profile:
     def deviance(self, parameters: Floats) -> float:
         """Return minus twice the profile log-likelihood, sum of 2 m log(RMS); infinite if a term is, or has a pole."""
         residuals = self.residuals(parameters)
-        if not all(np.isfinite(own).all() for own in residuals) or self.has_pole(parameters):
+        if not all(np.isfinite(residual).all() for residual in residuals) or self.has_pole(parameters):
             return np.inf
-        floors = [np.finfo(float).eps * np.std(own) + np.finfo(float).tiny for own in self.targets]
+        floors = [np.finfo(float).eps * np.std(target) + np.finfo(float).tiny for target in self.targets]
         pairs = zip(residuals, floors, strict=True)
         return float(sum(2 * len(own) * np.log(max(_rms(own), floor)) for own, floor in pairs))
 
@@ -133,7 +133,7 @@ class _Profile:
         found[self.inside] = parameters
         library = self.terms.evaluate(self.terms.at(self.values, found))
         if not np.isfinite(library).all():
-            return found, [np.full_like(own, np.inf) for own in self.targets]
+            return found, [np.full_like(target, np.inf) for target in self.targets]
         residuals, factors = list[Floats](), self.terms.is_factor
         for j, (target, regressors) in enumerate(zip(self.targets, self.regressors, strict=True)):
             free = np.isnan(self.known[j]) & factors
@@ -185,11 +185,11 @@ def with_initial_parameters(
     with threads(n_jobs):
         rates = _rate_profiles(setup)
         grid = _Grid.of(setup.law, rates, bounds, guesses or {})
-        deviances = np.array(in_parallel(lambda each: [each.deviance(own) for own in grid.values], rates))
+        deviances = np.array(in_parallel(lambda rate: [rate.deviance(value) for value in grid.values], rates))
         if not len(grid.values) or not np.isfinite(deviances).any(axis=1).all():
             raise CommonlawError("terms-nowhere-finite", parameters=grid.names)
         least = grid.values[deviances.argmin(axis=1)]
-        coefficients = [each.coefficients(own) for each, own in zip(rates, least, strict=True)]
+        coefficients = [rate.coefficients(own) for rate, own in zip(rates, least, strict=True)]
         problem = replace(setup, law=replace(setup.law, coefficients=np.array(coefficients))).problem()
         starts = grid.starts(_integral_profiles(problem), deviances)
         _check_identifiable(setup.law, rates, [each[rates[0].inside] for each in starts[-1]])
@@ -199,7 +199,7 @@ def with_initial_parameters(
                 fits[o] += [] if has_pole(problem, o, each) else [each]
         if not all(fits):
             raise CommonlawError("parameters-not-found", structure=law.structure, names=", ".join(grid.names))
-        free = [best_estimate(each) for each in fits]
+        free = [best_estimate(fit) for fit in fits]
         return replace(
             law, coefficients=np.array([each.coefficients for each in shrink_to_pooled(problem, free, starts)[1]])
         )
@@ -213,7 +213,10 @@ def outcomes_of_parameters(law: Law) -> tuple[Outcome, ...]:
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
     first, found = len(law.terms.variables.measured), dict[str, list[str]]()
-    bent = [any(column >= first for column in law.terms.terms[each.term].columns()) for each in parameters.definitions]
+    bent = [
+        any(column >= first for column in law.terms.terms[definition.term].columns())
+        for definition in parameters.definitions
+    ]
     for name, own, known in zip(law.objects, values, errors, strict=True):
         lost = [
             letter
@@ -274,7 +277,7 @@ class _Grid:
         first, inside = profiles[0].values.shape[1], np.argwhere(profiles[0].inside)[:, 1]
         columns = [first + law.terms.parameters.index(k) for k in inside]
         names = [law.terms.variables.names[column] for column in columns]
-        tried = parameter_values(law.terms, np.concatenate([each.values for each in profiles]), columns)
+        tried = parameter_values(law.terms, np.concatenate([profile.values for profile in profiles]), columns)
         banks = list[Floats]()
         for name, bank in zip(names, tried, strict=True):
             low, high = limits_of(name, bounds)
@@ -295,19 +298,23 @@ class _Grid:
         First come distinct parameters that are best for all objects together, then those that are best for each.
         """
         swept, swept_alone = list[Floats](), [list[Floats]() for _ in profiles]
-        if np.prod([len(each) for each in self.banks], dtype=float) > settings.MAX_COMBINATIONS:
+        if np.prod([len(bank) for bank in self.banks], dtype=float) > settings.MAX_COMBINATIONS:
             best = self.values[np.argsort(deviances.sum(axis=0), kind="stable")[: settings.MAX_KEPT]]
             swept = [self._swept(profiles, each) for each in best]
-            swept_alone = in_parallel(lambda each: [self._swept([each], own) for own in swept[:1]], profiles)
+            swept_alone = in_parallel(lambda profile: [self._swept([profile], own) for own in swept[:1]], profiles)
         together = self._best(profiles, deviances.sum(axis=0), swept)[: settings.MAX_KEPT]
         alone = in_parallel(
-            lambda each, own, more: self._best([each], own, [*swept, *more])[:1], profiles, deviances, swept_alone
+            lambda profile, deviance, more: self._best([profile], deviance, [*swept, *more])[:1],
+            profiles,
+            deviances,
+            swept_alone,
         )
         if not all(alone):
             raise CommonlawError("terms-nowhere-finite", parameters=self.names)
         starts = [*([each] * len(profiles) for each in together), [each for (each,) in alone]]
         return [
-            np.array([each.coefficients(own) for each, own in zip(profiles, start, strict=True)]) for start in starts
+            np.array([profile.coefficients(own) for profile, own in zip(profiles, start, strict=True)])
+            for start in starts
         ]
 
     def _swept(self, profiles: Sequence[_Profile], begin: Floats) -> Floats:
@@ -318,7 +325,7 @@ class _Grid:
         """
 
         def deviance(parameters: Floats) -> float:
-            return sum(each.deviance(parameters) for each in profiles)
+            return sum(profile.deviance(parameters) for profile in profiles)
 
         now, value = begin, deviance(begin)
         for _ in range(settings.MAX_SWEEPS):
@@ -340,14 +347,18 @@ class _Grid:
         Among those of equal deviance, such as equivalent parametrizations of a saturation, parameters with more
         positive named coefficients come first, then smaller ones.
         """
-        letters = {each.name: each for each in named_parameters(self.law).definitions}
+        letters = {definition.name: definition for definition in named_parameters(self.law).definitions}
 
         def holds(parameters: Floats) -> bool:
-            coefficients = [each.coefficients(parameters) for each in profiles] if self.bounds else []
-            return all(bound.holds(letters[bound.name].of(own)) for bound in self.bounds for own in coefficients)
+            coefficients = [profile.coefficients(parameters) for profile in profiles] if self.bounds else []
+            return all(
+                bound.holds(letters[bound.name].of(coefficient))
+                for bound in self.bounds
+                for coefficient in coefficients
+            )
 
         def preference(parameters: Floats) -> tuple[int, float]:
-            named = [each.of(profile.coefficients(parameters)) for profile in profiles for each in letters.values()]
+            named = [letter.of(profile.coefficients(parameters)) for profile in profiles for letter in letters.values()]
             return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(parameters)))
 
         listed = [self.values[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
@@ -360,7 +371,7 @@ class _Grid:
             if begun:
                 break
         found = [*begun, *filter(wanted, (_refined(profiles, each, np.stack([low, high])) for each in begun))]
-        values = [sum(each.deviance(own) for each in profiles) for own in found]
+        values = [sum(profile.deviance(own) for profile in profiles) for own in found]
         ordered = [found[k] for k in np.argsort(values, kind="stable")]
         same = [k for k, value in enumerate(values) if value <= min(values) + settings.SAME_DEVIANCE]
         return _distinct([*sorted((found[k] for k in same), key=preference), *ordered])
@@ -384,10 +395,10 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
     from scipy.optimize import least_squares
 
     tiny = np.finfo(float).tiny
-    units = [[max(_rms(own), tiny) for own in each.residuals(begin)] for each in profiles]
+    units = [[max(_rms(own), tiny) for own in profile.residuals(begin)] for profile in profiles]
 
     def residuals(relative: Floats) -> Floats:
-        listed = [each.residuals(begin * relative) for each in profiles]
+        listed = [profile.residuals(begin * relative) for profile in profiles]
         pairs = [pair for own, sizes in zip(listed, units, strict=True) for pair in zip(own, sizes, strict=True)]
         whole = np.concatenate([own / size for own, size in pairs])
         return np.where(np.isfinite(whole), whole, 1 / settings.ROUNDING)
@@ -401,8 +412,8 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
 def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequence[Floats]) -> None:
     """Refuse coefficients of which only a combination is identifiable."""
     listed = []
-    for each, own in zip(profiles, parameters, strict=True):
-        _, sizes, directions = np.linalg.svd(each.derivatives(own, law.order), full_matrices=False)
+    for profile, parameter in zip(profiles, parameters, strict=True):
+        _, sizes, directions = np.linalg.svd(profile.derivatives(parameter, law.order), full_matrices=False)
         if len(sizes) == len(directions) and sizes[-1] > settings.MIN_SINGULAR_VALUE:
             return
         listed.append(np.abs(directions[-1]))
@@ -416,7 +427,7 @@ def _refuse_combination(law: Law, part: Bools) -> None:
     """Refuse coefficients, shape (equations, terms), of which only a combination is identifiable."""
     if not part.any():
         return
-    before = [each for each in named_parameters(law).products if part[each.equation, each.term]]
+    before = [product for product in named_parameters(law).products if part[product.equation, product.term]]
     names = ", ".join(dict.fromkeys(name for each in before for name, _ in each.coefficients))
     variables = ", ".join(law.terms.variables.measured)
     raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure, variables=variables)

@@ -57,7 +57,7 @@ def with_parametric_terms_under_errors(
     hides. Other parameters are those of `with_parametric_terms`.
     """
     plain = pool.plain
-    if plain is None or not any(each.count for each in offers):
+    if plain is None or not any(offer.count for offer in offers):
         return pool
     errors = plain.problem.errors
     if errors.of_law or errors.kind in ("white", before.kind):
@@ -74,8 +74,8 @@ def is_truncated_series(fit: Fit) -> bool:
     function or a sine: a parametric term has the same values with two parameters.
     """
     terms = fit.problem.terms
-    monomials = [each.exponents for each in terms.terms]
-    highest = max((sum(each.values()) for each in monomials if each is not None), default=0)
+    monomials = [term.exponents for term in terms.terms]
+    highest = max((sum(monomial.values()) for monomial in monomials if monomial is not None), default=0)
     for support in fit.supports & terms.is_factor:
         chosen = [each for k in np.flatnonzero(support) if (each := monomials[k]) is not None]
         for last in (each for each in chosen if sum(each.values()) == highest):
@@ -219,7 +219,7 @@ def _max_parameters(best: Fit, rows: Sequence[CandidateSupport]) -> list[int]:
     """
     if best.lack_of_fit:
         return [settings.MAX_NUMBERS] * len(rows)
-    left = sum(each.deviance for each in best.estimates) / sum(best.problem.measured)
+    left = sum(estimate.deviance for estimate in best.estimates) / sum(best.problem.measured)
     is_exact = best.problem.least_variance >= 1
     return [row.numbers + int(is_exact and left > best.problem.noise_scale.least) for row in rows]
 

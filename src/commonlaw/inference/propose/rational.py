@@ -54,7 +54,7 @@ def rank_ratios(
         scored = list[tuple[float, CandidateSupport]]()
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
-            sides = [own for own in sides if len(own.target)]
+            sides = [side for side in sides if len(side.target)]
             scored += _Ranking(problem, equation, each, sides, numbers, max_ratio).best() if sides else []
         found[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
     return found
@@ -123,10 +123,12 @@ class _Sides:
         columns, _ = normalized(self.columns(below, coefficients))
         gram, inner = np.matmul(columns.transpose(0, 2, 1), columns), np.matmul(self.target, columns)
         gained = []
-        for own in sets:
-            inside = gram[:, own[:, :, np.newaxis], own[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(own.shape[1])
-            found = np.linalg.solve(inside, inner[:, own][..., np.newaxis])[..., 0]
-            gained.append(np.sum(inner[:, own] * found, axis=2))
+        for subset in sets:
+            inside = gram[:, subset[:, :, np.newaxis], subset[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(
+                subset.shape[1]
+            )
+            found = np.linalg.solve(inside, inner[:, subset][..., np.newaxis])[..., 0]
+            gained.append(np.sum(inner[:, subset] * found, axis=2))
         left = self.target @ self.target - np.concatenate(gained, axis=1)
         left[~self.has_no_pole(below, coefficients)] = np.inf
         return np.asarray(np.maximum(left, np.finfo(float).tiny))
@@ -244,17 +246,17 @@ class _Ranking:
         ratio = self.offered.ratio((), ordered, self.problem.models[0].terms.variables)
         bank = log_grid(settings.PER_DECADE[1])
         tried = bank if ratio.degree % 2 == 0 else np.concatenate([bank, -bank])
-        sizes = [np.sqrt(np.mean(each.below**2, axis=0)) for each in self.sides]
+        sizes = [np.sqrt(np.mean(side.below**2, axis=0)) for side in self.sides]
         banks = list[Floats]()
-        for side, own, size in zip(self.sides, coefficients, sizes, strict=True):
-            here = np.sqrt(np.mean((side.below[:, below[:-1]] @ own) ** 2))
+        for side, coefficient, size in zip(self.sides, coefficients, sizes, strict=True):
+            here = np.sqrt(np.mean((side.below[:, below[:-1]] @ coefficient) ** 2))
             new = tried * here / (size[below[-1]] or 1.0)  # An input may be zero in all trials of an object
-            banks.append(np.column_stack([np.tile(own, (len(new), 1)), new])[:, order])
-        left = in_parallel(lambda each, bank: each.left(ordered, bank, sets), self.sides, banks)
+            banks.append(np.column_stack([np.tile(coefficient, (len(new), 1)), new])[:, order])
+        left = in_parallel(lambda side, bank: side.left(ordered, bank, sets), self.sides, banks)
         places = [np.argmin(each, axis=0) for each in left]
         squares = np.sum([np.min(each, axis=0) for each in left], axis=0)
         count, reduced = len(self.offered.above), self.offered.is_reduced((), ordered)  # So is any ratio then
-        for k, terms in enumerate(chain.from_iterable(own.tolist() for own in sets)):
+        for k, terms in enumerate(chain.from_iterable(subset.tolist() for subset in sets)):
             shape = _Shape(tuple(k for k in terms if k < count), ordered, tuple(k - count for k in terms if k >= count))
             better = shape not in found or squares[k] < found[shape].squares
             counts = shape.numbers <= settings.MAX_NUMBERS and np.isfinite(squares[k])
@@ -288,7 +290,7 @@ class _Ranking:
 
     @property
     def _criterion(self) -> InformationCriterion:
-        return InformationCriterion(sum(len(each.target) for each in self.sides), len(self.sides))
+        return InformationCriterion(sum(len(side.target) for side in self.sides), len(self.sides))
 
     def _optimized(self, shape: _Shape, score: _Score) -> _Score:
         """Return the score at denominator coefficients optimized for each object, starting from given ones."""
@@ -301,7 +303,7 @@ class _Ranking:
     def _with_starts(self, shape: _Shape, score: _Score) -> CandidateSupport | None:
         """Return a shape with starting values: those of each object, and with the median denominator."""
         variables, terms = self.problem.models[0].terms.variables, self._terms(shape)
-        norms = [np.sqrt(np.mean(each.below[:, shape.below] ** 2, axis=0)) for each in self.sides]
+        norms = [np.sqrt(np.mean(side.below[:, shape.below] ** 2, axis=0)) for side in self.sides]
         sizes = np.median(np.abs(score.below) * norms, axis=0)
         ratio = self.offered.ratio(shape.above, shape.below, variables, sizes)
         plain = self.problem.models[0].terms.terms
@@ -309,7 +311,7 @@ class _Ranking:
         objects, starts = len(self.problem.models), list[Start]()
         for below in (scaled, np.tile(np.median(scaled, axis=0), (len(scaled), 1)))[: len(scaled)]:
             parameters = [ratio.values_of_parameters(own) for own in below]
-            if any(each is None for each in parameters):
+            if any(parameter is None for parameter in parameters):
                 continue
             fits = [side.fitted(shape.below, own, terms)[0] for side, own in zip(self.sides, below, strict=True)]
             ordered = np.roll(np.array(fits), len(shape.added), axis=1)

@@ -74,7 +74,9 @@ def terms_by_score_test(fit: Fit, terms: Terms) -> Bools:
             own = values[..., is_selected]
             return np.concatenate([own, np.full((*own.shape[:-1], count), new)], axis=-1)
 
-        estimates = tuple(replace(each, coefficients=wider(each.coefficients, 0.0)) for each in fit.estimates)
+        estimates = tuple(
+            replace(estimate, coefficients=wider(estimate.coefficients, 0.0)) for estimate in fit.estimates
+        )
         supports = wider(fit.supports.astype(np.float64), 0.0) > 0
         extended = replace(
             problem,

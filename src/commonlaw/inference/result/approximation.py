@@ -58,7 +58,7 @@ def choose_deterministic(pool: Pool, progress: ProgressCallback, pooled: Callabl
         return pool
     best = listed[0]
     if pooled is not None and np.isneginf(score_of_forecasts(best, pooled)):
-        chosen = [each for each in rivals if each.problem.solver is not None]  # Among plain terms: try fewer of them
+        chosen = [rival for rival in rivals if rival.problem.solver is not None]  # Among plain terms: try fewer of them
         pairs = [
             (each, own) for each in chosen for own in best_of_each_size(Pool((each,), each.alternatives), each.size - 1)
         ]
@@ -123,7 +123,7 @@ def with_approximation(pool: Pool, outcomes: Sequence[Outcome]) -> tuple[Outcome
     ]
     of = "this law" if problem.solver is None else "this law, the best of its library,"
     lack = note("lack-of-fit", law=of, residuals=parts)
-    return (lack, *(each for each in outcomes if each.kind not in LACKS_OF_FIT))
+    return (lack, *(outcome for outcome in outcomes if outcome.kind not in LACKS_OF_FIT))
 
 
 def _residuals_of_trials(fit: Fit) -> list[Series]:
@@ -137,12 +137,12 @@ def _residuals_of_trials(fit: Fit) -> list[Series]:
 
 @unannounced()
 def _residuals(law: Law, trials: Trials) -> list[Series]:
-    measured = np.concatenate([each.states for each in trials])
+    measured = np.concatenate([trial.states for trial in trials])
     spread = np.nanstd(measured, axis=0)
     noise = np.where(spread > 0, spread, 1.0)  # Equal weights for the samples of a state, and none is an outlier
     own = replace(law, uncertainty=Uncertainty(covariance=law.uncertainty.covariance, noise=noise))
     forecast = own.predict(trials, start="all", averaged=False)
-    pairs = list(zip(forecast.trials, (each.states for each in forecast.trajectories), strict=True))
+    pairs = list(zip(forecast.trials, (trajectory.states for trajectory in forecast.trajectories), strict=True))
     return [
         [_without_missing(trial.states[:, j] - states[:, j]) for trial, states in pairs]
         for j in np.flatnonzero(_measured(trials))
@@ -152,7 +152,7 @@ def _residuals(law: Law, trials: Trials) -> list[Series]:
 def _constants(trials: Trials, offset: float = 0.0) -> list[Series]:
     """Return the deviations from the mean of each trial, state by state, plus a constant."""
     return [
-        [_without_missing(each.states[:, j] - np.nanmean(each.states[:, j]) + offset) for each in trials]
+        [_without_missing(trial.states[:, j] - np.nanmean(trial.states[:, j]) + offset) for trial in trials]
         for j in np.flatnonzero(_measured(trials))
     ]
 

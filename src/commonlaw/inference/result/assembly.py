@@ -115,7 +115,9 @@ def _is_same(one: Fit, other: Fit) -> bool:
 
     def ends(fit: Fit) -> Floats:
         """Return the states at both ends of each trajectory, shape (trajectories, 2, states)."""
-        return np.array([own[[0, -1], : len(fit.problem.noise)] for each in fit.estimates for own in each.states])
+        return np.array(
+            [state[[0, -1], : len(fit.problem.noise)] for estimate in fit.estimates for state in estimate.states]
+        )
 
     if one.size != other.size or one.problem.trials.schema.states != other.problem.trials.schema.states:
         return False
@@ -129,7 +131,7 @@ def compared_terms(pool: Pool) -> list[Compared]:
     If the terms are given, only those of rival laws are listed. Supports that rank ahead of the chosen one failed when
     they were fitted, and are left out.
     """
-    best, laws = pool.best, [(each.score - pool.best.score, each.model.equations) for each in pool.rivals]
+    best, laws = pool.best, [(rival.score - pool.best.score, rival.model.equations) for rival in pool.rivals]
     template, first, compared = best.problem.law, best.model.equations, []
     near = best.neighbours() if best.problem.solver is not None else [[] for _ in first]
     for j, (own, given) in enumerate(zip(first, template.support, strict=True)):
@@ -189,7 +191,7 @@ def weighted(chosen: Fit) -> list[tuple[float, Fit]]:
 
     d is the difference in -2 log evidence to the fit under the same errors; a negative one counts as zero.
     """
-    above = np.array([0.0, *(max(0.0, each.score - chosen.score) for each in chosen.alternatives)])
+    above = np.array([0.0, *(max(0.0, alternative.score - chosen.score) for alternative in chosen.alternatives)])
     shares = np.exp(-above / 2) / np.exp(-above / 2).sum()
     others = sorted(zip(shares[1:].tolist(), chosen.alternatives, strict=True), key=lambda pair: -pair[0])
     return [(float(shares[0]), chosen), *others]

@@ -93,19 +93,19 @@ def _factor(trials: Sequence[Floats]) -> float:
     count = len(trials)
     if count * (1 - settings.LEVEL) >= settings.LEVEL:  # Enough for a conformal quantile
         sizes = np.concatenate(trials)
-        order, weights = np.argsort(sizes), np.concatenate([np.full(len(each), 1 / len(each)) for each in trials])
+        order, weights = np.argsort(sizes), np.concatenate([np.full(len(trial), 1 / len(trial)) for trial in trials])
         share = np.cumsum(weights[order]) / count
 
         def quantile(level: float) -> float:
             return float(sizes[order][min(int(np.searchsorted(share, level)), len(sizes) - 1)])
 
         # Effective sample size of observations that are correlated within a trial (Kish 1965)
-        scatter = np.var([np.mean(each <= quantile(settings.LEVEL)) for each in trials], ddof=1)
+        scatter = np.var([np.mean(trial <= quantile(settings.LEVEL)) for trial in trials], ddof=1)
         worth = np.clip(
             count * settings.LEVEL * (1 - settings.LEVEL) / max(scatter, np.finfo(float).tiny), count, len(sizes)
         )
         return max(1.0, quantile(settings.LEVEL * (1 + 1 / worth)))
-    squares = np.array([np.mean(each**2) for each in trials]) * float(two_sided(settings.LEVEL)) ** 2
+    squares = np.array([np.mean(trial**2) for trial in trials]) * float(two_sided(settings.LEVEL)) ** 2
     return float(
         np.sqrt(max(1.0, (settings.PRIOR_OBSERVATIONS + squares.sum()) / (settings.PRIOR_OBSERVATIONS + count)))
     )
@@ -267,9 +267,9 @@ def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
     than `SIGNIFICANT` standard errors sqrt(2/n); a forecast that diverges is enough for a law with process noise.
     """
     count, errs = len(fit.problem.trials.objects), fit.has_process_noise
-    if errs and any(np.isinf(each.sizes).any() for each in errors):
+    if errs and any(np.isinf(error.sizes).any() for error in errors):
         return True
-    finite = [known for each in errors if len(known := each.standardized[np.isfinite(each.sizes)])]
+    finite = [known for error in errors if len(known := error.standardized[np.isfinite(error.sizes)])]
     if min(count, len(finite)) < 2 or not (errs or fit.has_few_measurements):
         return False
     squares = [np.median(each**2) for each in finite]  # Robust to outliers of the measurements
@@ -288,10 +288,10 @@ def _score(errors: Sequence[StandardizedErrors]) -> float:
     inflation s = max(1, mean of q), it is -sum of (w + log(s)/2 + q/(2 s)). It is minus infinity if a forecast diverges
     or has no intervals.
     """
-    if not all(np.isfinite(each.sizes).any() and not np.isinf(each.sizes).any() for each in errors):
+    if not all(np.isfinite(error.sizes).any() and not np.isinf(error.sizes).any() for error in errors):
         return -np.inf
-    squares = [float(np.nanmean(each.standardized**2)) for each in errors]
-    widths = [float(np.nanmean(np.log(each.std))) for each in errors]
+    squares = [float(np.nanmean(error.standardized**2)) for error in errors]
+    widths = [float(np.nanmean(np.log(error.std))) for error in errors]
     scale = max(1.0, float(np.mean(squares)))
     return -sum(widths) - len(errors) * float(np.log(scale)) / 2 - sum(squares) / scale / 2
 
@@ -309,10 +309,10 @@ def _others(pool: Pool, kinds: Sequence[ErrorKind], progress: ProgressCallback) 
     plain = replace(pool.plain, problem=problem)
     for under_errors in search_each_group(plain, kinds, progress):
         supports |= {each.tobytes(): each for each in best_of_each_size(under_errors, largest)}
-    for own in supports.values():
-        fits = fit_each_kind(problem, own, kinds)
+    for support in supports.values():
+        fits = fit_each_kind(problem, support, kinds)
         for group in GROUPS:
-            of_group = [each for each in fits if ERRORS[each.errors].group == group]
+            of_group = [fit for fit in fits if ERRORS[fit.errors].group == group]
             best = min(of_group, default=None)
             if best is not None and best.model != pool.best.model:
                 yield best

@@ -80,7 +80,7 @@ def outcomes(law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool) -> t
     found += [
         note("no-term", side)
         for j, side in enumerate(lefts)
-        if not any(each.coefficients[j].any() for each in fit.estimates)
+        if not any(estimate.coefficients[j].any() for estimate in fit.estimates)
     ]
     most = fit.problem.most_terms
     found += [
@@ -121,7 +121,7 @@ def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, .
     names = ", ".join(problem.trials.schema.starts)
     parameters = named_parameters(law)
     others = "; or ".join(
-        ", ".join(f"{own.name} = {float(own.of(each)):.3g}" for own in parameters.definitions)
+        ", ".join(f"{definition.name} = {float(definition.of(each)):.3g}" for definition in parameters.definitions)
         for each in problem.equivalent_optima
     )
     return (*found, note("latent-state-ambiguous", object=law.objects[0], others=others, states=names))
@@ -133,7 +133,7 @@ def _not_identifiable(law: Law) -> tuple[Outcome, ...]:
     parameters = named_parameters(law)
     for name, values, errors in zip(law.objects, parameters.values, parameters.errors, strict=True):
         letters = [
-            each for each, value, error in zip(parameters.names, values, errors, strict=True) if error > abs(value)
+            name for name, value, error in zip(parameters.names, values, errors, strict=True) if error > abs(value)
         ]
         if letters:
             lost.setdefault(", ".join(letters), []).append(name)
@@ -147,7 +147,7 @@ def _not_identifiable(law: Law) -> tuple[Outcome, ...]:
 def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes of a law without those that a fit to other measurements decides anew."""
     kinds = {*LACKS_OF_FIT, OutcomeKind.NOT_CONVERGED, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
-    return tuple(each for each in outcomes if each.kind not in kinds)
+    return tuple(outcome for outcome in outcomes if outcome.kind not in kinds)
 
 
 def _left(fit: Fit) -> str:
@@ -215,7 +215,7 @@ def fit_steps(fit: Fit) -> tuple[Step, ...]:
     if errors.correlated is not None:
         levels = levels_in_words(errors.correlated, schema)
         found.append(Step("autocorrelated errors", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
-    deviance, count = sum(each.deviance for each in fit.estimates), sum(problem.measured)
+    deviance, count = sum(estimate.deviance for estimate in fit.estimates), sum(problem.measured)
     deviance += float(np.sum(problem.measurements.pure_error[0] / problem.noise**2))
     return (
         *found,

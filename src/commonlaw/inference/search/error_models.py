@@ -51,7 +51,7 @@ def choose_errors(
     kinds = error_kinds(errors, pool.best.problem.trials.schema)
     if errors == "auto" and not pool.best.lack_of_fit:
         known = pool.best.problem.errors.kind if pool.best.problem.errors else "proportional"
-        kinds = tuple(each for each in kinds if each in ("white", known))
+        kinds = tuple(kind for kind in kinds if kind in ("white", known))
     proposed = None if pool.plain is None else propose(pool.plain)
     return with_error_models(pool, proposed, kinds, part(progress, 0.2, 0.9))
 
@@ -204,7 +204,7 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
     )
     about = LinearizedObjects(subset.models, subset.padded(estimates), fit.supports & subset.allowed)
     value = partial(_value, levels, subset, about)
-    starts = [(value(each), i) for i, each in enumerate(levels.starts)]
+    starts = [(value(start), i) for i, start in enumerate(levels.starts)]
     index = min(starts)[1]
     optimum = minimum(value, levels.starts[index], *levels.bounds)
     changed = levels.problem(optimum, problem)

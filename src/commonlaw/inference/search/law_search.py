@@ -130,7 +130,7 @@ def choose_interpolation(
     """
     error_kinds(errors, trials.schema)
     pool, steps = begin(trials, part(progress, 0.0, 0.75)), list[Step]()
-    if input_between == "auto" and any(np.ptp(each.inputs, axis=0).any() for each in trials):
+    if input_between == "auto" and any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
         progress("comparing interpolations of inputs between samples")
         steps = [best_interpolation(pool.best, is_chosen)]
         if steps[0].choice != trials.schema.input_between:
@@ -205,8 +205,8 @@ def subproblems(problem: SearchProblem, prepare_problem: Callable[..., SearchPro
     most = settings.FEW_SAMPLES * objects // size if groups else settings.FEW_SAMPLES
     if sum(map(len, problem.trials)) > 2 * most:
         fewer = prepare_problem(most_samples=most)
-        return [fewer.of_objects(each) for each in groups] or [fewer]
-    return [problem.of_objects(each) for each in groups]
+        return [fewer.of_objects(group) for group in groups] or [fewer]
+    return [problem.of_objects(group) for group in groups]
 
 
 def search_subproblems(

@@ -49,7 +49,7 @@ def supported_interpolation(trials: Trials) -> str:
     four neighbours. The likelihood of a fit does not decide it: a larger gain compensates for a flattened input.
     """
     squares = np.sum([_leave_one_out_squares(trial) for trial in trials], axis=0)
-    bent = squares[0] > np.finfo(float).eps * np.sum([np.sum(each.inputs**2, axis=0) for each in trials], axis=0)
+    bent = squares[0] > np.finfo(float).eps * np.sum([np.sum(trial.inputs**2, axis=0) for trial in trials], axis=0)
     return "cubic" if bent.any() and (squares[0] > settings.MIN_SMOOTHNESS * squares[1])[bent].all() else "linear"
 
 
@@ -113,7 +113,7 @@ class FitSetup:
         law = law if positive is None else on_log_scale(law, positive)
         levels = matched_noise(law, trials, noise)
         if not law.schema.doses:
-            trials = trials.with_trials([each.measured() for each in trials])
+            trials = trials.with_trials([trial.measured() for trial in trials])
         trials = matched(law, trials)
         check_gaps(tuple(trials), trials.schema)
         between = law.schema.input_between if input_between is None else input_between

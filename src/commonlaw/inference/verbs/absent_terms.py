@@ -97,16 +97,16 @@ class Bounds(ShownInNotebooks):
         import pandas as pd
 
         names = {"error": "standard error", "at_most": "limit", "effect": "contribution"}
-        rows = [vars(each) | {"seen": each.seen} for each in self.bounds]
+        rows = [vars(bound) | {"seen": bound.seen} for bound in self.bounds]
         return pd.DataFrame([{names.get(name, name): value for name, value in row.items()} for row in rows])
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """The limits of each term in words."""
         found = list[str]()
-        for equation, term in dict.fromkeys((each.equation, each.term) for each in self.bounds):
-            objects = [each for each in self.bounds if (each.equation, each.term) == (equation, term)]
-            largest, seen = max(objects, key=lambda each: each.effect), [each.object for each in objects if each.seen]
+        for equation, term in dict.fromkeys((bound.equation, bound.term) for bound in self.bounds):
+            objects = [bound for bound in self.bounds if (bound.equation, bound.term) == (equation, term)]
+            largest, seen = max(objects, key=lambda name: name.effect), [name.object for name in objects if name.seen]
             among = f" of {', '.join(seen)}" if len(objects) > 1 else ""
             beyond = f" The interval{among} excludes zero: the term may be present." if seen else ""
             size = f"{float(f'{largest.at_most:.2g}'):g} {largest.unit}".rstrip()
@@ -170,9 +170,9 @@ def _visited(law: Law, trials: Trials) -> Floats:
     """Return the variables along the law's trajectories of the trials, shape (n, variables)."""
     forecast = law.predict(trials, averaged=False)
     rows = []
-    states = forecast.latent or [each.states for each in forecast.trajectories]
-    for trial, own in zip(forecast.trials, states, strict=True):
-        rows.append(law.terms.variables.natural(np.column_stack([own, trial.inputs, trial.times])))
+    states = forecast.latent or [trajectory.states for trajectory in forecast.trajectories]
+    for trial, state in zip(forecast.trials, states, strict=True):
+        rows.append(law.terms.variables.natural(np.column_stack([state, trial.inputs, trial.times])))
     whole = np.concatenate(rows)
     return np.asarray(whole[np.isfinite(whole).all(axis=1)])
 
@@ -218,7 +218,7 @@ def _observed(
     levels = {key: level for key, level in given.items() if not isinstance(level, str)}
     names = law.terms.variables.names
     (letter,) = free_letters(1, (*names, *observation.measured.states, *property_names(trials.properties)))
-    shown = term.text([quoted(each) for each in names])
+    shown = term.text([quoted(name) for name in names])
     written = law.provenance.equations or law.structure
     equations = [f"{text} + {letter} {shown}" if j == equation else text for j, text in enumerate(written)]
     fitted = refit(law, trials, equations=equations, noise=levels, progress=silent).law(())

@@ -48,7 +48,8 @@ def fitted_by_parts(
     degrees = [each.degrees_of_freedom for each in known if each.degrees_of_freedom is not None]
     ranges = [law.provenance.domain.visited for law in laws]
     visited = {
-        name: (min(each[name][0] for each in ranges), max(each[name][1] for each in ranges)) for name in ranges[0]
+        name: (min(interval[name][0] for interval in ranges), max(interval[name][1] for interval in ranges))
+        for name in ranges[0]
     }
     unknown = np.full(len(laws[0].schema.states), np.nan)
     return replace(
@@ -62,7 +63,7 @@ def fitted_by_parts(
             degrees_of_freedom=np.sum(degrees, axis=0) if len(degrees) == len(laws) else None,
         ),
         provenance=replace(laws[0].provenance, domain=Domain(visited), outcomes=(), alternatives=()),
-        properties={name: own for law in laws for name, own in law.properties.items()},
+        properties={name: attribute for law in laws for name, attribute in law.properties.items()},
     )
 
 
@@ -83,26 +84,26 @@ def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> tuple[Law, in
 
 def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
     """Return the error model of all parts; correlation times are means over the parts that have them."""
-    kinds = dict.fromkeys(kind for each in parts for kind in each.heteroscedastic)
-    grown = {kind: _root_mean_square(weights, [each.heteroscedastic.get(kind) for each in parts]) for kind in kinds}
+    kinds = dict.fromkeys(kind for part in parts for kind in part.heteroscedastic)
+    grown = {kind: _root_mean_square(weights, [part.heteroscedastic.get(kind) for part in parts]) for kind in kinds}
     levels = {
-        kind: _root_mean_square(weights, [getattr(each, kind) for each in parts])
+        kind: _root_mean_square(weights, [getattr(part, kind) for part in parts])
         for kind in ("correlated", "force", "walk")
     }
     return ErrorModel(
         {kind: level for kind, level in grown.items() if level is not None},
         **levels,
-        memory=_mean(weights, [each.memory for each in parts]),
-        force_time=_mean(weights, [each.force_time for each in parts]),
+        memory=_mean(weights, [part.memory for part in parts]),
+        force_time=_mean(weights, [part.force_time for part in parts]),
     )
 
 
 def _root_mean_square(weights: Floats, values: Sequence[Floats | None]) -> Floats | None:
     """Return the weighted root mean square; None counts as zero, and is returned if all are None."""
-    size = next((np.zeros_like(each) for each in values if each is not None), None)
+    size = next((np.zeros_like(value) for value in values if value is not None), None)
     if size is None:
         return None
-    squares = np.array([size if each is None else each**2 for each in values])
+    squares = np.array([size if value is None else value**2 for value in values])
     return np.asarray(np.sqrt(weights @ squares / weights.sum()))
 
 

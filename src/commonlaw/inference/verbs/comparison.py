@@ -95,7 +95,7 @@ def compare(
         raise CommonlawError("laws-without-names")
     observed = any(law.observation is not None for law in laws.values())
     states = [measured_schema(law).measured if observed else law.schema.states for law in laws.values()]
-    if len(listed := dict.fromkeys(", ".join(sorted(each)) for each in states)) > 1:
+    if len(listed := dict.fromkeys(", ".join(sorted(state)) for state in states)) > 1:
         raise CommonlawError("laws-of-other-states", states=listed)
     check_one_scale(list(laws.values()))
     if observed:
@@ -149,7 +149,7 @@ def _frame(
     frame = pd.DataFrame(
         {
             "law": list(laws),
-            "equations": ["; ".join((*law.structure, *own)) for law, own in zip(laws.values(), lines, strict=True)],
+            "equations": ["; ".join((*law.structure, *line)) for law, line in zip(laws.values(), lines, strict=True)],
             "coefficients": coefficients,
             "errors": errors,
             "model error": departs,

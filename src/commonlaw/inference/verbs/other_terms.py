@@ -148,8 +148,8 @@ def _supports(law: Law, most: int) -> list[Bools]:
 def _in_one_equation(law: Law) -> Iterator[Bools]:
     """Yield supports with an alternative in one of the equations, the best first."""
     known = (
-        [value for name in _MEASURES if (value := each.measures.get(name)) is not None]
-        for each in law.provenance.alternatives
+        [value for name in _MEASURES if (value := alternative.measures.get(name)) is not None]
+        for alternative in law.provenance.alternatives
     )
     values = [own[0] if own else 0.0 for own in known]
     lefts = left_hand_sides(law)
@@ -182,7 +182,7 @@ class _NestedModel(NamedTuple):
 
 def _path(law: Law, left: str) -> list[_NestedModel]:
     """Return the best support of each size of an equation, from the fewest terms to the most."""
-    own = [each for each in law.provenance.alternatives if each.equation == left]
+    own = [alternative for alternative in law.provenance.alternatives if alternative.equation == left]
     name = next((name for name in _MEASURES if all(each.measures.get(name) is not None for each in own)), "")
     best: dict[int, Alternative] = {}
     for each in sorted(own, key=lambda each: (not each.chosen, each.measures.get(name) or 0.0)):

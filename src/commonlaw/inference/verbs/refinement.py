@@ -225,7 +225,7 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     parts, known = stream.parts or (stream,), {*law.objects}
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
     names = objects_of_parts(parts, part(progress, 0.0, 0.1))
-    laws = [light.select(own) if known.issuperset(own) else typical(law, own) for own in names]
+    laws = [light.select(name) if known.issuperset(name) else typical(law, name) for name in names]
     fits = [partial(how.refined, own, alike=False, progress=silent) for own in laws]
     found = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
     step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
