@@ -69,7 +69,7 @@ def words(trials: Trials) -> list[str]:
 
 def named(trials: Trials) -> list[dict[str, Any]]:
     """Return the models of textbooks over the columns of a table, as far as it is clear which is which."""
-    properties, found = property_names(trials.properties), list[dict[str, Any]]()
+    properties, result = property_names(trials.properties), list[dict[str, Any]]()
     for name, model in named_models.items():
         try:
             own = model.over_columns(trials.schema, properties, {})
@@ -77,8 +77,8 @@ def named(trials: Trials) -> list[dict[str, Any]]:
             continue
         if {*trials.schema.states} <= {*own.states}:
             text = "\n".join(parts_of_text(own.equations))
-            found.append({"name": name, "title": model.title, "field": model.field, "text": text, "doses": own.doses})
-    return found
+            result.append({"name": name, "title": model.title, "field": model.field, "text": text, "doses": own.doses})
+    return result
 
 
 def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | None = None) -> dict[str, Any]:
@@ -173,7 +173,7 @@ def _formulas(begun: Beginning) -> list[list[str]]:
 
 def _followed(problem: Problem, unknowns: Floats, moved: Moved) -> list[tuple[int, list[list[float]]]]:
     """Return solutions from given initial values: those that are computed in time, and at least one."""
-    shown, until, found = problem.trials[:_TRIALS], monotonic() + _FRAME, list[tuple[int, list[list[float]]]]()
+    shown, until, result = problem.trials[:_TRIALS], monotonic() + _FRAME, list[tuple[int, list[list[float]]]]()
     for i in moved.trials:
         check_choice("index of a trial", i, range(min(len(shown), len(moved.initial))))
         data, _ = _drawn(shown[i])
@@ -184,10 +184,10 @@ def _followed(problem: Problem, unknowns: Floats, moved: Moved) -> list[tuple[in
         unknowns[data.initial[free]] = moved.initial[i]
         with np.errstate(all="ignore"):
             values = problem.predicted(data, unknowns, slopes=False).values
-        found.append((i, _natural(problem, values)))
+        result.append((i, _natural(problem, values)))
         if monotonic() > until:
             break
-    return found
+    return result
 
 
 def _drawn(data: TrialData) -> tuple[TrialData, Indices]:

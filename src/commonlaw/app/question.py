@@ -261,13 +261,13 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     @property
     def initial(self) -> dict[str, InitialGiven]:
         """The initial values as `commonlaw.fit` takes them."""
-        found = dict[str, InitialGiven]()
+        result = dict[str, InitialGiven]()
         for name, text in self.starts.items():
             try:
-                found[name] = float(text)
+                result[name] = float(text)
             except ValueError:
-                found[name] = text
-        return found
+                result[name] = text
+        return result
 
     @property
     def written(self) -> str:

@@ -65,14 +65,14 @@ class SavedSessions:
 
     def listed(self) -> list[dict[str, Any]]:
         """Return a summary of each session, the latest first; files that are damaged are left out."""
-        found = []
+        result = []
         for path in self.folder.glob("*.json") if self.folder.is_dir() else ():
             if _KEY.fullmatch(path.stem):
                 try:
-                    found.append(_summary(path.stem, self._read(path.stem)))
+                    result.append(_summary(path.stem, self._read(path.stem)))
                 except CommonlawError:
                     continue
-        return sorted(found, key=lambda each: str(each["saved"]), reverse=True)
+        return sorted(result, key=lambda each: str(each["saved"]), reverse=True)
 
     def save(self, asked: Named, sessions: Sessions) -> dict[str, Any]:
         """Save a session, or another state of it, and return its summary.
@@ -142,10 +142,10 @@ class SavedSessions:
         path = self._path(key)
         if not path.is_file():
             raise CommonlawError("session-gone", part="session")
-        found = read_json(read_file(path), Session)
-        if not found.states:
+        result = read_json(read_file(path), Session)
+        if not result.states:
             raise CommonlawError("session-gone", part="session")
-        return found
+        return result
 
     def _write(self, key: str, session: Session) -> dict[str, Any]:
         make_folder(self.folder, private=True)

@@ -50,28 +50,28 @@ def current(command: str, args: Sequence[str], options: Sequence[str]) -> list[s
     options
         Those that it has.
     """
-    found, rest = list[str](), iter(args)
+    result, rest = list[str](), iter(args)
     for word in rest:
         if word == "--":
-            return [*found, word, *rest]
+            return [*result, word, *rest]
         name, given, value = word.partition("=")
         new = _OPTIONS.get(f"{command} {name}", _OPTIONS.get(name, f"--set {_SETTINGS.get(name, '')}="))
         if name == "--dataset" and name not in options:
             value = value if given else next(rest, "")
-            found.insert(0, f"dataset:{value}")
+            result.insert(0, f"dataset:{value}")
             _say(name, f"dataset:{value} in place of TABLE")
         elif name in ("--partial-pooling", "--no-partial-pooling") and "--set" in options:
-            found += _set(name, f"partial_pooling={str(name == '--partial-pooling').lower()}")
+            result += _set(name, f"partial_pooling={str(name == '--partial-pooling').lower()}")
         elif name in options or not name.startswith("--") or new == "--set =":
-            found.append(word)
+            result.append(word)
         elif new.startswith("--set ") and "--set" in options:
-            found += _set(name, new.removeprefix("--set ") + (value if given else next(rest, "")))
+            result += _set(name, new.removeprefix("--set ") + (value if given else next(rest, "")))
         elif new in options or not new:
-            found += ([new] if new else []) + ([value] if given else [])
+            result += ([new] if new else []) + ([value] if given else [])
             _say(name, new or "the law after TABLE")
         else:
-            found.append(word)
-    return found
+            result.append(word)
+    return result
 
 
 def _set(name: str, setting: str) -> Iterator[str]:

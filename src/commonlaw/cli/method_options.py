@@ -67,11 +67,11 @@ def _methods() -> dict[str, Any]:
 
 def setting_options(function: str, options: type = FitOptions) -> list[Decorator]:
     """Return the options of a command for the settings that a function takes: everyday ones, and one for any."""
-    found = list[Decorator]()
+    result = list[Decorator]()
     for name, (each, about) in settings_of(options, function).items():
         if about.everyday:
             default = shown_value(about.default_of(function, each.default))
-            found.append(
+            result.append(
                 option(
                     "Method",
                     f"--{name.replace('_', '-')}",
@@ -94,18 +94,18 @@ def setting_options(function: str, options: type = FitOptions) -> list[Decorator
         groups=partial(_settings_help, function, options),
         help=text,
     )
-    return [*found, take]
+    return [*result, take]
 
 
 def given_settings(values: dict[str, Any], function: str, options: type = FitOptions) -> dict[str, list[str]]:
     """Take the texts of settings out of a command's values, by name."""
-    found = dict[str, list[str]]()
+    result = dict[str, list[str]]()
     for name, (_, about) in settings_of(options, function).items():
         if about.everyday and (texts := values.pop(name)):
-            found[name] = list(texts)
+            result[name] = list(texts)
     for name, text in pairs("--set", values.pop("settings")):
-        found.setdefault(name, []).append(text)
-    return found
+        result.setdefault(name, []).append(text)
+    return result
 
 
 def with_settings(function: str) -> Decorator:

@@ -149,13 +149,13 @@ def by_name(name: str, texts: Sequence[str]) -> dict[str, str]:
 
 def numbers(name: str, texts: Sequence[str]) -> dict[str, float]:
     """Return the numbers that an option gives by name."""
-    found = {}
+    result = {}
     for key, text in by_name(name, texts).items():
         try:
-            found[key] = float(text)
+            result[key] = float(text)
         except ValueError:
             raise click.UsageError(f"{name} {key}={text}: {text!r} is not a number") from None
-    return found
+    return result
 
 
 def number_or_text(text: str) -> float | str:

@@ -142,17 +142,17 @@ def sample_times(samples: int, rate: float) -> Floats:
 def numbers(name: str, values: PerObject, *, positive: bool = False) -> tuple[float, ...]:
     """Return one or several numbers as a tuple, if they are finite, and positive where they must be."""
     try:
-        found = tuple(float(each) for each in np.atleast_1d(values))
+        result = tuple(float(each) for each in np.atleast_1d(values))
     except (TypeError, ValueError):
         raise CommonlawError("experiment-not-a-number", name=name, values=values) from None
-    if not found:
+    if not result:
         raise CommonlawError("experiment-empty", name=name)
-    for each in found:
+    for each in result:
         if not np.isfinite(each) or (positive and each <= 0):
             raise CommonlawError(
                 "experiment-not-positive", name=name, value=each, condition=" and positive" if positive else ""
             )
-    return found
+    return result
 
 
 def objects(kind: str, *, positive: bool = False, **coefficients: PerObject) -> dict[str, tuple[float, ...]]:

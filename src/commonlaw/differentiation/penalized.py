@@ -175,11 +175,11 @@ def cross_validated(steps: Floats, state: Floats) -> float:
         traces = _traces(steps.tobytes())
         best = int(np.argmin([_score(each, systems, state, trace) for each, trace in zip(grid, traces, strict=True)]))
         bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-        found = float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
+        result = float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
         while len(_strengths) >= 4096:  # Of some hundred bytes each
             _strengths.pop(next(iter(_strengths)), None)
-        _strengths[digest] = found
-        return found
+        _strengths[digest] = result
+        return result
     return _strengths[digest]
 
 

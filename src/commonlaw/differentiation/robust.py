@@ -197,6 +197,6 @@ def _natural(known: Floats, values: Floats, times: Floats, order: int) -> list[F
     from scipy.interpolate import CubicSpline
 
     curve, inside = CubicSpline(known, values, bc_type="natural"), np.clip(times, known[0], known[-1])
-    found: list[Floats] = [curve(inside, k) for k in range(order + 1)]
-    found[0] += found[1] * (times - inside)
-    return found
+    result: list[Floats] = [curve(inside, k) for k in range(order + 1)]
+    result[0] += result[1] * (times - inside)
+    return result

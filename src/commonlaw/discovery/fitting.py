@@ -344,7 +344,7 @@ def _of_delays(law: Law, between: str, others: Mapping[str, Law]) -> Iterator[Ou
 
 def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
     """Return which coefficients letters stand for, shape (equations, terms)."""
-    found, named = (
+    result, named = (
         np.zeros(law.support.shape, dtype=np.bool_),
         {definition.name: definition for definition in named_parameters(law).definitions},
     )
@@ -352,8 +352,8 @@ def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
         check_choice("coefficient", letter, [*named])
         if len(named[letter].parts) > 1:
             raise CommonlawError("parameter-is-quotient", parameter=letter)
-        found[named[letter].equation, named[letter].term] = True
-    return found
+        result[named[letter].equation, named[letter].term] = True
+    return result
 
 
 def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
@@ -399,7 +399,7 @@ def _of_stream(
 
 def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
     """Return objects and the bounds that a coefficient is outside of, pooled or by the object alone, and its value."""
-    unpooled, own, found = law.uncertainty.unpooled, law.coefficients.copy(), list[tuple[str, Bound, str]]()
+    unpooled, own, result = law.uncertainty.unpooled, law.coefficients.copy(), list[tuple[str, Bound, str]]()
     if unpooled is not None:
         own[:, law.support] = unpooled.coefficients
     parameters = named_parameters(law)
@@ -411,8 +411,8 @@ def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
             outside = next((each for each in (value, letters[bound.name].of(alone)) if not bound.holds(each)), None)
             if outside is not None:
                 as_found = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
-                found.append((name, bound, as_found))
-    return found
+                result.append((name, bound, as_found))
+    return result
 
 
 def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
@@ -461,7 +461,10 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
 def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[tuple[Bound, float]]:
     """Return bounds that coefficients of the only object are outside of, each with the end that is nearest."""
     parameters = named_parameters(law)
-    letters, found = {definition.name: definition for definition in parameters.definitions}, list[tuple[Bound, float]]()
+    letters, result = (
+        {definition.name: definition for definition in parameters.definitions},
+        list[tuple[Bound, float]](),
+    )
     values = dict(zip(parameters.names, parameters.values[0].tolist(), strict=True))
     for bound in bounds:
         value, name = values[bound.name], bound.name
@@ -475,8 +478,8 @@ def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[
                     value=f"{value:.3g}",
                     bound=bound.text,
                 )
-            found.append((bound, end))
-    return found
+            result.append((bound, end))
+    return result
 
 
 def _held(law: Law, held: Mapping[str, float]) -> Law:
@@ -569,13 +572,13 @@ def _known(given: GivenEquations, trials: Trials) -> Floats:
 
     They are numbers, or the objects' properties.
     """
-    found, properties = np.tile(given.known, (len(trials.objects), 1, 1)), property_names(trials.properties)
+    result, properties = np.tile(given.known, (len(trials.objects), 1, 1)), property_names(trials.properties)
     for product in given.products:
         names = [name for name, _ in product.coefficients]
         if names and all(name in properties for name in names):
             values = {name: np.array([number_of(name, owner, trials) for owner in trials.objects]) for name in names}
-            found[:, product.equation, product.term] = product.value(values)
-    return found
+            result[:, product.equation, product.term] = product.value(values)
+    return result
 
 
 def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:

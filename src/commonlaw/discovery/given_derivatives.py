@@ -41,7 +41,7 @@ def with_derivatives(trials: Trials | TrialStream, given: GivenDerivatives) -> t
         ]
     else:
         listed = _of_each(given, trials)
-    found = TrialDerivatives()
+    result = TrialDerivatives()
     for trial, own in zip(trials, listed, strict=True):
         values = own.reshape(len(own), -1)
         if values.shape != (len(trial), len(states)):
@@ -49,8 +49,8 @@ def with_derivatives(trials: Trials | TrialStream, given: GivenDerivatives) -> t
         used = np.isfinite(values).all(axis=1)
         if not used.all():
             raise CommonlawError("derivatives-not-finite", trial.label, sample=int(np.argmin(used)) + 1)
-        found[trial.object, trial.name] = trial.times, values
-    return without_rates(trials, columns), found
+        result[trial.object, trial.name] = trial.times, values
+    return without_rates(trials, columns), result
 
 
 def _of_each(given: Any, trials: Trials) -> list[Floats]:

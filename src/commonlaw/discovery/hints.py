@@ -56,7 +56,7 @@ def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
 def _discriminating_start(law: Law, rival: Law, times: Floats) -> _Found | None:
     """Return the initial state from which two laws differ most, their forecasts, and the sample at which they do."""
     best, visited = 1.0, law.provenance.domain.visited
-    found: _Found | None = None
+    result: _Found | None = None
     # Solutions outside of the visited ranges do not count, see `_within`
     ends = [visited.get(name, (-np.inf, np.inf)) for name in law.terms.variables.states]
     limit = max(max(abs(low), abs(high)) + _MAX_EXCESS_SHARE * (high - low) for low, high in ends)
@@ -71,8 +71,8 @@ def _discriminating_start(law: Law, rival: Law, times: Floats) -> _Found | None:
             apart = np.where(np.isfinite(apart), apart, 0.0) * _within(law, one)
             if apart.max(initial=0.0) > best:
                 row, state = np.unravel_index(int(apart.argmax()), apart.shape)
-                best, found = float(apart.max()), (start, one, other, (int(row), int(state)))
-    return found
+                best, result = float(apart.max()), (start, one, other, (int(row), int(state)))
+    return result
 
 
 def _starts(law: Law) -> Iterator[Floats]:
@@ -187,7 +187,7 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     if not whole or not (regressions := [*_regressions(trials)]):
         return ()
     equations = dict(zip(law.schema.states, left_hand_sides(law.schema.states, law.order), strict=True))
-    found, solutions = (
+    result, solutions = (
         list[Outcome](),
         np.full((sum(len(trial) - 1 for trial in trials), len(law.schema.states)), np.nan),
     )
@@ -200,7 +200,7 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
             by_law, by_regression = (
                 100 * max(0.0, 1 - left / regression.about_means) for left in (squares, regression.squares)
             )
-            found.append(
+            result.append(
                 note(
                     "discrete-time-plausible",
                     equations[regression.state],
@@ -209,7 +209,7 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
                     by_regression=by_regression,
                 )
             )
-    return tuple(found)
+    return tuple(result)
 
 
 class _Regression(NamedTuple):

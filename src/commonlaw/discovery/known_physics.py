@@ -98,19 +98,19 @@ def _of_text(text: str, order: Order, trials: Trials) -> Numbers:
     if given.order != order:
         both = [order_in_words(each, schema.states) for each in (given.order, order)]
         raise CommonlawError("known-physics-order-given", order=both[0], sought=both[1])
-    names, found = given.terms.variables.names, Numbers()
+    names, result = given.terms.variables.names, Numbers()
     texts = [each.expression(names) for each in given.terms.terms]
     products = {(each.equation, each.term): each for each in given.products}
     for j, state in enumerate(schema.states):
         for k, term in enumerate(texts):
             product = products.get((j, k))
             if product is None and given.known[j, k]:
-                found[state, term] = dict.fromkeys(trials.objects, float(given.known[j, k]))
+                result[state, term] = dict.fromkeys(trials.objects, float(given.known[j, k]))
             elif product is not None:
                 letters, owners = [name for name, _ in product.coefficients], trials.objects
                 values = {name: np.array([property_of(trials, owner, name) for owner in owners]) for name in letters}
-                found[state, term] = dict(zip(owners, product.value(values).tolist(), strict=True))
-    return found
+                result[state, term] = dict(zip(owners, product.value(values).tolist(), strict=True))
+    return result
 
 
 def _of_function(function: Callable[..., Any], order: Order, trials: Trials) -> Numbers:

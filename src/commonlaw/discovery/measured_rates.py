@@ -41,15 +41,15 @@ def measured_rates(trials: Trials) -> dict[str, str]:
     A column that is a rate only numerically (y = x' on a circle with a period of 2 pi) is taken for one unless its unit
     is another.
     """
-    found = dict[str, str]()
+    result = dict[str, str]()
     counts = np.array([np.isfinite(trial.states).sum(axis=0) for trial in trials]).min(axis=0)
     for state in (name for name, count in zip(trials.schema.states, counts, strict=True) if count >= 5):
         for rate in trials.schema.states:
-            taken = rate in found.values() or rate in _origins(state, found)
+            taken = rate in result.values() or rate in _origins(state, result)
             if not taken and _is_rate(trials, state, rate):
-                found[state] = rate
+                result[state] = rate
                 break
-    return found
+    return result
 
 
 def is_computed(trials: Trials, state: str, rate: str) -> bool:

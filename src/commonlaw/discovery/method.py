@@ -91,15 +91,15 @@ class ModelStructure:
         Raises `CommonlawError` if a term or state is unknown, or an object has no coefficient.
         """
         terms = self.terms(schema)
-        found = np.full((len(objects), len(schema.states), len(terms)), np.nan)
+        result = np.full((len(objects), len(schema.states), len(terms)), np.nan)
         for key, value in self.known.items():
             equation, term = _index_of(key, schema.states, terms)
             values = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
             missing = [name for name in objects if name not in values]
             if missing:
                 raise CommonlawError("known-coefficient-missing", term=terms.names[term], objects=missing)
-            found[:, equation, term] = [_number(key, values[name]) for name in objects]
-        return found
+            result[:, equation, term] = [_number(key, values[name]) for name in objects]
+        return result
 
     def universal_coefficients(self, schema: Schema) -> Bools:
         """Return which coefficients are shared by all objects, shape (equations, terms).
@@ -107,10 +107,10 @@ class ModelStructure:
         Raises `CommonlawError` if a term or state is unknown.
         """
         terms = self.terms(schema)
-        found = np.zeros((len(schema.states), len(terms)), dtype=np.bool_)
+        result = np.zeros((len(schema.states), len(terms)), dtype=np.bool_)
         for key in self.universal:
-            found[_index_of(key, schema.states, terms)] = True
-        return found
+            result[_index_of(key, schema.states, terms)] = True
+        return result
 
     def universal_in(self, law: Law) -> Bools:
         """Return which coefficients of a law are shared by all objects, shape (equations, terms)."""

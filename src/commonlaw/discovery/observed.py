@@ -216,19 +216,19 @@ class _WeakSearch:
         """Return the sum of squares, coefficients by object, and how it grows without each of the terms, shape (k,)."""
         gram, right, total = self.normal(p)
         gram, right = gram[:, support][:, :, support], right[:, support]
-        found, count = np.zeros((self.objects, self.width)), int(support.sum())
+        result, count = np.zeros((self.objects, self.width)), int(support.sum())
         if not np.isfinite(gram).all():
-            return np.inf, found, np.zeros(count)
+            return np.inf, result, np.zeros(count)
         with np.errstate(divide="ignore"):
             scale = np.nan_to_num(1 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2)), posinf=0.0)
         gram, right = gram * scale[:, :, np.newaxis] * scale[:, np.newaxis], right * scale
         inverse = np.linalg.inv(gram + _RIDGE * np.eye(count))
         unit = np.einsum("oij,oj->oi", inverse, right)
-        found[:, support] = unit * scale
+        result[:, support] = unit * scale
         growth = (unit**2 / np.diagonal(inverse, axis1=1, axis2=2)).sum(axis=0)
         # Of these coefficients themselves, as the ridge keeps them off the least squares of an ill-conditioned problem
         squares = total - float((2 * right * unit).sum() - np.einsum("oi,oij,oj->", unit, gram, unit))
-        return squares, found, growth
+        return squares, result, growth
 
     def steps(self, p: Floats) -> float:
         """Return what is not explained, and the sum of ``log(1 + a)`` over steps that leave out one term after another.
@@ -248,14 +248,14 @@ class _WeakSearch:
 
     def path(self, p: Floats) -> tuple[list[Bools], list[float]]:
         """Return supports from all terms to none, each without the term whose loss costs least, and these costs."""
-        found, costs = [np.ones(self.width, dtype=np.bool_)], list[float]()
-        while found[-1].any():
-            growth, support = self.fitted(p, found[-1])[2], found[-1].copy()
+        result, costs = [np.ones(self.width, dtype=np.bool_)], list[float]()
+        while result[-1].any():
+            growth, support = self.fitted(p, result[-1])[2], result[-1].copy()
             least = int(np.argmin(growth))
             support[np.flatnonzero(support)[least]] = False
-            found.append(support)
+            result.append(support)
             costs.append(max(float(growth[least]), 0.0))
-        return found, costs
+        return result, costs
 
     def ends(self, starts: Sequence[Floats]) -> list[Floats]:
         """Return where searches for few terms end, the best first, and whiten rows there."""
@@ -294,11 +294,11 @@ class _WeakSearch:
 
 def _apart(starts: Sequence[Floats]) -> list[Floats]:
     """Return starts without those near to one before, each number within a factor."""
-    found = list[Floats]()
+    result = list[Floats]()
     for start in starts:
-        if not any(np.all((start / each > 1 / _NEIGHBOUR) & (start / each < _NEIGHBOUR)) for each in found):
-            found.append(start)
-    return found
+        if not any(np.all((start / each > 1 / _NEIGHBOUR) & (start / each < _NEIGHBOUR)) for each in result):
+            result.append(start)
+    return result
 
 
 def _without_one(support: Bools) -> list[Bools]:

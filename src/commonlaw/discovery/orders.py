@@ -137,21 +137,21 @@ def search_orders(
 
 def attempt_each(find: Callable[[Given], Found], given: Iterable[Given]) -> tuple[list[Found], list[CommonlawError]]:
     """Return the results of a function, and the errors where it fails."""
-    found, failures = list[Found](), list[CommonlawError]()
+    result, failures = list[Found](), list[CommonlawError]()
     for each in given:
         try:
-            found.append(find(each))
+            result.append(find(each))
         except CommonlawError as error:
             failures.append(error)
-    return found, failures
+    return result, failures
 
 
 def apply_to_each(step: Callable[[Found], Found], given: Sequence[Found]) -> tuple[list[Found], list[CommonlawError]]:
     """Return the results of a step, and the errors where it fails; raise the last one if it fails for all."""
-    found, failed = attempt_each(step, given)
-    if not found:
+    result, failed = attempt_each(step, given)
+    if not result:
         raise failed[-1]
-    return found, failed
+    return result, failed
 
 
 def with_order_step(law: Law, others: Sequence[tuple[Order, float]], failures: Sequence[Exception]) -> Law:

@@ -142,7 +142,7 @@ class AbstractRegression(AbstractMethod):
         progress("choosing terms")
         if solver is not None and solver.hyperparameter is not None:
             rest = data.subtract(law.coefficients).problems
-            found = fitted_law(law, _sharing(solver, universal).solve(rest, np.isnan(known[0])), solver)
+            result = fitted_law(law, _sharing(solver, universal).solve(rest, np.isnan(known[0])), solver)
         else:
             listed: tuple[AbstractSolver, ...] = (
                 (solver,) if solver is not None else (STLSQ(normalize=True), BestSubset())
@@ -154,15 +154,15 @@ class AbstractRegression(AbstractMethod):
             choose = partial(
                 select, data, known, solvers, accuracy, rule=self.rule, n_resamples=self.n_resamples, seed=self.seed
             )
-            found = chosen_law(law, choose())
+            result = chosen_law(law, choose())
             if self.scoring == "forecasts":
                 progress("comparing forecasts of held-out trials")
-                scores = _forecast_scores(trials, data.subtract(law.coefficients), found, np.isnan(known[0]))
-                found = chosen_law(law, choose(scores=scores))
-        outcomes = (*found.diagnostics, *ill_conditions(found, data.problems))
+                scores = _forecast_scores(trials, data.subtract(law.coefficients), result, np.isnan(known[0]))
+                result = chosen_law(law, choose(scores=scores))
+        outcomes = (*result.diagnostics, *ill_conditions(result, data.problems))
         if isinstance(solver, STLSQ | SR3) and not solver.normalize and solver.hyperparameter is None:
             outcomes = (*outcomes, note("units-of-candidates"))
-        return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
+        return replace(result, provenance=replace(result.provenance, outcomes=outcomes))
 
     def _compressed(
         self, trials: Trials | TrialStream, rows: partial[RowsByObject], segments: int, progress: ProgressCallback

@@ -59,12 +59,12 @@ class Visited:
         """Return an expression at all samples, shape (n,); raises `CommonlawError` where it is not finite."""
         tree = read(text, self.variables.names)
         with np.errstate(all="ignore"):
-            found: Floats = evaluate(tree, self.values.T) + np.zeros(len(self.values))
-        if not np.isfinite(found).all():
-            at = self.values[np.argmin(np.isfinite(found))]
+            result: Floats = evaluate(tree, self.values.T) + np.zeros(len(self.values))
+        if not np.isfinite(result).all():
+            at = self.values[np.argmin(np.isfinite(result))]
             point = ", ".join(f"{name} = {value:g}" for name, value in zip(self.variables.names, at, strict=True))
             raise CommonlawError("coordinate-not-finite", coordinate=text, point=point)
-        return found
+        return result
 
     def steps(self, values: Floats) -> Floats:
         """Return the sizes of the steps from sample to sample within trials."""
@@ -168,7 +168,7 @@ def candidates(
     setting: Setting, coordinates: Sequence[str], times: str, equations: Sequence[int], zero_at: float | str | None
 ) -> list[CandidateFunction]:
     """Return functions of coordinates in equations, that of largest evidence first."""
-    found, reasons = [], []
+    result, reasons = [], []
     for coordinate in coordinates:
         try:
             values = setting.visited.evaluate(coordinate)
@@ -179,13 +179,13 @@ def candidates(
         except CommonlawError as error:
             reasons.append(error)
             continue
-        found += [CandidateFunction(basis, equation, 0.0) for equation in equations]
-    if not found:
+        result += [CandidateFunction(basis, equation, 0.0) for equation in equations]
+    if not result:
         raise CommonlawError("several", messages=reasons)
-    if len(found) == 1:
-        return found
+    if len(result) == 1:
+        return result
     alone = best(annealed(setting.problem, setting.alone))
-    valued = [replace(each, value=_value(setting, alone, each, zero_at)) for each in found]
+    valued = [replace(each, value=_value(setting, alone, each, zero_at)) for each in result]
     return sorted(valued, key=lambda each: each.value)
 
 
@@ -195,11 +195,11 @@ def _value(setting: Setting, alone: FunctionFit, candidate: CandidateFunction, z
     estimates = tuple(
         replace(estimate, coefficients=np.pad(estimate.coefficients, more)) for estimate in alone.estimates
     )
-    found = [np.inf]
+    result = [np.inf]
     for model_error in {alone.model_error, NO_ERROR}:
         with suppress(NotPositiveError):
-            found.append(fit_about(setting.problem, model, estimates, model_error).value)
-    return min(found)
+            result.append(fit_about(setting.problem, model, estimates, model_error).value)
+    return min(result)
 
 
 _FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (

@@ -134,14 +134,14 @@ def correlations(series: Sequence[Floats], lags: int) -> tuple[Floats, Floats]:
     """Return autocorrelations at lags from 1 on, and the number of pairs of each, shape (lags,); NaN makes no pair."""
     level = np.concatenate(series)
     mean, variance = np.nanmean(level), np.nanvar(level)
-    found, counts = np.zeros(lags), np.zeros(lags)
+    result, counts = np.zeros(lags), np.zeros(lags)
     for k in range(1, lags + 1):
         pairs = [(own[k:] - mean) * (own[:-k] - mean) for own in series if len(own) > k]
         products = np.concatenate([np.empty(0), *pairs])
         products = products[np.isfinite(products)]
         counts[k - 1] = len(products)
-        found[k - 1] = products.mean() / variance if len(products) and variance > 0 else 0.0
-    return found, counts
+        result[k - 1] = products.mean() / variance if len(products) and variance > 0 else 0.0
+    return result, counts
 
 
 MAX_KEPT = 5000

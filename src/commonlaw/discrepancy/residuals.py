@@ -20,11 +20,11 @@ from commonlaw.trials import Trials
 def residuals(law: Law, trials: Trials) -> Residuals:
     """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
     refuse_discrete_time(law)
-    found, spent = untested(law, trials, measured_noise(law))
+    result, spent = untested(law, trials, measured_noise(law))
     tested = patterns(
-        measured_schema(law).states, found.standardized, found.columns, law.schema.time, spent.sum(axis=0).tolist()
+        measured_schema(law).states, result.standardized, result.columns, law.schema.time, spent.sum(axis=0).tolist()
     )
-    return replace(found, patterns=tested)
+    return replace(result, patterns=tested)
 
 
 def refuse_discrete_time(law: Law) -> None:
@@ -51,9 +51,9 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     for trial, own in zip(forecast.trials, fitted, strict=True):
         std = errors.measurement_std(own[:, :states], trial.std(noise))
         standardized.append((trial.states - own[:, :states]) / std)
-    found = Residuals(forecast.trials, fitted, tuple(standardized), rate_names(law), ())
+    result = Residuals(forecast.trials, fitted, tuple(standardized), rate_names(law), ())
     counts = np.array([[len(trials.of_object(name))] for name in trials.objects])
-    return found, counts * np.array(law.order) + _spent(law, trials)
+    return result, counts * np.array(law.order) + _spent(law, trials)
 
 
 def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals, Floats]:

@@ -92,13 +92,13 @@ def factors(basis: SmoothBasis, constraints: Floats) -> list[Floats]:
 
 
 def _covariance(basis: SmoothBasis, length: float) -> Floats:
-    found = np.zeros((len(basis), len(basis)))
+    result = np.zeros((len(basis), len(basis)))
     distances = np.subtract.outer(basis.knots, basis.knots) / length
     bumps = basis.values(np.array([basis.centre]))[0, 1:]
-    found[1:, 1:] = np.exp(-(distances**2) / 2)
-    found /= bumps @ found[1:, 1:] @ bumps
-    found[0, 0] = 1 / basis.range**2
-    return found
+    result[1:, 1:] = np.exp(-(distances**2) / 2)
+    result /= bumps @ result[1:, 1:] @ bumps
+    result[0, 0] = 1 / basis.range**2
+    return result
 
 
 def _conditioned(covariance: Floats, constraints: Floats) -> Floats:

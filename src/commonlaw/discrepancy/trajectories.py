@@ -223,15 +223,15 @@ def start(problem: SearchProblem, model: FunctionModel) -> tuple[Estimate, ...]:
 
 def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
     """Return the fits at all model errors, from large ones to none; raises `CommonlawError` if none can be computed."""
-    estimates, found = start(problem, model), list[FunctionFit]()
+    estimates, result = start(problem, model), list[FunctionFit]()
     for model_error in ANY_ERROR:
         with suppress(NotPositiveError):
             first = fit_about(problem, model, estimates, model_error)
-            found.append(fit_about(problem, model, followed(problem, first), model_error))
-            estimates = found[-1].estimates
-    if not found:
+            result.append(fit_about(problem, model, followed(problem, first), model_error))
+            estimates = result[-1].estimates
+    if not result:
         raise CommonlawError("discrepancy-fit-failed")
-    return found
+    return result
 
 
 def converged(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
@@ -250,13 +250,15 @@ def converged(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
 def followed(problem: SearchProblem, fitted: FunctionFit) -> tuple[Estimate, ...]:
     """Return trajectories with the coefficients and weights of a fit."""
     model, errors = fitted.model, errors_to_fit(fitted.model_error)
-    none, found = np.zeros_like(model.own), []
+    none, result = np.zeros_like(model.own), []
     pairs = zip(problem.models, fitted.estimates, fitted.posterior.coefficients, strict=True)
     for trajectory, estimate, coefficients in pairs:
         changed = estimate.coefficients.copy()
         changed[model.own], changed[model.shared] = coefficients, fitted.posterior.weights
-        found.append(fit(replace(trajectory, terms=model.terms), replace(estimate, coefficients=changed), none, errors))
-    return tuple(found)
+        result.append(
+            fit(replace(trajectory, terms=model.terms), replace(estimate, coefficients=changed), none, errors)
+        )
+    return tuple(result)
 
 
 def fit_about(

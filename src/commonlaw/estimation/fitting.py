@@ -241,7 +241,7 @@ def updated(law: Law, trials: Trials) -> Law:
 
 def _values_of(law: Law, begun: "Beginning") -> Floats:
     """Return first values of the unknowns: those of a law, as far as it has some that are not zero."""
-    found, named = begun.first.copy(), named_parameters(law)
+    result, named = begun.first.copy(), named_parameters(law)
     estimated = () if law.observation is None else law.observation.estimated
     by_trial = {(each.object, each.trial, each.name): each.value for each in estimated}
     rows = zip(begun.trials, begun.unknowns.parameters, begun.unknowns.initial, strict=True)
@@ -251,8 +251,8 @@ def _values_of(law: Law, begun: "Beginning") -> Floats:
             name = begun.unknowns.names[k]
             value = by_trial.get((trial.object, trial.name, name), own.get(name, 0.0))
             if k >= 0 and value != 0 and np.isfinite(value):
-                found[k] = value
-    return found
+                result[k] = value
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,7 +369,7 @@ def _check_latent(model: Model, given: Mapping[str, InitialGiven]) -> None:
 
 
 def _unknowns(model: Model, trials: Trials, properties: Sequence[str], universal: Mapping[str, str]) -> Unknowns:
-    found, shared = Unknowns(), dict[tuple[str, object], int]()
+    result, shared = Unknowns(), dict[tuple[str, object], int]()
     for name in universal:
         check_choice("parameter", name, [parameter for parameter in model.parameters if parameter not in properties])
     for trial in trials:
@@ -384,19 +384,19 @@ def _unknowns(model: Model, trials: Trials, properties: Sequence[str], universal
             if (name, key) not in shared:
                 alone = by == ALL or (by == OBJECT and len(trials.objects) == 1)
                 label = trial.label if by == TRIAL else key
-                shared[name, key] = found.add(name, name if alone else f"{name} of {label}")
+                shared[name, key] = result.add(name, name if alone else f"{name} of {label}")
             indices.append(shared[name, key])
             values.append(0.0)
-        found.parameters.append(indices)
-        found.values.append(values)
+        result.parameters.append(indices)
+        result.values.append(values)
     for trial in trials:
         determined = model.free_of(trial.object)
         indices = [
-            found.add(f"{name}(0)", f"{name}(0) of {trial.label}") if j in determined else -1
+            result.add(f"{name}(0)", f"{name}(0) of {trial.label}") if j in determined else -1
             for j, name in enumerate(model.variables.states)
         ]
-        found.initial.append(indices)
-    return found
+        result.initial.append(indices)
+    return result
 
 
 def _group(by: str, trial: Trial, trials: Trials) -> object:
@@ -694,12 +694,12 @@ def _law(begun: Beginning, optimum: Optimum, calls: tuple[str, ...]) -> Law:
 
 def _typical_noise(problem: Problem, optimum: Optimum) -> Floats:
     """Return the noise of each observable, the median where each measurement has its own, shape (m,)."""
-    found = optimum.noise.copy()
+    result = optimum.noise.copy()
     for k in np.flatnonzero(problem.known_noise):
-        own = np.concatenate([(trial.trial.std(found) / trial.trial.averaging)[:, k] for trial in problem.trials])
+        own = np.concatenate([(trial.trial.std(result) / trial.trial.averaging)[:, k] for trial in problem.trials])
         seen = np.concatenate([np.isfinite(trial.trial.noise[:, k]) for trial in problem.trials])
-        found[k] = np.median(own[seen])
-    return found
+        result[k] = np.median(own[seen])
+    return result
 
 
 def _values(model: Model, unknowns: Unknowns, found: Floats, trials: Trials, owner: str) -> dict[str, Floats]:
@@ -721,7 +721,7 @@ def _covariance(
     means = {owner: unknowns.means(trials, owner)[0] for owner in trials.objects}
     uses = np.sum([mean.any(axis=0) for mean in means.values()], axis=0)
     shared = np.flatnonzero((uses > 1) & ~optimum.at_bound)
-    found, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
+    result, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
     std = np.sqrt(np.diagonal(covariance)[shared])
     std = np.where(std > 0, std, 1.0)
     # Of nearly collinear unknowns the rounded correlations are hardly positive definite
@@ -738,18 +738,18 @@ def _covariance(
                     slope = outer * power * float(values[name]) ** (power - 1)
                     slopes[place[product.equation, product.term], model.parameters.index(name)] += slope
         slopes = slopes @ means[owner]
-        found[i] = slopes @ covariance @ slopes.T
+        result[i] = slopes @ covariance @ slopes.T
         if len(shared):
             half = np.linalg.solve(root, covariance[shared] @ slopes.T)
             factors.append(half.T)
-    return found, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
+    return result, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
 
 
 def _at_bounds(model: Model, unknowns: Unknowns, bounds: Bounds, optimum: Optimum) -> tuple[Outcome, ...]:
     """Return which parameters are at a bound, each with the interval on the other side."""
     from scipy.stats import norm
 
-    found = []
+    result = []
     for i in np.flatnonzero(optimum.at_bound):
         name, end = unknowns.names[i], float(optimum.unknowns[i])
         value, error = (float(each[i]) for each in optimum.beyond)
@@ -759,5 +759,7 @@ def _at_bounds(model: Model, unknowns: Unknowns, bounds: Bounds, optimum: Optimu
         text = next((bound.text for bound in model.text.bounds if bound.name == name), name)
         estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
         where = unknowns.labels[i].removeprefix(f"{name} of ") if unknowns.labels[i] != name else ""
-        found.append(note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=text))
-    return tuple(found)
+        result.append(
+            note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=text)
+        )
+    return tuple(result)

@@ -188,12 +188,12 @@ class Problem:
         times, inputs = data.times[:1], data.inputs.at(data.times[:1], parameters)
         unit, given = model.point(np.zeros((1, model.width)), 0 * inputs, times, parameters), list(model.steady_inputs)
         inputs[0, given] = model.before.evaluate(unit)[0, given]
-        found = initial.copy()
-        found[own] = sizes
+        result = initial.copy()
+        result[own] = sizes
         step, last = np.inf, np.inf
         with np.errstate(all="ignore"):
             for _ in range(_STEADY_ROUNDS):
-                point = model.point(found[np.newaxis], inputs, times, parameters)
+                point = model.point(result[np.newaxis], inputs, times, parameters)
                 rates, jacobian = model.rates.evaluate(point)[0, own], model.rates.jacobian(point)[0, own]
                 speed = float(np.max(np.abs(rates) / sizes)) or _TINY
                 step, last = step * min(10.0, max(last / speed, 0.1)) if np.isfinite(step) else 1 / speed, speed
@@ -201,27 +201,27 @@ class Problem:
                     change = np.linalg.solve(np.eye(len(own)) / step - jacobian[:, own], rates)
                 except np.linalg.LinAlgError:
                     break
-                found[own] += change
-                if np.max(np.abs(change) / (np.abs(found[own]) + sizes)) < _STEADY_TOLERANCE:
+                result[own] += change
+                if np.max(np.abs(change) / (np.abs(result[own]) + sizes)) < _STEADY_TOLERANCE:
                     if np.linalg.matrix_rank(jacobian[:, own] * sizes) < len(own):
                         break  # It is one of many
-                    return found, by if by is None else self._steady_by(jacobian, by, unit)
-        return np.full_like(found, np.nan), by
+                    return result, by if by is None else self._steady_by(jacobian, by, unit)
+        return np.full_like(result, np.nan), by
 
     def _steady_by(self, jacobian: Floats, by: Floats, unit: Floats) -> Floats:
         """Return derivatives of initial values with those of the steady state: 0 = f(x, y, u, p), y being the others.
 
         dx/dp = -inv(f_x) (f_p + f_u du/dp + f_y dy/dp); `jacobian` has the derivatives of f by all variables.
         """
-        model, own, found = self.model, list(self.model.steady), by.copy()
+        model, own, result = self.model, list(self.model.steady), by.copy()
         count, first, given = len(model.parameters), model.first_parameter, list(model.steady_inputs)
         others = np.delete(np.arange(model.width), own)
         right = jacobian[:, others] @ by[others]
         right[:, :count] += jacobian[:, first : first + count]
         columns = model.width + np.array(given, dtype=np.int64)
         right[:, :count] += jacobian[:, columns] @ model.before.jacobian(unit)[0, given, first : first + count]
-        found[own] = -np.linalg.solve(jacobian[:, own], right)
-        return found
+        result[own] = -np.linalg.solve(jacobian[:, own], right)
+        return result
 
     def _solution(self, data: TrialData, parameters: Floats, initial: Floats, slopes: bool) -> Solution:
         if not np.isfinite(initial).all() or not np.isfinite(parameters).all():
@@ -320,7 +320,7 @@ class Problem:
 
         Those that are known stay. `freedom` is how many unknowns are to be counted off, for an unbiased estimate.
         """
-        found, squares = noise.copy(), np.zeros(len(noise))
+        result, squares = noise.copy(), np.zeros(len(noise))
         tails = list[tuple[Floats, Floats]]()
         for data in self.trials:
             trial, values = data.trial, self.predicted(data, unknowns, False).values
@@ -336,10 +336,10 @@ class Problem:
             if not count:
                 continue
             share = freedom * count / total
-            found[k] = np.sqrt(squares[k] / max(count - share, 0.1))
+            result[k] = np.sqrt(squares[k] / max(count - share, 0.1))
             if self.censored[k]:
-                found[k] = _with_tails(squares[k], count - share, [(a[:, k], b[:, k]) for a, b in tails], found[k])
-        return found
+                result[k] = _with_tails(squares[k], count - share, [(a[:, k], b[:, k]) for a, b in tails], result[k])
+        return result
 
     def log_likelihood(self, unknowns: Floats, noise: Floats) -> float:
         """Return the log-likelihood of the measurements, without priors."""

@@ -168,10 +168,10 @@ def _by_levenberg_marquardt(objective: _Objective, start: Floats, free: Bools, l
         return start
 
     def whole(point: Floats) -> Floats:
-        found = start.copy()
+        result = start.copy()
         with np.errstate(over="ignore"):
-            found[free] = start[free] * np.exp(point) if logarithms else point
-        return found
+            result[free] = start[free] * np.exp(point) if logarithms else point
+        return result
 
     def residuals(point: Floats) -> Floats:
         return np.nan_to_num(objective.residuals(whole(point)), nan=1e30, posinf=1e30, neginf=-1e30)
@@ -229,12 +229,12 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
 def rough_noise(problem: Problem) -> Floats:
     """Return noise to begin with where it is not known: a share of how measurements scatter, shape (m,)."""
     values = np.concatenate([trial.trial.states for trial in problem.trials])
-    found = np.ones(values.shape[1])
+    result = np.ones(values.shape[1])
     for k, column in enumerate(values.T):
         seen = column[np.isfinite(column)]
         spread = float(np.std(seen)) if len(seen) > 1 else 0.0
-        found[k] = _ROUGH_NOISE * (spread or float(np.max(np.abs(seen), initial=0.0)) or 1.0)
-    return found
+        result[k] = _ROUGH_NOISE * (spread or float(np.max(np.abs(seen), initial=0.0)) or 1.0)
+    return result
 
 
 def maximize(
@@ -383,8 +383,8 @@ def _inverse(slopes: Floats) -> Floats:
         inverse = np.where(sizes > least * sizes.max(initial=0.0), 1 / sizes**2, np.inf)
     directions = turned.T
     finite = np.isfinite(inverse)
-    found = (directions[:, finite] * inverse[finite]) @ directions[:, finite].T
+    result = (directions[:, finite] * inverse[finite]) @ directions[:, finite].T
     lost = (directions[:, ~finite] ** 2).sum(axis=1) > 1e-6
-    found = found / scale / scale[:, np.newaxis]
-    found[lost, lost] = np.inf
-    return np.asarray(found)
+    result = result / scale / scale[:, np.newaxis]
+    result[lost, lost] = np.inf
+    return np.asarray(result)

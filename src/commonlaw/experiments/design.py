@@ -185,11 +185,11 @@ def _gains(law: Law, hypotheses: Sequence[Hypothesis], prior: Floats, evidence: 
     if evidence is None:
         return ()
     units = [unit or "" for unit in named_parameters(law).units for _ in hypotheses[0].objects]
-    found = [
+    result = [
         Gain(each.name, unit, each.std(prior), each.expected_std(prior, evidence))
         for each, unit in zip(coefficients(hypotheses), units, strict=True)
     ]
-    return tuple(sorted(found, key=lambda each: each.then / each.now if each.now > 0 else 1.0))
+    return tuple(sorted(result, key=lambda each: each.then / each.now if each.now > 0 else 1.0))
 
 
 def usual(law: Law, trials: Trials) -> dict[str, Options]:
@@ -197,37 +197,37 @@ def usual(law: Law, trials: Trials) -> dict[str, Options]:
     followed = law.predict(trials, averaged=False)
     trials = matched(law, trials)
     starts = np.array([trajectory.states[0] for trajectory in followed.trajectories])
-    found: dict[str, Options] = {}
+    result: dict[str, Options] = {}
     rates = [rate for _, rate in state_rates(law)]
     for j, name in enumerate(law.terms.variables.states):
         spread = max(np.ptp(trajectory.states[:, j]) for trajectory in followed.trajectories)
         if name in rates and np.abs(starts[:, j]).max() < _REST * spread:
-            found[name] = (0.0,)
+            result[name] = (0.0,)
         elif name not in law.schema.starts:
-            found[name] = _between(starts[:, j])
+            result[name] = _between(starts[:, j])
     if law.schema.doses:
-        found |= _usual_doses(law, trials)
+        result |= _usual_doses(law, trials)
     else:
         inputs = np.array([trial.inputs.mean(axis=0) for trial in trials])
-        found |= {name: _between(inputs[:, j]) for j, name in enumerate(law.schema.inputs)}
-    found["duration"] = (float(np.median([trial.times[-1] - trial.times[0] for trial in trials])),)
-    found["samples"] = (float(np.median([len(trial.measured()) for trial in trials])),)
-    return found
+        result |= {name: _between(inputs[:, j]) for j, name in enumerate(law.schema.inputs)}
+    result["duration"] = (float(np.median([trial.times[-1] - trial.times[0] for trial in trials])),)
+    result["samples"] = (float(np.median([len(trial.measured()) for trial in trials])),)
+    return result
 
 
 def _usual_doses(law: Law, trials: Trials) -> dict[str, Options]:
     """Return the amounts of doses, which stand in trials as large inputs for a moment, and when the first is given."""
-    found: dict[str, Options] = {}
+    result: dict[str, Options] = {}
     for j, name in enumerate(law.schema.inputs):
         own = [(trial, np.flatnonzero(trial.inputs[:, j])) for trial in trials]
         pulses = [(each, given) for each, given in own if len(given)]
         amounts = [each.inputs[i, j] * (each.times[i] - each.times[i - 1]) for each, given in pulses for i in given]
-        found[name] = _between(np.array(amounts)) if amounts else (0.0,)
+        result[name] = _between(np.array(amounts)) if amounts else (0.0,)
         if pulses:
-            found[f"{name}.at"] = (
+            result[f"{name}.at"] = (
                 float(np.median([each.times[given[0] - 1] - each.times[0] for each, given in pulses])),
             )
-    return found
+    return result
 
 
 def _between(values: "np.typing.NDArray[np.float64]") -> Options:
@@ -280,15 +280,15 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
         name: Range(*visited[name]) for name in law.schema.states if name in visited and np.ptp(visited[name]) > 0
     }
     vary: dict[str, Options] = {**usual(law, trials), **ranges}
-    found = []
+    result = []
     for purpose, about in _purposes(law):
         settings: dict[str, Any] = {"experiments": most, "about": about, "points": POINTS // 4}
         try:
             made = design(law, vary, within=ranges, progress=lambda _: None, **settings)
         except CommonlawError:  # Forecasts may diverge from everywhere
             continue
-        found.append(Suggestion(purpose, made))
-    return tuple(found)
+        result.append(Suggestion(purpose, made))
+    return tuple(result)
 
 
 def _purposes(law: Law) -> list[tuple[str, str]]:

@@ -116,15 +116,15 @@ class Settings:
 
     def at(self, point: Floats) -> dict[str, Value]:
         """Return the settings at a point of the unit cube, shape (varied settings,)."""
-        found, shares = dict[str, Value](), dict(zip(self.varied, point.tolist(), strict=True))
+        result, shares = dict[str, Value](), dict(zip(self.varied, point.tolist(), strict=True))
         for name, option in self.options.items():
             share = shares.get(name, 0.0)
-            found[name] = (
+            result[name] = (
                 option.at(share)
                 if isinstance(option, Range)
                 else option[min(int(share * len(option)), len(option) - 1)]
             )
-        return found
+        return result
 
     def spread(self, count: int, seed: int) -> Floats:
         """Return points all over the unit cube, shape (points, varied): corners, and as many more (Sobol 1967)."""
@@ -140,20 +140,20 @@ class Settings:
             ends = np.array(list(product((0.0, 1.0), repeat=len(ranges))))
         lists = [len(own) for name in self.varied if not isinstance(own := self.options[name], Range)]
         corners = np.tile(ends, (max(1, *lists, 1), 1))
-        found = qmc.Sobol(len(self.varied), seed=seed + 1).random_base2(int(np.ceil(np.log2(len(corners) + 1))))
-        found = found[: len(corners)]
-        found[:, ranges] = corners
-        return np.concatenate([found, inner])
+        result = qmc.Sobol(len(self.varied), seed=seed + 1).random_base2(int(np.ceil(np.log2(len(corners) + 1))))
+        result = result[: len(corners)]
+        result[:, ranges] = corners
+        return np.concatenate([result, inner])
 
     def near(self, point: Floats, width: float, count: int, seed: int) -> Floats:
         """Return points about one, shape (count, varied): numbers within a width, one of the lists' values anew."""
         random = np.random.default_rng(seed)
-        found = np.clip(point + width * random.uniform(-1, 1, (count, len(point))), 0.0, 1.0)
+        result = np.clip(point + width * random.uniform(-1, 1, (count, len(point))), 0.0, 1.0)
         for j, name in enumerate(self.varied):
             if not isinstance(self.options[name], Range):
                 anew = random.uniform(size=count) < width
-                found[:, j] = np.where(anew, random.uniform(size=count), point[j])
-        return found
+                result[:, j] = np.where(anew, random.uniform(size=count), point[j])
+        return result
 
 
 def read(name: str, value: object) -> Options:

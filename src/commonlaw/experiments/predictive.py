@@ -294,10 +294,10 @@ class _Planned:
     @property
     def start_std(self) -> Floats:
         """How far starts may be off, on the scale of the states that are followed, shape (D,)."""
-        own, found = self.experiment, self.experiment.start_std.copy()
+        own, result = self.experiment, self.experiment.start_std.copy()
         logs = list(self.law.terms.variables.logarithmic_columns)
-        found[logs] /= own.start[logs]
-        return found
+        result[logs] /= own.start[logs]
+        return result
 
     def leaves(self, found: Trajectory, limits: Mapping[str, Range]) -> float:
         """Return the last time before a trajectory leaves limits."""

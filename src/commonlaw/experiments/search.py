@@ -190,12 +190,12 @@ class Search:
 
     def evidence(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> Evidence | None:
         """Return what experiments say together; nothing if there is none."""
-        found = None
+        result = None
         for place, each in enumerate(chosen):
             if each is not None:
                 own = self._evidence_of(each, draws, place)
-                found = found + own if found else own
-        return found
+                result = result + own if result else own
+        return result
 
     def _evidence_of(self, each: Candidate, count: int, place: int) -> Evidence:
         """Return the evidence of an experiment, with so many draws, in its place among others."""

@@ -372,7 +372,7 @@ def begin(
         law, start = with_weights(law, trials), max(map(len, trials))
     if from_time is not None and not np.isfinite(from_time):
         raise CommonlawError("forecast-from-time", from_time=from_time)
-    found, lost = [], []
+    result, lost = [], []
     for trial in trials:
         inputs = Inputs.of(trial.times, trial.inputs, input_between or law.schema.input_between)
         extended = with_times(trial, inputs, wanted) if len(wanted) else trial
@@ -385,22 +385,22 @@ def begin(
                     is_kept = np.isfinite(trial.states).any(axis=1) | (np.arange(len(trial)) == 0)
                     measured, count = trial.rows(np.asarray(is_kept)), count + 1
                 fitted_start = fit_initial_state(law, measured, inputs, count)
-            found.append(Beginning(extended, inputs, trial.measured(), fitted_start))
+            result.append(Beginning(extended, inputs, trial.measured(), fitted_start))
         elif trial.times[0] < from_time <= extended.times[-1]:
-            found.append(_begin_later(law, trial, extended, inputs, start, from_time))
+            result.append(_begin_later(law, trial, extended, inputs, start, from_time))
         else:
             lost.append(f"{trial.label}, t = {trial.times[0]:g} to {extended.times[-1]:g}")
     why = Diagnostic("no-samples-around", {"from_time": from_time, "trials": shown(lost)})
-    if not found:
+    if not result:
         raise CommonlawError("forecast-no-trial", reason=why)
     notes = [f"trials not forecast {why.sentence(marked)}"] if lost else []
-    unknown = [each.start_samples.label for each in found if rate_names(law) and len(each.start_samples) == 1]
+    unknown = [each.start_samples.label for each in result if rate_names(law) and len(each.start_samples) == 1]
     if unknown:
         notes.append(f"rates not identifiable from one sample were set to zero, without a band: {'; '.join(unknown)}")
     # Trials that are forecast as they are stay the same
-    kept = [each.trial for each in found]
+    kept = [each.trial for each in result]
     trials = trials if kept == list(trials) else trials.with_trials(kept)
-    return (replace(trials, notes=(*trials.notes, *notes)) if notes else trials), found
+    return (replace(trials, notes=(*trials.notes, *notes)) if notes else trials), result
 
 
 def _begin_later(

@@ -72,7 +72,7 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
     covariance = None
     if known is not None:
         covariance = np.array([*known[indices], *(each.covariances for each in drawn)])
-    found = replace(
+    result = replace(
         law,
         objects=(*seen, *unseen),
         coefficients=np.array([*law.coefficients[indices], *(each.coefficients for each in drawn)]),
@@ -87,7 +87,7 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
         ),
         properties={},
     )
-    return found, tuple(each.note for each in drawn)
+    return result, tuple(each.note for each in drawn)
 
 
 def _by_pooled(law: Law) -> Law:

@@ -169,29 +169,29 @@ def predict(
         with suppress(CommonlawError):  # Its start may not be fitted where that of the law is
             other = replace(each.law, provenance=law.provenance)
             parts.append(Part(each.probability, forecast(other), equations="; ".join(other.structure)))
-    found = average(parts)
-    if said := remarks_on(found):
-        found = replace(found, trials=replace(found.trials, notes=(*found.trials.notes, *said)))
-    found = found if trials.schema.logarithmic == law.schema.logarithmic else found.as_measured(trials)
+    result = average(parts)
+    if said := remarks_on(result):
+        result = replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *said)))
+    result = result if trials.schema.logarithmic == law.schema.logarithmic else result.as_measured(trials)
     # Where it leaves what the law was learned from
     domain, left, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
-    for trial, trajectory in zip(found.trials, found.trajectories, strict=True):
+    for trial, trajectory in zip(result.trials, result.trajectories, strict=True):
         visited = dict(zip((*law.schema.states, *rate_names(law)), trajectory.states.T, strict=True))
-        visited |= dict(zip(found.trials.schema.inputs, trial.inputs.T, strict=True))
-        properties = found.trials.properties.get(trial.object, {})
+        visited |= dict(zip(result.trials.schema.inputs, trial.inputs.T, strict=True))
+        properties = result.trials.properties.get(trial.object, {})
         visited |= {name: np.array([value]) for name, value in properties.items() if isinstance(value, float)}
         for name, values in visited.items():
             farthest = domain.left_by(name, values)
             if farthest is not None:
                 left.setdefault(name, {})[trial.label] = farthest
         known = trial.times[np.isfinite(trial.states).any(axis=1)][-1]
-        since = known if found.from_time is None else min(known, found.from_time)
+        since = known if result.from_time is None else min(known, result.from_time)
         ahead = max(ahead, float(trial.times[-1] - since))
-    unit = found.trials.schema.units.get(found.trials.schema.time, "")
+    unit = result.trials.schema.units.get(result.trials.schema.time, "")
     remarks = tuple(domain.remarks(left, unit, ahead))
     if not remarks:
-        return found
-    return replace(found, trials=replace(found.trials, notes=(*found.trials.notes, *remarks)))
+        return result
+    return replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *remarks)))
 
 
 def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: float | None = None) -> Forecast:

@@ -99,11 +99,11 @@ class AbstractSampledForm(AbstractFormulation):
         cuts = [first + (last - first) * i // segments for i in range(1, segments)]
         width = len(terms) + trial.states.shape[1]
         by_cut = groupby(self.segments(trial, cuts), key=lambda segment: bisect_right(cuts, segment[0]))
-        found = [LeastSquaresProblem.of_blocks(_blocks(parts, terms, width), len(terms), width) for _, parts in by_cut]
-        if not all(np.isfinite(problem.factor).all() for problem in found):
+        result = [LeastSquaresProblem.of_blocks(_blocks(parts, terms, width), len(terms), width) for _, parts in by_cut]
+        if not all(np.isfinite(problem.factor).all() for problem in result):
             self.rows(trial, terms)  # Its message names the term and the sample
             raise CommonlawError("rate-not-finite", where=trial.label)
-        return found
+        return result
 
     def problem(self, trials: Sequence[Trial], terms: Terms) -> LeastSquaresProblem:
         """Return the rows of several trials, of which blocks are filled together, as `AbstractFormulation` does."""
@@ -111,10 +111,10 @@ class AbstractSampledForm(AbstractFormulation):
             self._check(trial, terms)
         width = len(terms) + trials[0].states.shape[1]
         segments = chain.from_iterable(self.segments(trial, []) for trial in trials)
-        found = LeastSquaresProblem.of_blocks(_blocks(segments, terms, width), len(terms), width)
-        if not np.isfinite(found.factor).all():
+        result = LeastSquaresProblem.of_blocks(_blocks(segments, terms, width), len(terms), width)
+        if not np.isfinite(result.factor).all():
             return super().problem(trials, terms)  # Its message names the trial
-        return found
+        return result
 
     def _check(self, trial: Trial, terms: Terms) -> None:
         """Refuse a trial with missing states where all are needed."""

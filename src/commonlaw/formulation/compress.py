@@ -105,7 +105,7 @@ def rows_by_object(
     def work(some: tuple[Trial, ...]) -> tuple[tuple[Trial, ...], list[LeastSquaresProblem]]:
         return some, form.problems(some[0], terms, segments) if len(some) == 1 else [form.problem(some, terms)]
 
-    pairs, found = map(work, _in_order(trials, segments)), dict[str, ObjectRows]()
+    pairs, result = map(work, _in_order(trials, segments)), dict[str, ObjectRows]()
     if n_jobs != 1:
         from joblib import Parallel, cpu_count, delayed
 
@@ -117,8 +117,8 @@ def rows_by_object(
             left_out = max(0, len(trial) - SAMPLES) // 2
             kept.append(trial.rows(slice(left_out, left_out + SAMPLES)) if left_out else trial)
         extremes = np.array([[column.min() for column in columns], [column.max() for column in columns]])
-        _add(found, {some[0].object: ObjectRows((tuple(problems),), 1, extremes, tuple(kept))})
-    return found
+        _add(result, {some[0].object: ObjectRows((tuple(problems),), 1, extremes, tuple(kept))})
+    return result
 
 
 def _in_order(trials: Iterable[Trial], segments: int) -> Iterator[tuple[Trial, ...]]:
@@ -141,10 +141,10 @@ def _columns(trials: Sequence[Trial]) -> Floats:
 
 def merged_rows(parts: Iterable[dict[str, ObjectRows]]) -> dict[str, ObjectRows]:
     """Return what the rows of each object come to in several parts of the trials, in their order."""
-    found = dict[str, ObjectRows]()
+    result = dict[str, ObjectRows]()
     for part in parts:
-        _add(found, part)
-    return found
+        _add(result, part)
+    return result
 
 
 def _add(found: dict[str, ObjectRows], part: dict[str, ObjectRows]) -> None:

@@ -34,14 +34,14 @@ def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = Fa
 
 
 def _compiled(library: CDLL, factors: Floats, inside: Indices, near: float, bound: bool) -> Floats:
-    factors, found = np.ascontiguousarray(factors), np.empty(factors.shape[2])
+    factors, result = np.ascontiguousarray(factors), np.empty(factors.shape[2])
     chosen = np.ascontiguousarray(inside, dtype=np.int64)
     failed = library.commonlaw_explained(
-        *factors.shape, address(factors), len(chosen), address(chosen), near, bound, address(found)
+        *factors.shape, address(factors), len(chosen), address(chosen), near, bound, address(result)
     )
     if failed:
         raise MemoryError
-    return found
+    return result
 
 
 _MAX_SQUARED_NORM = 1e4
@@ -247,9 +247,9 @@ def least_squares_of_each(problems: Sequence[LeastSquaresProblem], support: Bool
         reduced = np.asarray(np.linalg.qr(rows, mode="r"))[:, : len(columns) - 1]
         triangles = reduced[:, :, :-1]
         if np.all(np.linalg.cond(triangles, 1) * _SINGULAR < 1):
-            found = np.zeros((len(problems), len(support)))
-            found[:, support] = np.linalg.solve(triangles, reduced[:, :, -1:])[..., 0] / scales
-            return found
+            result = np.zeros((len(problems), len(support)))
+            result[:, support] = np.linalg.solve(triangles, reduced[:, :, -1:])[..., 0] / scales
+            return result
     return np.array([problem.least_squares(support, target) for problem in problems])
 
 
@@ -314,15 +314,15 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
             np.multiply(mixed[column:], mixed[column], out=own[first : first + size - column])
             first += size - column
         sums = blas.dgemm(1.0, own.T, counts[:, some].T, 1.0, sums, trans_a=True, overwrite_c=True)
-    gram, found = np.zeros((size, size), order="F"), list[LeastSquaresProblem]()
+    gram, result = np.zeros((size, size), order="F"), list[LeastSquaresProblem]()
     for each, drawn in zip(sums.T, counts, strict=True):
         gram[left, right] = each
         drawn_factor = _factor_of(gram, factor, terms)
         if drawn_factor is None:
-            found.append(LeastSquaresProblem.of(library, targets, drawn))
+            result.append(LeastSquaresProblem.of(library, targets, drawn))
         else:
-            found.append(LeastSquaresProblem(drawn_factor, terms, len(library)))
-    return found
+            result.append(LeastSquaresProblem(drawn_factor, terms, len(library)))
+    return result
 
 
 def _factor_of(gram: Floats, factor: Floats, terms: int) -> Floats | None:

@@ -405,23 +405,23 @@ def reweight(trials: Trials, terms: Terms, form: WeakForm) -> tuple[WeakForm, di
     trial cannot be used.
     """
     states = len(trials.schema.states)
-    found = {
+    result = {
         name: _coefficients([form.tested(trial, terms) for trial in trials.of_object(name)], states)
         for name in trials.objects
     }
-    return replace(form, coefficients=found), found
+    return replace(form, coefficients=result), result
 
 
 def _coefficients(tested: Sequence[WeakRows], equations: int) -> Floats:
     """Return the coefficients of one object, shape (equations, terms)."""
     plain = merge(LeastSquaresProblem.of(each.library, each.targets) for each in tested)
     used = np.ones(plain.terms, dtype=np.bool_)
-    found = np.array([plain.least_squares(used, j) for j in range(equations)])
+    result = np.array([plain.least_squares(used, j) for j in range(equations)])
     for j in range(equations):
         for _ in range(30):
-            problem = merge(LeastSquaresProblem.of(*each.whitened(found, (j,))) for each in tested)
-            before, found[j] = found[j].copy(), problem.least_squares(used, j)
-            change, size = (np.linalg.norm(problem.norms * each) for each in (found[j] - before, found[j]))
+            problem = merge(LeastSquaresProblem.of(*each.whitened(result, (j,))) for each in tested)
+            before, result[j] = result[j].copy(), problem.least_squares(used, j)
+            change, size = (np.linalg.norm(problem.norms * each) for each in (result[j] - before, result[j]))
             if change <= 1e-6 * size:  # Further steps change no digit that noise leaves
                 break
-    return found
+    return result

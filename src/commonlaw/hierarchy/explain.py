@@ -304,14 +304,14 @@ def _swept(
     own: Estimates, choices: Sequence[RelationChoice], properties: PropertyTable, order: Sequence[int]
 ) -> list[RelationChoice]:
     """Return relations that are each the most probable given the others, chosen in this order."""
-    found = list(choices)
-    for _ in range(5 if len(found) > 1 else 0):
-        before = [each.form for each in found]
+    result = list(choices)
+    for _ in range(5 if len(result) > 1 else 0):
+        before = [each.form for each in result]
         for k in order:
-            found[k] = _chosen(own, [each.model for each in found], k, properties)
-        if before == [each.form for each in found]:
+            result[k] = _chosen(own, [each.model for each in result], k, properties)
+        if before == [each.form for each in result]:
             break
-    return found
+    return result
 
 
 def _chosen(

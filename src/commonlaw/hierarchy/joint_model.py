@@ -116,8 +116,8 @@ class JointModel:
         """Return the best factors, shape (factors,), and their covariance, given their precision beforehand."""
         weighted = np.matmul(self.design.swapaxes(1, 2), self.precisions)
         covariance = np.linalg.inv((weighted @ self.design).sum(axis=0) + np.diag(precision))
-        found = covariance @ np.einsum("oqk,ok->q", weighted, self.residuals)
-        return found, (covariance + covariance.T) / 2
+        result = covariance @ np.einsum("oqk,ok->q", weighted, self.residuals)
+        return result, (covariance + covariance.T) / 2
 
     def log_evidence(self, precision: Floats) -> float:
         """Return the logarithm of the density of all estimates, factors integrated out, given their precision."""

@@ -255,8 +255,8 @@ def _shrunk(own: Floats, information: Floats, variances: Floats) -> tuple[Shrink
     likely, added = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
     final = _Posterior.of(effects, likely[np.newaxis])
     covariances = _symmetric(final.covariances[0] + sum(added, np.zeros_like(information)))
-    found = Shrinkage(final.estimates[0], covariances, final.shared_factors[0], final.shrinkage[0])
-    return found, float(effects.marginal(likely[np.newaxis]).deviance[0])
+    result = Shrinkage(final.estimates[0], covariances, final.shared_factors[0], final.shrinkage[0])
+    return result, float(effects.marginal(likely[np.newaxis]).deviance[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,9 +342,9 @@ def _grid(low: float, high: float) -> Floats:
 @cache
 def relative_variances() -> Floats:
     """Return the variances that are tried where the best is sought, relative to the mean square of a coefficient."""
-    found = _grid(*_RELATIVE_GRID)
-    found.flags.writeable = False
-    return found
+    result = _grid(*_RELATIVE_GRID)
+    result.flags.writeable = False
+    return result
 
 
 def _swept(

@@ -280,7 +280,7 @@ def _units_over(
     terms: Terms, support: Bools, schema: Schema, order: Order, units: "Mapping[str, pint.Unit]"
 ) -> "dict[tuple[int, int], pint.Unit]":
     """Return the same by the units of all measured variables."""
-    states, found = schema.states, dict[tuple[int, int], "pint.Unit"]()
+    states, result = schema.states, dict[tuple[int, int], "pint.Unit"]()
     time = units[schema.time]
     pairs = zip(terms.variables.states[len(states) :], with_rates(order, len(states)), strict=True)
     units = {**units, **{rate: units[states[j]] / time for rate, j in pairs}}
@@ -290,7 +290,7 @@ def _units_over(
     for j, k in np.argwhere(support).tolist():
         name, below = terms.parameter_name(k), term_unit(terms.terms[k], terms.variables, units)
         if name in parameters:
-            found[j, k] = parameters[name]
+            result[j, k] = parameters[name]
         elif name is None and below is not None:
-            found[j, k] = units[states[j]] / time ** orders[j] / below
-    return found
+            result[j, k] = units[states[j]] / time ** orders[j] / below
+    return result

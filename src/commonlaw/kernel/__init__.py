@@ -95,10 +95,10 @@ def kernel() -> ctypes.CDLL | None:
         return None
     if chosen not in ("", "compiled"):
         raise CommonlawError("kernel-unknown", variable=VARIABLE, chosen=chosen)
-    found = _loaded()
-    if found is None and chosen:
+    result = _loaded()
+    if result is None and chosen:
         raise CommonlawError("kernel-missing", variable=VARIABLE, chosen=chosen)
-    return found
+    return result
 
 
 def address(array: NDArray[Any]) -> int:

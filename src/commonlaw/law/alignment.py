@@ -103,13 +103,13 @@ def matched_noise(law: Law, trials: Trials, noise: Mapping[str, float] | None) -
     """Return standard deviations by state, given in the units of the trials, in those of the law."""
     if noise is None:
         return None
-    given, own, found = trials.schema, measured_schema(law), {}
+    given, own, result = trials.schema, measured_schema(law), {}
     for key, level in noise.items():
         name = find_name(key, given.states, "state")
         is_share = name in own.logarithmic or name in given.logarithmic
         turn = Conversion() if is_share else Conversion.between(name, given.units.get(name), own.units.get(name))
-        found[name] = abs(turn.scale) * level
-    return found
+        result[name] = abs(turn.scale) * level
+    return result
 
 
 def _units(law: Law, given: Schema) -> dict[str, str]:

@@ -52,9 +52,9 @@ class _System:
 
     def coefficients(self, parameters: Floats) -> Floats:
         """Return coefficients from those in the support, shape (parameters,)."""
-        found = np.zeros(self.law.support.shape)
-        found[self.law.support] = parameters
-        return found
+        result = np.zeros(self.law.support.shape)
+        result[self.law.support] = parameters
+        return result
 
     def at(self, coefficients: Floats, states: Floats) -> tuple[Floats, Floats]:
         """Return highest derivatives at states at rest, shape (n, states), and their Jacobians.
@@ -104,12 +104,12 @@ class _System:
     def eigenvalues(self, coefficients: Floats, states: Floats) -> Complexes:
         """Return the eigenvalues of the Jacobian of the system of first order, shape (states + rates,), at rest."""
         slopes = self.at(coefficients, states[np.newaxis])[1][0]
-        found = np.zeros((slopes.shape[1], slopes.shape[1]))
-        found[: self.states] = slopes
-        found[self.states :] = slopes[self.second]
+        result = np.zeros((slopes.shape[1], slopes.shape[1]))
+        result[: self.states] = slopes
+        result[self.states :] = slopes[self.second]
         for i, j in enumerate(self.second.tolist()):
-            found[j] = np.eye(slopes.shape[1])[self.states + i]
-        return np.asarray(np.linalg.eigvals(found), dtype=np.complex128)
+            result[j] = np.eye(slopes.shape[1])[self.states + i]
+        return np.asarray(np.linalg.eigvals(result), dtype=np.complex128)
 
 
 def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: float) -> Iterator[Equilibrium]:

@@ -117,15 +117,15 @@ def _plain_names(names: Sequence[str]) -> tuple[str, ...]:
     >>> _plain_names(["x", "dry weight", "dry_weight", "3"])
     ('x', 'dry_weight', 'dry_weight_', 'n_3')
     """
-    found = list[str]()
+    result = list[str]()
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name.replace("'", "_rate"))
         plain = plain if re.match(r"[A-Za-z]", plain) else f"n_{plain.lstrip('_')}"
-        taken = (*map(str.lower, (*keyword.kwlist, *found)),)
+        taken = (*map(str.lower, (*keyword.kwlist, *result)),)
         while _RESERVED.fullmatch(plain.lower()) or plain.lower() in taken:
             plain += "_"
-        found.append(plain)
-    return tuple(found)
+        result.append(plain)
+    return tuple(result)
 
 
 def _number(value: float) -> str:

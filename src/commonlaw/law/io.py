@@ -537,13 +537,13 @@ def _read_estimates(saved: EstimatesDocument, objects: tuple[str, ...], paramete
 def _covariance(saved: Mapping[str, list[float]], objects: tuple[str, ...], parameters: int) -> Floats:
     """Return the covariance of each object's coefficients from its lower triangle, in the order of the coefficients."""
     rows, columns = np.tril_indices(parameters)
-    found = np.zeros((len(objects), parameters, parameters))
-    for matrix, name in zip(found, objects, strict=True):
+    result = np.zeros((len(objects), parameters, parameters))
+    for matrix, name in zip(result, objects, strict=True):
         own = saved.get(name, [])
         if len(own) != len(rows):
             raise CommonlawError("law-covariance-size", name=name, expected=len(rows))
         matrix[rows, columns] = matrix[columns, rows] = own
-    return found
+    return result
 
 
 def _matrix(rows: list[list[float]], what: str, shape: tuple[int, int]) -> Floats:

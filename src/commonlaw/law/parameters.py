@@ -78,14 +78,14 @@ class Parameters:
         NaN for a parameter that has a coefficient outside of the support.
         """
         places = {(j, k): i for i, (j, k) in enumerate(np.argwhere(self.law.support).tolist())}
-        found = np.zeros((len(coefficients), len(self.definitions), len(places)))
+        result = np.zeros((len(coefficients), len(self.definitions), len(places)))
         for i, definition in enumerate(self.definitions):
             own = [(part.equation, part.term) for part in definition.parts]
             if places.keys() >= {*own}:
-                found[:, i, [places[place] for place in own]] = definition.gradient(coefficients)
+                result[:, i, [places[place] for place in own]] = definition.gradient(coefficients)
             else:
-                found[:, i] = np.nan
-        return found
+                result[:, i] = np.nan
+        return result
 
     @cached_property
     def units(self) -> tuple[str | None, ...]:

@@ -53,11 +53,11 @@ class Coefficient(NamedTuple):
 
     def value(self, wholes: Sequence[Floats]) -> Floats:
         """Return what the name stands for, from the whole number before each of its terms; infinite over 0."""
-        found = np.ones_like(wholes[0])
+        result = np.ones_like(wholes[0])
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for part, whole in zip(self.parts, wholes, strict=True):
-                found = found * (whole / part.factor) ** np.float64(part.power)
-        return np.asarray(found)
+                result = result * (whole / part.factor) ** np.float64(part.power)
+        return np.asarray(result)
 
     def of(self, coefficients: Floats) -> Floats:
         """Return what it stands for, from coefficients whose last axes are equations and terms."""
@@ -81,11 +81,11 @@ class Product(NamedTuple):
 
     def value(self, values: Mapping[str, Floats]) -> Floats:
         """Return it, from values by name."""
-        found = np.asarray(self.factor, dtype=np.float64)
+        result = np.asarray(self.factor, dtype=np.float64)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for name, power in self.coefficients:
-                found = found * np.asarray(values[name], dtype=np.float64) ** power
-        return np.asarray(found)
+                result = result * np.asarray(values[name], dtype=np.float64) ** power
+        return np.asarray(result)
 
 
 class Names(TypedDict, total=False):

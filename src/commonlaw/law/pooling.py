@@ -109,19 +109,19 @@ def _offered(law: Law, given: Any) -> tuple[Properties, list[str]]:
     """Return the properties of a law's objects, and the names of those that coefficients may follow."""
     names = given if isinstance(given, Sequence) and not isinstance(given, str) else None
     if given is not None and names is None:
-        found = given_properties(given, law.schema.object, law.objects)
+        result = given_properties(given, law.schema.object, law.objects)
     else:
-        found = Properties({name: {**values} for name, values in law.properties.items()})
-    if not found.names and (names is None or names):
+        result = Properties({name: {**values} for name, values in law.properties.items()})
+    if not result.names and (names is None or names):
         raise CommonlawError("properties-unknown")
     if names is None:
-        return found, [name for name in found.names if not _what_lacks(found, name, law.objects)]
+        return result, [name for name in result.names if not _what_lacks(result, name, law.objects)]
     for name in names:
-        if name not in found.names:
-            raise unknown("property", name, found.names)
-        if lack := _what_lacks(found, name, law.objects):
+        if name not in result.names:
+            raise unknown("property", name, result.names)
+        if lack := _what_lacks(result, name, law.objects):
             raise CommonlawError("property-not-a-number", property=name, lacking=lack)
-    return found, list(names)
+    return result, list(names)
 
 
 def _what_lacks(found: Properties, name: str, objects: Sequence[str]) -> str:
@@ -279,13 +279,13 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
 
 def comparable_groups(law: Law) -> dict[str, list[str | float]]:
     """Return the values of each property by which objects can be compared, two or more of a value on average."""
-    found = dict[str, list[str | float]]()
+    result = dict[str, list[str | float]]()
     for name in property_names(law.properties) if shares_terms(law) else ():
         groups = [law.properties.get(owner, {}).get(name) for owner in law.objects]
         values = sorted({group for group in groups if group is not None}, key=lambda value: (str(type(value)), value))
         if None not in groups and 1 < len(values) <= len(groups) / 2:
-            found[name] = values
-    return found
+            result[name] = values
+    return result
 
 
 def _between(estimates: Floats, errors: Floats, inside: Floats) -> float:
@@ -302,5 +302,5 @@ def _between(estimates: Floats, errors: Floats, inside: Floats) -> float:
     if excess(0.0) <= 0:
         return 0.0
     largest = float(np.sum((estimates - estimates.mean()) ** 2))
-    found: float = brentq(excess, 0.0, largest, xtol=1e-14 * largest, rtol=1e-12)
-    return found
+    result: float = brentq(excess, 0.0, largest, xtol=1e-14 * largest, rtol=1e-12)
+    return result

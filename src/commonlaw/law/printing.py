@@ -358,16 +358,16 @@ def _letters(law: Law) -> list[str | None]:
 
 def _factor_units(law: Law) -> list[str | None]:
     """Return the units of the relations' factors, as far as they are known."""
-    found: list[str | None] = []
+    result: list[str | None] = []
     known, units, lefts = coefficient_units(law), law.schema.units, left_hand_sides(law)
     for (j, k), relation in zip(np.argwhere(law.support), _explanation(law).relations, strict=True):
         unit = known.get((lefts[j], law.terms.names[k]))
         if unit is None or relation is None or not {*relation.properties} <= units.keys():
-            found.append(None)
+            result.append(None)
         else:
             powers = zip(relation.properties, map(float, relation.exponents), strict=False)
-            found.append(quotient_unit(unit, [(units[name], power) for name, power in powers]))
-    return found
+            result.append(quotient_unit(unit, [(units[name], power) for name, power in powers]))
+    return result
 
 
 def _explanation(law: Law) -> Explanation:

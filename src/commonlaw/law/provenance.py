@@ -107,7 +107,7 @@ class Domain:
 
 def _rates(trial: Trial) -> Floats:
     """Return the rates of all states at the samples, shape (n, states); of long trials, in some segments."""
-    found, segments = np.full(trial.states.shape, np.nan), [slice(len(trial))]
+    result, segments = np.full(trial.states.shape, np.nan), [slice(len(trial))]
     if len(trial) > _SEGMENTS * _SEGMENT:  # Evenly spread
         begins = np.linspace(0, len(trial) - _SEGMENT, _SEGMENTS).astype(int)
         segments = [slice(begin, begin + _SEGMENT) for begin in begins]
@@ -116,11 +116,11 @@ def _rates(trial: Trial) -> Floats:
         seen = np.isfinite(column)
         times, values = trial.times[rows][seen], column[seen, np.newaxis]
         try:
-            found[rows, j][seen] = RobustSpline().differentiate(times, values, 1).derivatives[0][:, 0]
+            result[rows, j][seen] = RobustSpline().differentiate(times, values, 1).derivatives[0][:, 0]
         except CommonlawError:  # Too few samples for a smooth curve
             if len(times) > 1:
-                found[rows, j][seen] = np.gradient(values[:, 0], times)
-    return found
+                result[rows, j][seen] = np.gradient(values[:, 0], times)
+    return result
 
 
 _WIDTH = 60

@@ -79,7 +79,7 @@ class _Pattern(NamedTuple):
 
 @cache
 def _patterns() -> tuple[_Pattern, ...]:
-    found = []
+    result = []
     for form in forms():
         for text in form.equations:
             equations = split_equations(text)
@@ -92,8 +92,8 @@ def _patterns() -> tuple[_Pattern, ...]:
             variables, entries = given.terms.variables, _entries(given)
             inside = tuple(_inside([entry.term for entry in entries], variables))
             bounds = {bound.name: bound for bound in given.bounds}
-            found.append(_Pattern(form, states, inputs, orders, variables, entries, inside, bounds))
-    return tuple(found)
+            result.append(_Pattern(form, states, inputs, orders, variables, entries, inside, bounds))
+    return tuple(result)
 
 
 def _summands(term: Term, variables: Variables) -> Iterator[tuple[float, Term, dict[str, int]]]:
@@ -119,7 +119,7 @@ def _over(names: Sequence[str], variables: Variables) -> Variables:
 
 def _entries(given: GivenEquations) -> tuple[_Entry, ...]:
     """Return the terms of the equations of a form."""
-    products, found = {(each.equation, each.term): each for each in given.products}, list[_Entry]()
+    products, result = {(each.equation, each.term): each for each in given.products}, list[_Entry]()
     for j, k in np.argwhere((given.known != 0) & given.terms.is_factor).tolist():
         number, before = given.known[j, k], list[tuple[str, int]]()
         if (product := products.get((j, k))) is not None:
@@ -127,8 +127,8 @@ def _entries(given: GivenEquations) -> tuple[_Entry, ...]:
         for factor, term, powers in _summands(given.terms.terms[k], given.terms.variables):
             for name, power in before:
                 powers[name] = powers.get(name, 0) + power
-            found.append(_Entry(j, term, float(number) * factor, powers))
-    return tuple(found)
+            result.append(_Entry(j, term, float(number) * factor, powers))
+    return tuple(result)
 
 
 class _Place(NamedTuple):
@@ -201,22 +201,22 @@ class _Match:
         The other value is which of them agree with all entries, shape (n,): some parameters stand in several.
         """
         whole = coefficients.sum(axis=1)  # A parameter inside terms has one coefficient, in whatever equation
-        found = {name: whole[:, term] for name, term in self.inner.items()}
+        result = {name: whole[:, term] for name, term in self.inner.items()}
         sizes = np.zeros((len(self.pattern.entries), len(coefficients)))
         chosen, inverse, powers = self.solution
         with np.errstate(all="ignore"):
             for row, entry, places in zip(sizes, self.pattern.entries, self.places, strict=True):
                 row += sum(_value(coefficients, whole, place) for place in places) / entry.number
                 for name, power in entry.powers.items():
-                    row /= found[name] ** power if name in self.inner else 1.0
+                    row /= result[name] ** power if name in self.inner else 1.0
             for name, row in zip(self.unknown, inverse, strict=True):
-                found[name] = np.prod(sizes[chosen] ** np.rint(row)[:, np.newaxis], axis=0)
-            columns = np.array([found[name] for name in self.unknown]).reshape(len(self.unknown), -1)
+                result[name] = np.prod(sizes[chosen] ** np.rint(row)[:, np.newaxis], axis=0)
+            columns = np.array([result[name] for name in self.unknown]).reshape(len(self.unknown), -1)
             expected = np.prod(columns ** powers[:, :, np.newaxis], axis=1)
             agree = np.all(np.isclose(expected, sizes, rtol=1e-9, atol=0.0), axis=0)
         if self.volume is not None:
-            found[self.pattern.form.bolus] = whole[:, self.volume[0]]
-        return found, agree
+            result[self.pattern.form.bolus] = whole[:, self.volume[0]]
+        return result, agree
 
     def holds(self, coefficients: Floats) -> bool:
         """Return whether the coefficients of one object, shape (1, equations, terms), have the form."""
@@ -229,15 +229,15 @@ class _Match:
 
 
 def _value(coefficients: Floats, parameters: Floats, place: _Place) -> Floats:
-    found = coefficients[:, place.equation, place.term] * place.factor
+    result = coefficients[:, place.equation, place.term] * place.factor
     for term, power in place.powers:
-        found = found * parameters[:, term] ** power
-    return np.asarray(found)
+        result = result * parameters[:, term] ** power
+    return np.asarray(result)
 
 
 def _matches(law: Law) -> list[_Match]:
     """Return the forms that equations of a law may have, by their terms."""
-    states, orders, found = law.schema.states, order_of_each(law.order, len(law.schema.states)), list[_Match]()
+    states, orders, result = law.schema.states, order_of_each(law.order, len(law.schema.states)), list[_Match]()
     for pattern in _patterns():
         inputs = [name for name in law.schema.inputs if (name in law.schema.doses) == pattern.form.doses]
         for chosen in permutations(range(len(states)), len(pattern.states)):
@@ -245,8 +245,8 @@ def _matches(law: Law) -> list[_Match]:
                 for given in permutations(inputs, len(pattern.inputs)):
                     names = zip((*pattern.states, *pattern.inputs), (*(states[j] for j in chosen), *given), strict=True)
                     if (match := _matched(law, pattern, chosen, dict(names))) is not None:
-                        found.append(match)
-    return found
+                        result.append(match)
+    return result
 
 
 def _matched(law: Law, pattern: _Pattern, chosen: tuple[int, ...], names: Mapping[str, str]) -> _Match | None:

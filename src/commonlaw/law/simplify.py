@@ -145,15 +145,15 @@ def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
     rights[part.index] = part.equation
     by_name = dict(zip(names, values.T, strict=True))
     known = {name: dict(zip(law.objects, own, strict=True)) for name, own in by_name.items() if name != part.letter}
-    found = Law.from_text(shortest(law, rights), known, inputs=schema.inputs, time=schema.time, units=schema.units)
-    indices = {index: i for i, index in enumerate(zip(*np.nonzero(found.support), strict=True))}
+    result = Law.from_text(shortest(law, rights), known, inputs=schema.inputs, time=schema.time, units=schema.units)
+    indices = {index: i for i, index in enumerate(zip(*np.nonzero(result.support), strict=True))}
     slopes = np.zeros((len(law.objects), len(indices), len(names)))
-    for product in named_parameters(found).products:
+    for product in named_parameters(result).products:
         for name, power in product.coefficients:
             slope = product.value(by_name) * power / by_name[name]
             slopes[:, indices[product.equation, product.term], names.index(name)] = slope
     covariance = slopes @ covariances @ slopes.transpose(0, 2, 1)
-    return replace(found, uncertainty=Uncertainty(covariance=covariance, noise=law.uncertainty.noise))
+    return replace(result, uncertainty=Uncertainty(covariance=covariance, noise=law.uncertainty.noise))
 
 
 _LARGEST_DENOMINATOR = 12
@@ -255,15 +255,15 @@ def _constrained(
     start: "_Estimates", tolerance: float, is_wanted: "Callable[[_Constraint], bool]" = lambda _: True
 ) -> "tuple[list[_Constraint], _Estimates]":
     """Return what is replaced, the largest gain first, as far as estimates bear all of it, and estimates given that."""
-    found, constraints = start, list[_Constraint]()
+    result, constraints = start, list[_Constraint]()
     while True:
-        wanted = filter(is_wanted, _candidates(found, constraints))
-        free = [each for each in wanted if each.gain(found, tolerance) > 0]
+        wanted = filter(is_wanted, _candidates(result, constraints))
+        free = [each for each in wanted if each.gain(result, tolerance) > 0]
         borne = [each for each in free if start.bear([*constraints, each], tolerance)]
         if not borne:
-            return constraints, found
-        constraints.append(max(borne, key=lambda each: each.gain(found, tolerance)))
-        found = start.given(constraints)
+            return constraints, result
+        constraints.append(max(borne, key=lambda each: each.gain(result, tolerance)))
+        result = start.given(constraints)
 
 
 @dataclass(frozen=True)

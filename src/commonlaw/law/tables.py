@@ -263,9 +263,9 @@ def letter_values(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
     for name, depth in _DEPTHS.items():
         rows += [(f"lower {name}", 1 / depth), (f"upper {name}", 1 - 1 / depth)]
     rows += [("least", 0.0), ("largest", 1.0)]
-    found = np.quantile(values, [share for _, share in rows], axis=0, method="linear")
+    result = np.quantile(values, [share for _, share in rows], axis=0, method="linear")
     names = pd.DataFrame({f"of {counted(len(values), of)}": [name for name, _ in rows]})
-    return pd.concat([names, pd.DataFrame(found, columns=list(columns))], axis=1)
+    return pd.concat([names, pd.DataFrame(result, columns=list(columns))], axis=1)
 
 
 def outlying(values: Floats, heads: Sequence[str], count: int) -> tuple[list[int], list[str], list[float]]:

@@ -261,19 +261,19 @@ class Uncertainty:
             Of the random numbers.
         """
         random, own = np.random.default_rng(seed), self.known_covariance()
-        found = np.tile(coefficients, (count, 1, 1))
+        result = np.tile(coefficients, (count, 1, 1))
         if self.shared_factor is not None:
             factor = self.shared_factor
             own = own - np.matmul(factor, factor.transpose(0, 2, 1))
-            found += np.einsum("dk,opk->dop", random.standard_normal((count, factor.shape[2])), factor)
+            result += np.einsum("dk,opk->dop", random.standard_normal((count, factor.shape[2])), factor)
         values, vectors = np.linalg.eigh(own)
         roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]  # Rounding leaves some just below zero
-        found += np.einsum("dok,opk->dop", random.standard_normal(found.shape), roots)
+        result += np.einsum("dok,opk->dop", random.standard_normal(result.shape), roots)
         if self.degrees_of_freedom is not None:
             degrees = float(self.degrees_of_freedom.min())
             relative = random.chisquare(degrees, count) / degrees
-            found = coefficients + (found - coefficients) / np.sqrt(relative)[:, np.newaxis, np.newaxis]
-        return found
+            result = coefficients + (result - coefficients) / np.sqrt(relative)[:, np.newaxis, np.newaxis]
+        return result
 
     def select(self, indices: Sequence[int]) -> "Uncertainty":
         """Return that of some objects, given by their indices."""

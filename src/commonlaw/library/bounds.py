@@ -63,10 +63,10 @@ def _bound(text: str) -> Bound:
     rising = numbers if parts[1] == "<" else numbers[::-1]
     at = rising.index(None)
     low, high = (rising[at - 1] if at else None), (rising[at + 1] if at + 1 < len(rising) else None)
-    found = Bound(text, names[0], -np.inf if low is None else low, np.inf if high is None else high)
-    if not found.low < found.high:
+    result = Bound(text, names[0], -np.inf if low is None else low, np.inf if high is None else high)
+    if not result.low < result.high:
         raise CommonlawError("bound-empty", text=text)
-    return found
+    return result
 
 
 def _number(text: str) -> float | None:

@@ -166,15 +166,15 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     >>> [(each.state, each.order) for each in split_equations("H' = a H - b H P; dP/dt = c H P - d P")]
     [('H', 1), ('P', 1)]
     """
-    found = tuple(_left(each) for each in parts_of(texts) if not is_bound(each))
-    if not found:
+    result = tuple(_left(each) for each in parts_of(texts) if not is_bound(each))
+    if not result:
         raise CommonlawError("no-equation")
-    for each in found:
-        if (each.order == 0) != (found[0].order == 0):
-            raise CommonlawError("continuous-and-discrete", first=found[0].text, second=each.text)
-        if [other.state for other in found].count(each.state) > 1:
+    for each in result:
+        if (each.order == 0) != (result[0].order == 0):
+            raise CommonlawError("continuous-and-discrete", first=result[0].text, second=each.text)
+        if [other.state for other in result].count(each.state) > 1:
             raise CommonlawError("two-equations", state=each.state)
-    return found
+    return result
 
 
 def with_parameters(
@@ -275,7 +275,7 @@ class _Reader:
 
     def _addends(self) -> list[tuple[float, _Token, str]]:
         """Return sign, first token and text of each addend, as the grammar of terms writes it: with all signs."""
-        found, opened, before = list[tuple[float, _Token, str]](), list[_Token](), ""
+        result, opened, before = list[tuple[float, _Token, str]](), list[_Token](), ""
         factor, start, text = 1.0, self.tokens[0], ""
         for token in self.tokens:
             is_sign, ends_operand = token.kind in ("+", "-"), before in ("number", "name", ")")
@@ -295,13 +295,13 @@ class _Reader:
             elif token.kind == "end" and opened:
                 self._fail(opened[-1], Diagnostic("parenthesis-not-closed"))
             elif token.kind == "end" or (is_sign and ends_operand and not opened):
-                found.append((factor, start, text))
+                result.append((factor, start, text))
                 factor, text = -1.0 if token.kind == "-" else 1.0, ""
             else:
                 text += "**" if token.kind == "^" else token.kind
                 opened = opened[:-1] if token.kind == ")" else opened
             before = token.kind
-        return found
+        return result
 
     def _of_product(self, sign: float, product: Product) -> "_Written":
         shown = [

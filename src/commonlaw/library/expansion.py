@@ -89,11 +89,11 @@ def _addends(tree: ast.expr, sign: int) -> list[tuple[int, ast.expr]]:
 def _sum(addends: Sequence[tuple[int, ast.expr]], variables: int, inside: int) -> list[Product]:
     """Return the products of a sum; its addends without parameters stay together."""
     plain = [addend for addend in addends if not _constants(addend[1], variables)]
-    found = [] if not plain else [_plain(_joined(plain))]
+    result = [] if not plain else [_plain(_joined(plain))]
     for sign, tree in addends:
         if (sign, tree) not in plain:
-            found += [each._replace(factor=sign * each.factor) for each in multiplied_out(tree, variables, inside)]
-    return found
+            result += [each._replace(factor=sign * each.factor) for each in multiplied_out(tree, variables, inside)]
+    return result
 
 
 def _joined(addends: Sequence[tuple[int, ast.expr]]) -> ast.expr:

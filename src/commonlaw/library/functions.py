@@ -74,12 +74,12 @@ class Function:
         shape = np.broadcast_shapes(*map(np.shape, values))
         try:
             with np.errstate(all="ignore"):
-                found = np.broadcast_to(np.asarray(self.compute(*values), dtype=np.float64), shape)
+                result = np.broadcast_to(np.asarray(self.compute(*values), dtype=np.float64), shape)
         except Exception as error:
             raise CommonlawError("function-failed", function=self.text, error=str(error)) from error
         if out is None:
-            return np.array(found)
-        out[:] = found
+            return np.array(result)
+        out[:] = result
         return out
 
     def slopes(self, *values: Any) -> list[Floats]:
@@ -100,7 +100,7 @@ class Function:
             return (*values[:index], moved, *values[index + 1 :])
 
         size = np.broadcast_to(np.abs(x).max(initial=0.0) or 1.0, x.shape)
-        found, tolerance, is_open = np.full(x.shape, np.nan), np.zeros(x.shape), np.ones(x.shape, dtype=np.bool_)
+        result, tolerance, is_open = np.full(x.shape, np.nan), np.zeros(x.shape), np.ones(x.shape, dtype=np.bool_)
         with np.errstate(all="ignore"):
             scales = size * np.geomspace(1.0, precision**0.4, 5)[:, np.newaxis]
             # The last step is for points close to the end of a domain, such as 0
@@ -113,19 +113,19 @@ class Function:
                 bend = (4 * (up - 2 * now + down) - (high - 2 * now + low)) / h
                 gap = np.maximum(np.abs(near - far), np.abs(bend))
                 agree = is_open & (gap <= _AGREEMENT * np.maximum(np.abs(near), np.abs(far)) + 10 * rounding)
-                found[agree], tolerance[agree] = ((4 * near - far) / 3)[agree], (abs(near - far) / 2 + rounding)[agree]
+                result[agree], tolerance[agree] = ((4 * near - far) / 3)[agree], (abs(near - far) / 2 + rounding)[agree]
                 is_open &= ~agree
                 if not is_open.any():
                     break
             else:
                 before, after = (now - down) / h, (up - now) / h
-                found = np.where(is_open, np.where(abs(before) <= abs(after), before, after), found)
+                result = np.where(is_open, np.where(abs(before) <= abs(after), before, after), result)
             try:
                 moved = np.asarray(self.compute(*at(x + 1j * 1e-20 * size)))
             except Exception:  # It is no function of complex numbers
-                return found
-            exact = moved.imag / (1e-20 * size) if moved.shape == x.shape else found
-            return np.where(np.abs(exact - found) <= tolerance, exact, found)
+                return result
+            exact = moved.imag / (1e-20 * size) if moved.shape == x.shape else result
+            return np.where(np.abs(exact - result) <= tolerance, exact, result)
 
 
 def functions_in(given: Iterable[Callable[..., Any] | Function]) -> tuple[Function, ...]:
@@ -133,9 +133,9 @@ def functions_in(given: Iterable[Callable[..., Any] | Function]) -> tuple[Functi
 
     Raises `CommonlawError` if two have one name.
     """
-    found = tuple(dict.fromkeys(each if isinstance(each, Function) else Function.of(each) for each in given))
-    names = [each.name for each in found]
+    result = tuple(dict.fromkeys(each if isinstance(each, Function) else Function.of(each) for each in given))
+    names = [each.name for each in result]
     for name in names:
         if names.count(name) > 1:
             raise CommonlawError("function-name-twice", name=name)
-    return found
+    return result

@@ -106,14 +106,14 @@ class Ratio:
         """
         with np.errstate(all="ignore"):
             scaled = below / below[self.reference]
-        found = []
+        result = []
         for i, (each, value) in enumerate(zip(self.below, scaled.tolist(), strict=True)):
             if i != self.reference:
                 power = 1 if each.columns() else self.degree
                 if not np.isfinite(value) or (value <= 0 and power % 2 == 0):
                     return None
-                found.append(float(np.sign(value) * abs(value) ** (1 / power)))
-        return found
+                result.append(float(np.sign(value) * abs(value) ** (1 / power)))
+        return result
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | Non
         chosen = (*variables.states, *variables.inputs, *((variables.time,) if family.of_time else ()))
     names = [variables.measured[variables.index(each)] for each in chosen]
     pairs = list(combinations([each for each in names if each != variables.time], 2))
-    found = [_of(text, variables, (u, "")) for u in names for text in family.functions]
+    result = [_of(text, variables, (u, "")) for u in names for text in family.functions]
     tied = [[_of(text, variables, (u, "")) for text in texts] for u in names for texts in family.tied]
     of_pairs = [_of(text, variables, pair) for pair in pairs for text in family.of_pairs]
     half, rest = divmod(len(variables.states), 2)
@@ -264,7 +264,7 @@ def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | Non
         squared = "(" + " + ".join(f"{quoted(component)}^2" for component in components) + ")"
         texts = (text.format(u=quoted(u), s=squared, p=free) for u in components for text in family.of_vectors)
         of_vectors += [parametric_term(text, variables) for text in texts]
-    return (*found, *(replace(whole, tied=tuple(parts)) for whole, *parts in tied), *of_pairs, *of_vectors)
+    return (*result, *(replace(whole, tied=tuple(parts)) for whole, *parts in tied), *of_pairs, *of_vectors)
 
 
 _LETTERS = "KLMNPQRSTUVW"

@@ -193,10 +193,10 @@ class _Writer:
         """Return the register of a product, from the left to the right."""
         if not registers:
             return self.constant(1.0)
-        found, *others = registers
+        result, *others = registers
         for register in others:
-            found = self.emit("multiply", found, register)
-        return found
+            result = self.emit("multiply", result, register)
+        return result
 
     def emit(self, name: str, left: int, right: int | None = None) -> int:
         """Return the register of an operation's result; that of constants is a constant."""

@@ -97,10 +97,10 @@ def likely_sizes(
             sizes.equal(whole, _Size(np.log(size), np.zeros(len(unknown))))
     rows = [*sizes.rows, *((_WEAK * each, 0.0) for each in np.eye(len(unknown)))]
     matrix, right = np.array([row for row, _ in rows]), np.array([value for _, value in rows])
-    found = np.ones(variables)
+    result = np.ones(variables)
     for i, value in known.items():
-        found[i] = value
+        result[i] = value
     if unknown:
         logs = np.linalg.lstsq(matrix, right, rcond=None)[0]
-        found[unknown] = np.exp(np.clip(logs, -60.0, 60.0))
-    return found
+        result[unknown] = np.exp(np.clip(logs, -60.0, 60.0))
+    return result

@@ -82,14 +82,14 @@ def _factor(text: str) -> str:
 
 def _split(text: str) -> list[str]:
     """Return the arguments of a call."""
-    found, depth = [""], 0
+    result, depth = [""], 0
     for character in text:
         depth += (character == "(") - (character == ")")
         if character == "," and not depth:
-            found.append("")
+            result.append("")
         else:
-            found[-1] += character
-    return found
+            result[-1] += character
+    return result
 
 
 def _closing(text: str, opening: int, whole: str) -> int:

@@ -24,9 +24,9 @@ class Fraction(str):
     form: str
 
     def __new__(cls, whole: str, above: str, below: str, form: str) -> Self:
-        found = super().__new__(cls, whole)
-        found.above, found.below, found.form = above, below, form
-        return found
+        result = super().__new__(cls, whole)
+        result.above, result.below, result.form = above, below, form
+        return result
 
     def over(self, above: str) -> str:
         """Return the fraction of another numerator, ``(a s + b s^2)/(K + s)``."""
@@ -68,25 +68,25 @@ class Terms:
         return self._factors(lambda term: term.latex(names), r"\left({}\right)", r"\frac{{{}}}{{{}}}")
 
     def _factors(self, write: Callable[[Term], str], brackets: str, form: str) -> tuple[str, ...]:
-        measured, found = len(self.variables.measured), list[str]()
+        measured, result = len(self.variables.measured), list[str]()
         for term in self.terms:
             text, above, below = write(term), term.numerator, term.denominator
             if max(below.columns(), default=0) < measured:
-                found.append(brackets.format(text) if term.is_sum else text)
+                result.append(brackets.format(text) if term.is_sum else text)
             else:  # Divided by something with parameters
                 over = f"({write(above)})" if above.is_sum else write(above)
-                found.append(Fraction(text, over, write(below), form))
-        return tuple(found)
+                result.append(Fraction(text, over, write(below), form))
+        return tuple(result)
 
     @cached_property
     def complexities(self) -> Floats:
         """The complexity of each term, shape (terms,); shared divisors with parameters count once."""
-        first, seen, found = len(self.variables.measured), set[Term](), list[float]()
+        first, seen, result = len(self.variables.measured), set[Term](), list[float]()
         for term in self.terms:
             below = {divisor for divisor in term.divisors if any(column >= first for column in divisor.columns())}
-            found.append(term.complexity() - sum(each.complexity() for each in below & seen))
+            result.append(term.complexity() - sum(each.complexity() for each in below & seen))
             seen |= below
-        return np.array(found)
+        return np.array(result)
 
     @cached_property
     def program(self) -> Program:
@@ -111,9 +111,9 @@ class Terms:
     @cached_property
     def is_factor(self) -> Bools:
         """Which terms are multiplied by their coefficients, shape (terms,): all but those of parameters."""
-        found = np.ones(len(self.terms), dtype=np.bool_)
-        found[list(self.parameters)] = False
-        return found
+        result = np.ones(len(self.terms), dtype=np.bool_)
+        result[list(self.parameters)] = False
+        return result
 
     @cached_property
     def have_parameters(self) -> tuple[bool, ...]:

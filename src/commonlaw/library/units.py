@@ -31,7 +31,7 @@ def term_unit(term: Term, variables: Variables, units: "Mapping[str, str | pint.
     names = {column: variables.names[column] for column in term.columns()}
     if not all(name in units for name in names.values()):
         return None
-    known, found = dict[int, "pint.Unit"](), registry().dimensionless
+    known, result = dict[int, "pint.Unit"](), registry().dimensionless
     for column, name in names.items():
         own = units[name]
         known[column] = parse_unit(check_unit(own, f"variable {name!r}")) if isinstance(own, str) else own
@@ -39,8 +39,8 @@ def term_unit(term: Term, variables: Variables, units: "Mapping[str, str | pint.
         unit = known[factor.column] if factor.column is not None else _expression_unit(factor, known)
         if unit is None:
             return None
-        found = found * unit**power
-    return found
+        result = result * unit**power
+    return result
 
 
 def _expression_unit(code: str, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":

@@ -74,10 +74,10 @@ class Variables:
         """Return values of the variables, shape (n, variables), of which some were given by their logarithms."""
         if not self.logarithmic:
             return values
-        found, columns = values.copy(), self.logarithmic_columns
+        result, columns = values.copy(), self.logarithmic_columns
         with np.errstate(over="ignore"):
-            found[:, columns] = np.exp(found[:, columns])
-        return found
+            result[:, columns] = np.exp(result[:, columns])
+        return result
 
     @cached_property
     def logarithmic_columns(self) -> tuple[int, ...]:
@@ -129,10 +129,10 @@ def highest_columns(order: Order, states: int) -> Indices:
     >>> highest_columns((1, 2, 2), 3), highest_columns(1, 2)
     (array([0, 3, 4]), array([0, 1]))
     """
-    found = np.arange(states)
+    result = np.arange(states)
     second = with_rates(order, states)
-    found[second] = states + np.arange(len(second))
-    return found
+    result[second] = states + np.arange(len(second))
+    return result
 
 
 def split_derivatives(derivatives: Sequence[Floats], order: Order) -> tuple[Floats, Floats]:

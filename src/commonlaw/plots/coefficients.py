@@ -98,7 +98,7 @@ class DotPlot:
             return self._letters
         law, labels, units = self.law, term_labels(self.law.terms), coefficient_units(self.law)
         low, high = (law.coefficients,) * 2 if law.uncertainty.covariance is None else coefficient_intervals(law)
-        found = []
+        result = []
         lefts = left_hand_sides(law)
         standard = standard_errors(law)
         for j, k in np.ndindex(law.support.shape):
@@ -110,8 +110,8 @@ class DotPlot:
                 # The equations of an explained law have letters of their own
                 letter = letter_of(law, j, k) if law.uncertainty.explanation is None else ""
                 ends = low[:, j, k], high[:, j, k]
-                found.append(Coefficient(j, lefts[j], name, labels[k], letter, unit, learned, true, errors, *ends))
-        return found
+                result.append(Coefficient(j, lefts[j], name, labels[k], letter, unit, learned, true, errors, *ends))
+        return result
 
     @property
     def _by_letter(self) -> bool:
@@ -121,7 +121,7 @@ class DotPlot:
     @property
     def _letters(self) -> list[Coefficient]:
         """The letters of given equations."""
-        law, found = self.law, list[Coefficient]()
+        law, result = self.law, list[Coefficient]()
         parameters = named_parameters(law)
         values, errors, (low, high) = parameters.values, parameters.errors, parameters.intervals()
         for i, definition in enumerate(parameters.definitions):
@@ -133,8 +133,8 @@ class DotPlot:
             ends = (values[:, i],) * 2 if law.uncertainty.covariance is None else (low[:, i], high[:, i])
             own = values[:, i], true, np.nan_to_num(errors[:, i]), *ends
             left = equation_label(law, definition.equation, definition.term)
-            found.append(Coefficient(definition.equation, left, definition.name, label, label, unit, *own))
-        return found
+            result.append(Coefficient(definition.equation, left, definition.name, label, label, unit, *own))
+        return result
 
     @property
     def several(self) -> bool:

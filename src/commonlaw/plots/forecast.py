@@ -170,7 +170,7 @@ class Pair:
 
 def curves_of(forecast: Forecast, smooth: Forecast) -> dict[tuple[str, int], list[Curve]]:
     """Return the curves of all trials, by object and index of the state; `smooth` is the forecast at more times."""
-    found: dict[tuple[str, int], list[Curve]] = {}
+    result: dict[tuple[str, int], list[Curve]] = {}
     sign = -1 if forecast.is_fit else 1
     colors, states = trial_colors(forecast.trials), len(forecast.trials.schema.states)
     known = None if smooth.std is None else smooth.bands(measured=smooth.noise is not None)
@@ -195,8 +195,8 @@ def curves_of(forecast: Forecast, smooth: Forecast) -> dict[tuple[str, int], lis
                 low=np.nan_to_num(low, nan=-np.inf),
                 high=np.nan_to_num(high, nan=np.inf),
             )
-            found.setdefault((trial.object, j), []).append(curve)
-    return found
+            result.setdefault((trial.object, j), []).append(curve)
+    return result
 
 
 def draw_pair(pair: Pair, most: int = _MAX_POINTS) -> None:

@@ -70,20 +70,20 @@ class ResidualPanels:
 def _panels(residuals: Residuals, j: int) -> list[tuple[str, Callable[[Axes], None]]]:
     """Return what the panels of a state show, and what draws them."""
     schema, whole = residuals.trials.schema, np.concatenate(residuals.standardized)
-    found: list[tuple[str, Callable[[Axes], None]]] = []
+    result: list[tuple[str, Callable[[Axes], None]]] = []
     for name, values in residuals.columns.items():
         since = " since the start of the trial" if name == schema.time else ""
         label = axis_label(name, schema.units.get(name, ""))
-        found.append((f"Against {name}{since}.", partial(_against, values=values, own=whole[:, j], label=label)))
+        result.append((f"Against {name}{since}.", partial(_against, values=values, own=whole[:, j], label=label)))
     if len(schema.states) > 1:
         following = (j + 1) % len(schema.states)
         label = plain(f"residual of {schema.states[following]} / noise")
         caption = f"Against the residuals of {schema.states[following]}."
-        found.append((caption, partial(_against, values=whole[:, following], own=whole[:, j], label=label)))
+        result.append((caption, partial(_against, values=whole[:, following], own=whole[:, j], label=label)))
     chance = "Autocorrelation by lag in samples; 95 % of white noise lies in the grey range."
     quantiles = "Normal quantile plot; the line is that of normal errors."
     return [
-        *found,
+        *result,
         (chance, partial(_memory, residuals=residuals, j=j)),
         (quantiles, partial(_quantiles, own=whole[:, j])),
     ]

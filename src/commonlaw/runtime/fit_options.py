@@ -89,11 +89,11 @@ def read_settings(options: type, texts: Mapping[str, Sequence[str]], function: s
     >>> read_settings(FitOptions, {"noise": ["x=0.1", "y=0.2"], "partial_pooling": ["false"], "seed": ["3"]})
     {'noise': {'x': 0.1, 'y': 0.2}, 'partial_pooling': False, 'seed': 3}
     """
-    known, found = settings_of(options), dict[str, Any]()
+    known, result = settings_of(options), dict[str, Any]()
     for name, given in texts.items():
         check_choice("setting", name, known)
-        found[name] = _value(name, known[name][0].type, given, function == "fit")
-    return found
+        result[name] = _value(name, known[name][0].type, given, function == "fit")
+    return result
 
 
 def _value(name: str, annotation: Any, texts: Sequence[str], properties: bool) -> Any:

@@ -237,12 +237,12 @@ def _criteria(
     fits = [zip(problems, least_squares(problems, target, candidate.support), strict=True) for candidate in candidates]
     variances = np.array([[problem.rss(own, target) / problem.rows for problem, own in pairs] for pairs in fits])
     variances = np.maximum(variances, variances.min(axis=0) + np.maximum(bias, np.finfo(float).tiny))
-    found = []
+    result = []
     for candidate, variance in zip(candidates, variances, strict=True):
         shared = bool(np.all(candidate.support == candidate.support[0]))
         fit = FitStatistics(rows, variance, candidate.support.sum(axis=1).astype(float), library, shared)
-        found.append({name: criterion(fit) for name, criterion in CRITERIA.items()})
-    return found
+        result.append({name: criterion(fit) for name, criterion in CRITERIA.items()})
+    return result
 
 
 def _distinct(candidates: Sequence[Candidate]) -> list[tuple[Candidate, tuple[float, ...]]]:

@@ -107,9 +107,9 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
 
 def fitted_law(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Law:
     """Return the law with the coefficients of a solver and fixed ones, and its outcomes."""
-    found = replace(law, coefficients=_with(law, candidates))
-    outcomes = tuple(_outcomes(found, candidates, solver))
-    return replace(found, provenance=replace(found.provenance, outcomes=outcomes))
+    result = replace(law, coefficients=_with(law, candidates))
+    outcomes = tuple(_outcomes(result, candidates, solver))
+    return replace(result, provenance=replace(result.provenance, outcomes=outcomes))
 
 
 def _with(law: Law, candidates: Sequence[Candidate]) -> Floats:

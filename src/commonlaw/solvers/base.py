@@ -86,9 +86,9 @@ class StandardizedProblem:
 
     def best_entering(self, inside: Sequence[int] | Indices) -> int:
         """Return which of the other terms explains most when it enters in addition to those inside."""
-        found = self._explained(inside)[:-1]
-        found[np.asarray(inside, dtype=np.intp)] = -np.inf
-        return int(np.argmax(found))
+        result = self._explained(inside)[:-1]
+        result[np.asarray(inside, dtype=np.intp)] = -np.inf
+        return int(np.argmax(result))
 
     def _explained(self, inside: Sequence[int] | Indices) -> Floats:
         return explained(self._rows, np.asarray(inside, dtype=np.intp), _MIN_NORM**2)
@@ -265,11 +265,11 @@ def threshold_path(candidate_at: Callable[[float], Candidate], values: Values) -
     """
     if values is not None:
         return tuple(map(candidate_at, values))
-    found = [candidate_at(0.0)]
-    while found[-1].support.any():
-        last = found[-1]
-        found.append(candidate_at(float(np.nextafter(max(last.smallest, last.hyperparameter), np.inf))))
-    return tuple(found)
+    result = [candidate_at(0.0)]
+    while result[-1].support.any():
+        last = result[-1]
+        result.append(candidate_at(float(np.nextafter(max(last.smallest, last.hyperparameter), np.inf))))
+    return tuple(result)
 
 
 def each_support_once(path: Candidates) -> Candidates:

@@ -76,7 +76,7 @@ class Lasso(AbstractSolver):
         gram = np.matmul(standardized.columns.transpose(0, 2, 1), standardized.columns)
         right = np.einsum("oqt,oq->ot", standardized.columns, standardized.right)
         most = np.linalg.norm(right, axis=0).max(initial=0.0) * (1 + 1e-12)
-        found: list[Candidate] = []
+        result: list[Candidate] = []
         minimum = np.zeros_like(right)
         for penalty in penalties:
             support, converged = allowed.copy(), True
@@ -84,10 +84,10 @@ class Lasso(AbstractSolver):
                 minimum, converged = minimize(gram, right, penalty * most, minimum, self.max_iterations, self.tolerance)
                 support[allowed] = minimum.any(axis=0)
             supports = np.repeat(support[np.newaxis], len(problems), axis=0)
-            same = bool(found) and np.array_equal(found[-1].support, supports)
-            coefficients = found[-1].coefficients if same else least_squares(problems, target, supports)
-            found.append(Candidate(supports, coefficients, float(penalty), converged=converged, largest=1.0))
-        return tuple(found)
+            same = bool(result) and np.array_equal(result[-1].support, supports)
+            coefficients = result[-1].coefficients if same else least_squares(problems, target, supports)
+            result.append(Candidate(supports, coefficients, float(penalty), converged=converged, largest=1.0))
+        return tuple(result)
 
 
 def minimize(

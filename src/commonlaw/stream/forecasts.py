@@ -73,10 +73,10 @@ def forecast_stream(
         raise CommonlawError("forecast-not-a-stream", type=type(stream).__name__)
     with on_cluster(client):
         parts = forecast_parts(law, stream, progress, folder, start=start, from_time=from_time)
-    found = [each for each in parts if len(each)]
-    if not found:
+    result = [each for each in parts if len(each)]
+    if not result:
         raise CommonlawError("forecast-no-trial-from", from_time=from_time)
-    return pd.concat(found, ignore_index=True)
+    return pd.concat(result, ignore_index=True)
 
 
 def forecast_parts(

@@ -130,21 +130,21 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
     missing = {i: cell for i, cell in enumerate(cells) if not cell or cell in notation.missing or is_missing(cell)}
     limits = {i: limit for i, cell in enumerate(cells) if (limit := _limit(cell, notation)) is not None}
     present = [i for i in range(len(cells)) if i not in missing and i not in limits]
-    found = _read([cells[i] for i in present], notation)
-    if isinstance(found, Unreadable):
-        return found
+    result = _read([cells[i] for i in present], notation)
+    if isinstance(result, Unreadable):
+        return result
     values = np.full(len(cells) + 1, np.nan)  # The last one is for the code -1 of empty cells
-    values[present] = found.values
+    values[present] = result.values
     marks = Counter[str]()
     for i, cell in missing.items():
         marks[cell] += int(counts[i]) if cell else 0
-    found = replace(found, values=values[codes], missing=+marks)
+    result = replace(result, values=values[codes], missing=+marks)
     if limits:
         below = np.full(len(cells) + 1, np.nan)
         below[[*limits]] = [*limits.values()]
         censored = {cells[i]: int(counts[i]) for i in limits}
-        found = replace(found, below=below[codes], censored=censored)
-    return _without_sentinels(found, notation)
+        result = replace(result, below=below[codes], censored=censored)
+    return _without_sentinels(result, notation)
 
 
 def _limit(cell: str, notation: Notation) -> float | None:

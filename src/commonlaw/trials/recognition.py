@@ -424,10 +424,10 @@ def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:
     The difference of order m of white noise of variance s^2 has variance (2m choose m) s^2; of a smooth course high
     orders leave least (Gasser, Sroka and Jennen-Steinmetz 1986). Infinite where there are too few samples.
     """
-    found = np.full(len(_ORDERS), np.inf)
+    result = np.full(len(_ORDERS), np.inf)
     for i, order in enumerate(_ORDERS):
         parts = np.concatenate([np.diff(values[rows], order) for rows in trials])
         parts = parts[np.isfinite(parts)]
         if len(parts) > order:
-            found[i] = np.sqrt(np.mean(parts**2) / comb(2 * order, order))
-    return found
+            result[i] = np.sqrt(np.mean(parts**2) / comb(2 * order, order))
+    return result

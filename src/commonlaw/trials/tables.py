@@ -235,12 +235,12 @@ def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
         return runs, None
     whole = pd.Series([each for run in runs for each in run]).infer_objects()
     if whole.dtype.kind == "m":
-        found = Elapsed(np.asarray(whole.dt.total_seconds(), dtype=np.float64), "s", "seconds")
+        result = Elapsed(np.asarray(whole.dt.total_seconds(), dtype=np.float64), "s", "seconds")
     elif whole.dtype.kind == "M":
-        found = elapsed(whole)
+        result = elapsed(whole)
     else:
         return runs, None
-    return np.split(found.values, np.cumsum([len(run) for run in runs])[:-1]), found
+    return np.split(result.values, np.cumsum([len(run) for run in runs])[:-1]), result
 
 
 def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:

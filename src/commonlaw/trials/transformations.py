@@ -141,10 +141,10 @@ def natural(states: Floats, schema: Schema) -> Floats:
     """Return states, shape (n, states), that stand by their logarithms in a schema as they are themselves."""
     if not schema.logarithmic:
         return states
-    found, columns = states.copy(), [schema.states.index(name) for name in schema.logarithmic]
+    result, columns = states.copy(), [schema.states.index(name) for name in schema.logarithmic]
     with np.errstate(over="ignore"):
-        found[:, columns] = np.exp(found[:, columns])
-    return found
+        result[:, columns] = np.exp(result[:, columns])
+    return result
 
 
 def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str]) -> Trial:
@@ -420,16 +420,16 @@ def _sums_of_squares(trial: Trial, mean: Floats | None = None) -> Floats:
 
     The mean is that of the trial, unless another is given.
     """
-    found = np.zeros((3, trial.states.shape[1]))
+    result = np.zeros((3, trial.states.shape[1]))
     for j, column in enumerate(trial.states.T):
         seen = column[np.isfinite(column)]
         if len(seen) > 1:
-            found[:, j] = (
+            result[:, j] = (
                 len(seen) - 1,
                 np.sum(np.diff(seen) ** 2),
                 np.sum((seen - (seen.mean() if mean is None else mean[j])) ** 2),
             )
-    return found
+    return result
 
 
 def _is_white(count: Floats, differences: Floats, deviations: Floats) -> Bools:

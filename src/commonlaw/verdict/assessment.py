@@ -226,14 +226,14 @@ def _by_state(
 
     The noise of an approximation includes its lack of fit: there the difference-based estimate is taken, if less.
     """
-    schema, found = trials.schema, list[StateError]()
+    schema, result = trials.schema, list[StateError]()
     dense = [each for each in judged if approximate and each.complete and noise_degrees_of_freedom(len(each))]
     differences = np.array([noise_level(each.times, each.states) for each in dense] or [spread * np.nan])
     for name in schema.measured:
         j = schema.states.index(name)
         values = np.concatenate([[np.nan], *(each.states[:, j] for each in judged)])
         values = values[np.isfinite(values)]
-        found.append(
+        result.append(
             StateError(
                 name,
                 _rms(errors.errors[:, j]),
@@ -245,7 +245,7 @@ def _by_state(
                 float(np.max(values, initial=-np.inf)),
             )
         )
-    return tuple(found)
+    return tuple(result)
 
 
 def _spread(trials: Sequence[Trial], states: int) -> Floats:
@@ -305,7 +305,7 @@ def _r_squared_error(judged: Sequence[Segment], found: Sequence[SegmentErrors], 
 
 def _poorly_known(law: Law) -> tuple[str, ...]:
     """Return the coefficients with large errors, with the terms that they stand before and the objects they are of."""
-    found = []
+    result = []
     lefts = left_hand_sides(law)
     parameters = named_parameters(law)
     for each, values, errors in zip(
@@ -317,8 +317,8 @@ def _poorly_known(law: Law) -> tuple[str, ...]:
             some = [law.objects[i] for i in poor]
             of = "" if len(poor) == len(law.objects) else f", of {listed(some)}"
             # The equations of an explained law have letters of their own
-            found.append(f"{each.name if law.uncertainty.explanation is None else 'a coefficient'} ({where}{of})")
-    return tuple(found)
+            result.append(f"{each.name if law.uncertainty.explanation is None else 'a coefficient'} ({where}{of})")
+    return tuple(result)
 
 
 T = TypeVar("T")

@@ -144,24 +144,24 @@ class LawVerdict(ShownInNotebooks):
     @property
     def against(self) -> tuple[str, ...]:
         """What speaks against using the law for forecasts."""
-        found = []
+        result = []
         if self.diverged:
-            found.append(f"its forecasts diverge in {self.diverged} of {counted(self.segments, 'forecast')}")
+            result.append(f"its forecasts diverge in {self.diverged} of {counted(self.segments, 'forecast')}")
         if not self.horizon and not self.diverged:
-            found.append(
+            result.append(
                 f"even at the shortest horizon the error exceeds half of the states' standard deviation{self._spreads}"
             )
         if self._is_no_better and not self.diverged:
-            found.append("the error is not below that of a constant forecast")
+            result.append("the error is not below that of a constant forecast")
         if self.horizon and not self.diverged and (self.r_squared < 0 or self.r_squared < self.r_squared_error):
             error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
             whole = f"R^2 over all tested forecasts is {self.r_squared:.3g}{error}"
-            found.append(
+            result.append(
                 f"beyond {self._time(self.horizon)} ahead they are no better than the mean of the states: {whole}"
             )
         if self.coverage is not None and self.coverage < _FAILED_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:
-            found.append(f"only {_percent(self.coverage)} of the measurements lie within the 95 % bands")
-        return tuple(found)
+            result.append(f"only {_percent(self.coverage)} of the measurements lie within the 95 % bands")
+        return tuple(result)
 
     @property
     def sentences(self) -> tuple[str, ...]:

@@ -73,12 +73,12 @@ class ParametricSearch:
     def with_coefficients(self, rows: Sequence[CandidateSupport], fit: Fit) -> tuple[CandidateSupport, ...]:
         """Return the supports of a fit with its estimates as starting values."""
         whole = np.array([estimate.coefficients for estimate in fit.estimates])
-        assembled, found = assemble_terms(self.base, rows), []
+        assembled, result = assemble_terms(self.base, rows), []
         for j, row in enumerate(rows):
             places, inside = assembled.places[j], assembled.parameters[j]
             parameters = tuple(whole[:, j, list(own)] for own in inside)
-            found.append(replace(row, starts=(Start(whole[:, j, list(places)], parameters),)))
-        return tuple(found)
+            result.append(replace(row, starts=(Start(whole[:, j, list(places)], parameters),)))
+        return tuple(result)
 
     def fit(self, rows: tuple[CandidateSupport, ...], estimates: Sequence[Estimate]) -> Fit:
         """Return the fit of a law with these terms, starting from estimated states."""
@@ -290,12 +290,12 @@ class AssembledTerms:
 
     def coefficients(self, starts: Sequence[Start]) -> Floats:
         """Return starting values, shape (objects, equations, terms), from those of each equation."""
-        found = np.nan_to_num(self.known)
+        result = np.nan_to_num(self.known)
         for j, start in enumerate(starts):
-            found[:, j, list(self.places[j])] = start.coefficients
+            result[:, j, list(self.places[j])] = start.coefficients
             for indices, parameter in zip(self.parameters[j], start.parameters, strict=True):
-                found[:, j, list(indices)] = parameter
-        return found
+                result[:, j, list(indices)] = parameter
+        return result
 
 
 def assemble_terms(problem: SearchProblem, rows: Sequence[CandidateSupport]) -> AssembledTerms:

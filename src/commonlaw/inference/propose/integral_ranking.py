@@ -93,13 +93,13 @@ def rank_supports(
     hopeless
         Ratio to the least sum of squares above which a support is dropped, unless it is the best of its size.
     """
-    courses, found = object_curves(problem, estimates, others), dict[int, list[CandidateSupport]]()
+    courses, result = object_curves(problem, estimates, others), dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
         matches = [match for course in courses if len((match := course.regression(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
         ranked = _Ranking(matches, plain, others, numbers, max_ratio)
-        found[equation] = ranked.best(len(problem.models)) if matches else []
-    return found
+        result[equation] = ranked.best(len(problem.models)) if matches else []
+    return result
 
 
 def object_curves(
@@ -223,14 +223,14 @@ class _Ranking:
             value = self._criterion(self._numbers(key), squares), key
             best[each.others] = min(value, best.get(each.others, value))
         best.pop((), None)
-        found, sets = list[_SumsOfSquares](), _subsets(self.plain, settings.MAX_SETS[1])
+        result, sets = list[_SumsOfSquares](), _subsets(self.plain, settings.MAX_SETS[1])
         for _, (plain, others) in sorted(best.values())[: settings.MAX_KEPT]:
             columns = [
                 np.column_stack([match.plain, match.columns_at(others, match.grid_search(plain, others))])
                 for match in self.matches
             ]
-            found += self._compared(columns, sets, others, [each for each in best if each != others])
-        return found
+            result += self._compared(columns, sets, others, [each for each in best if each != others])
+        return result
 
     def _compared(
         self,
@@ -240,7 +240,7 @@ class _Ranking:
         more: Sequence[tuple[int, ...]],
     ) -> list[_SumsOfSquares]:
         """Return sums of squares of sets with the others `added`, whose columns come last, and one more or none."""
-        found = list[_SumsOfSquares]()
+        result = list[_SumsOfSquares]()
         last = range(columns[0].shape[1] - len(added), columns[0].shape[1])
         for size, group in groupby(sets, len):
             listed = list(group)
@@ -250,8 +250,8 @@ class _Ranking:
                 sums = partial(_residual_squares, indices, [a for each in few for a in each])
                 squares = np.sum(in_parallel(sums, self.matches, columns), axis=0)
                 for each, own in zip(few, squares.T if () in few else squares.T[1:], strict=True):
-                    found.append(_SumsOfSquares(listed, tuple(sorted((*added, *each))), own))
-        return found
+                    result.append(_SumsOfSquares(listed, tuple(sorted((*added, *each))), own))
+        return result
 
     def _numbers(self, key: _Key) -> int:
         return len(key[0]) + sum(self.others[a].size + len(self.others[a].shared_parameters) for a in key[1])
@@ -262,7 +262,7 @@ class _Ranking:
 
     def _distinct(self, listed: Sequence[_SumsOfSquares]) -> list[_Key]:
         """Return supports of least squares, few with the same parametric terms and none with equal sums of squares."""
-        found, before, alike = dict[_Key, None](), 0.0, Counter[tuple[int, ...]]()
+        result, before, alike = dict[_Key, None](), 0.0, Counter[tuple[int, ...]]()
         squares = np.concatenate([each.squares for each in listed])
         keys = [(each, place) for each in listed for place in range(len(each.sets))]
         for k in np.argsort(squares, kind="stable").tolist():
@@ -270,13 +270,13 @@ class _Ranking:
             key = each.sets[place], each.others
             inside = tuple(a for a in each.others if self.others[a].parameters)
             few = alike[inside] < (settings.MAX_KEPT if inside else settings.MAX_REFINED)
-            if few and key not in found and squares[k] > before * (1 + settings.COLLINEAR):
-                found[key] = None
+            if few and key not in result and squares[k] > before * (1 + settings.COLLINEAR):
+                result[key] = None
                 alike[inside] += 1
             before = squares[k]
-            if len(found) == settings.MAX_LINEARIZED:
+            if len(result) == settings.MAX_LINEARIZED:
                 break
-        return [*found]
+        return [*result]
 
     def _closest(self, keys: Sequence[_Key]) -> dict[_Key, list[tuple[Floats, ...]]]:
         """Return locally optimal parameters of each object, for the supports that are best to first order."""
@@ -287,12 +287,12 @@ class _Ranking:
 
         of_keys = list(zip(*in_parallel(nearby, self.matches), strict=True))
         squares = [sum(left for left, _ in of_key) for of_key in of_keys]
-        found = dict[_Key, list[tuple[Floats, ...]]]()
+        result = dict[_Key, list[tuple[Floats, ...]]]()
         for k in np.argsort(squares, kind="stable")[: settings.MAX_REFINED]:
             plain, others = keys[k]
             pairs = zip(self.matches, of_keys[k], strict=True)
-            found[keys[k]] = [match.refined(plain, others, indices) for match, (_, indices) in pairs]
-        return found
+            result[keys[k]] = [match.refined(plain, others, indices) for match, (_, indices) in pairs]
+        return result
 
     def _fitted(self, key: _Key, parameters: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:
         """Return the coefficients and residuals of a support in each object, at given parameters."""
@@ -340,10 +340,10 @@ def _residual_squares(sets: Indices, chosen: Sequence[int], match: IntegralRegre
 
 def _subsets(plain: Sequence[int], most: int) -> list[tuple[int, ...]]:
     """Return all sets of some terms, smaller ones first, up to the size at which there are too many."""
-    found: list[tuple[int, ...]] = []
+    result: list[tuple[int, ...]] = []
     for size in range(settings.MAX_SUM_TERMS[0] + 1):
         of_size = list(combinations(plain, size))
-        if size > 1 and len(found) + len(of_size) > most:
+        if size > 1 and len(result) + len(of_size) > most:
             break
-        found += of_size
-    return found
+        result += of_size
+    return result

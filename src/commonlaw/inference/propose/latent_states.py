@@ -255,14 +255,14 @@ class _LatentStateModel:
         """Known coefficients, shape (objects, equations, terms), NaN where they are estimated."""
         before = self.without.problem.known
         objects, equations, count = before.shape
-        found = np.zeros((objects, equations + 1, len(self.terms)))
-        found[:, :-1, :count] = before
-        found[:, :-1, self._has_state] = np.nan
+        result = np.zeros((objects, equations + 1, len(self.terms)))
+        result[:, :-1, :count] = before
+        result[:, :-1, self._has_state] = np.nan
         if self.family.estimated:
-            found[:, -1, self._index(self.family.estimated)] = np.nan
+            result[:, -1, self._index(self.family.estimated)] = np.nan
         if self.family.fixed:
-            found[:, -1, self._index(self.family.fixed)] = 1.0
-        return found
+            result[:, -1, self._index(self.family.fixed)] = 1.0
+        return result
 
     @property
     def _initial_supports(self) -> list[Bools]:

@@ -129,18 +129,18 @@ class _Profile:
         return np.asarray(columns / column_scales(columns))
 
     def _fitted(self, parameters: Floats) -> tuple[Floats, list[Floats]]:
-        found = np.nan_to_num(self.known)
-        found[self.inside] = parameters
-        library = self.terms.evaluate(self.terms.at(self.values, found))
+        result = np.nan_to_num(self.known)
+        result[self.inside] = parameters
+        library = self.terms.evaluate(self.terms.at(self.values, result))
         if not np.isfinite(library).all():
-            return found, [np.full_like(target, np.inf) for target in self.targets]
+            return result, [np.full_like(target, np.inf) for target in self.targets]
         residuals, factors = list[Floats](), self.terms.is_factor
         for j, (target, regressors) in enumerate(zip(self.targets, self.regressors, strict=True)):
             free = np.isnan(self.known[j]) & factors
-            columns = regressors(np.column_stack([library[:, factors] @ found[j, factors], library[:, free]]))
-            found[j, free], of_equation = least_squares(columns[:, 1:], target - columns[:, 0])
+            columns = regressors(np.column_stack([library[:, factors] @ result[j, factors], library[:, free]]))
+            result[j, free], of_equation = least_squares(columns[:, 1:], target - columns[:, 0])
             residuals.append(of_equation)
-        return found, residuals
+        return result, residuals
 
 
 def with_initial_parameters(
@@ -233,7 +233,7 @@ def outcomes_of_parameters(law: Law) -> tuple[Outcome, ...]:
 
 def _rate_profiles(setup: FitSetup) -> list[_Profile]:
     """Return each object's profile in rates of smoothed trials in which all states were measured."""
-    law, found = setup.law, list[_Profile]()
+    law, result = setup.law, list[_Profile]()
     for name, known in zip(law.objects, setup.known, strict=True):
         curves = [(trial, smooth_curves(trial, law.order)) for trial in setup.trials.of_object(name)]
         complete = [pair for pair in curves if np.isfinite(pair[1][0]).all()]
@@ -242,21 +242,21 @@ def _rate_profiles(setup: FitSetup) -> list[_Profile]:
         along = [values_and_rates(law.terms.variables, *pair) for pair in complete]
         values, rates = (np.concatenate(each) for each in zip(*along, strict=True))
         few = evenly_spaced(len(values), settings.MAX_CURVE_POINTS)
-        found.append(
+        result.append(
             _Profile(law.terms, known, values[few], list(rates[few].T), [lambda terms: terms] * rates.shape[1])
         )
-    return found
+    return result
 
 
 def _integral_profiles(problem: SearchProblem) -> list[_Profile]:
     """Return each object's profile in integral form along smoothed states, which is more accurate than rates."""
-    found = list[_Profile]()
+    result = list[_Profile]()
     for o, (model, known, start) in enumerate(zip(problem.models, problem.known, problem.starts, strict=True)):
         values = values_along(problem, o, start)
         matched = [Integrals.and_target(problem, o, j, values) for j in range(len(known))]
         regressors, targets = zip(*((each.of, target) for each, target in matched), strict=True)
-        found.append(_Profile(model.terms, known, values, targets, regressors))
-    return found
+        result.append(_Profile(model.terms, known, values, targets, regressors))
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,15 +379,15 @@ class _Grid:
 
 def _distinct(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambda _: True) -> list[Floats]:
     """Return the first few distinct parameters, which differ in a sign or by a step of the grid."""
-    found = list[Floats]()
+    result = list[Floats]()
     for each in listed:
-        if len(found) == settings.MAX_REFINED:
+        if len(result) == settings.MAX_REFINED:
             break
         with np.errstate(divide="ignore", invalid="ignore"):
-            distances = [np.abs(np.log(each / other)).max() for other in found]
+            distances = [np.abs(np.log(each / other)).max() for other in result]
         if all(not distance < np.log(10) / settings.PER_DECADE[1] for distance in distances) and holds(each):
-            found.append(each)
-    return found
+            result.append(each)
+    return result
 
 
 def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Floats:

@@ -185,12 +185,12 @@ def _eliminate_terms(
 
 def _interleaved(proposed: Sequence[Sequence[CandidateSupport]]) -> list[CandidateSupport]:
     """Return the supports of several ranked lists, the best of each size before the second best."""
-    ranks, found = Counter[tuple[int, int]](), dict[CandidateSupport, tuple[int, int]]()
+    ranks, result = Counter[tuple[int, int]](), dict[CandidateSupport, tuple[int, int]]()
     for number, own in enumerate(proposed):
         for each in own:
-            found.setdefault(each, (ranks[number, each.numbers], each.numbers))
+            result.setdefault(each, (ranks[number, each.numbers], each.numbers))
             ranks[number, each.numbers] += 1
-    return sorted(found, key=lambda each: found[each])
+    return sorted(result, key=lambda each: result[each])
 
 
 def _joint(

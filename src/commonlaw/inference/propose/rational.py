@@ -49,15 +49,15 @@ def rank_ratios(
 ) -> dict[int, list[CandidateSupport]]:
     """Return candidate supports with offered ratios, ranked by BIC, see `rank_supports`."""
     courses = object_curves(problem, estimates, ())
-    found = dict[int, list[CandidateSupport]]()
+    result = dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
         scored = list[tuple[float, CandidateSupport]]()
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
             sides = [side for side in sides if len(side.target)]
             scored += _Ranking(problem, equation, each, sides, numbers, max_ratio).best() if sides else []
-        found[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
-    return found
+        result[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +211,7 @@ class _Ranking:
 
     def _all(self) -> dict[_Shape, _Score]:
         """Return the scores of all compared shapes."""
-        found = dict[_Shape, _Score]()
+        result = dict[_Shape, _Score]()
         count = len(self.offered.below)
         listed = [(below, np.ones((len(self.sides), 1))) for below in combinations(range(count), 1)]
         for size in range(2, min(settings.MAX_SUM_TERMS[2], count) + 1):
@@ -220,12 +220,12 @@ class _Ranking:
                 for new in range(count) if size > 2 else range(below[0] + 1, count):
                     if new not in below:
                         self._add(wider, (*below, new), coefficients)
-            found |= wider
+            result |= wider
             best = dict[tuple[int, ...], Floats]()  # Denominators of the best shapes
             for shape in sorted(wider, key=lambda shape: self._criterion(shape.numbers, wider[shape].squares)):
                 best.setdefault(shape.below, wider[shape].below)
             listed = [*best.items()][: settings.MAX_KEPT]
-        return found
+        return result
 
     def _without_one(self, shape: _Shape, score: _Score) -> Iterator[tuple[_Shape, _Score]]:
         """Yield shapes with one term less, at denominator coefficients optimized from those of the larger one."""
@@ -274,7 +274,7 @@ class _Ranking:
         plain, count = self.problem.models[0].terms.terms, len(self.offered.above)
         free = self.problem.allowed[self.equation]
         added = [count + k for k, each in enumerate(self.offered.added) if each in plain and free[plain.index(each)]]
-        found, total = list[Indices](), 0
+        result, total = list[Indices](), 0
         for size in range(1, settings.MAX_SUM_TERMS[1] + settings.MAX_SUM_TERMS[3] + 1):
             own = [
                 (*above, *others)
@@ -285,8 +285,8 @@ class _Ranking:
             total += len(own)
             if not own or (size > 1 and total > settings.MAX_SETS[2]):
                 break
-            found.append(np.array(own))
-        return found
+            result.append(np.array(own))
+        return result
 
     @property
     def _criterion(self) -> InformationCriterion:

@@ -32,7 +32,7 @@ def names_in(law: Law, support: Bools) -> tuple[str, ...]:
 
 def alternatives(law: Law, compared: Sequence[Compared], chosen_by: str) -> tuple[Alternative, ...]:
     """Return the terms that each equation was chosen from, the best first, with what they were chosen by."""
-    found = []
+    result = []
     for equation, listed in zip(left_hand_sides(law), compared, strict=True):
         likely = probabilities(listed)
         for i, (names, difference) in enumerate(listed.items()):
@@ -41,8 +41,8 @@ def alternatives(law: Law, compared: Sequence[Compared], chosen_by: str) -> tupl
                 measures: dict[str, float | None] = {"2 log B": difference, "probability": probability}
                 if chosen_by == Kind.FORECASTS:  # Their scores are no evidence, and none if these diverge
                     measures = {LOG_SCORE: difference / 2 if np.isfinite(difference) else None}
-                found.append(Alternative(equation, names, measures, False, chosen=i == 0))
-    return tuple(found)
+                result.append(Alternative(equation, names, measures, False, chosen=i == 0))
+    return tuple(result)
 
 
 def inclusion_probabilities(law: Law, compared: Sequence[Compared]) -> Floats:
@@ -56,11 +56,11 @@ def inclusion_probabilities(law: Law, compared: Sequence[Compared]) -> Floats:
         supports = np.array([[name in names for name in law.terms.names] for names in listed])
         inside, outside = weights @ supports, weights @ ~supports
         rows.append(inside / (inside + outside))
-    found, terms = np.array(rows), law.terms
+    result, terms = np.array(rows), law.terms
     for place in terms.parameters:
         of = [k for k in np.flatnonzero(terms.is_factor) if terms.terms[k].columns() >= terms.terms[place].columns()]
-        found[:, place] = found[:, of].max(axis=1)
-    return found
+        result[:, place] = result[:, of].max(axis=1)
+    return result
 
 
 def probabilities(listed: Compared) -> Floats:
@@ -75,20 +75,20 @@ _LEVELS = "maximum-marginal-likelihood estimates of the error parameters"
 
 def outcomes(law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that was chosen by these trials."""
-    found = [*outcomes_of_fit(fit, is_converged, tried_errors=tried_errors, chosen=True)]
+    result = [*outcomes_of_fit(fit, is_converged, tried_errors=tried_errors, chosen=True)]
     lefts = left_hand_sides(law)
-    found += [
+    result += [
         note("no-term", side)
         for j, side in enumerate(lefts)
         if not any(estimate.coefficients[j].any() for estimate in fit.estimates)
     ]
     most = fit.problem.most_terms
-    found += [
+    result += [
         note("as-many-terms-as-samples", side, terms=most)
         for side, support in zip(lefts, fit.supports, strict=True)
         if support.sum() == most < min(MAX_TERMS, fit.problem.allowed.sum(axis=1).max())
     ]
-    return tuple(found)
+    return tuple(result)
 
 
 LACKS_OF_FIT = OutcomeKind.APPROXIMATION, OutcomeKind.MODEL_ERROR, OutcomeKind.RESIDUALS
@@ -100,31 +100,31 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
 
     The remedies depend on whether errors of other kinds were tried, and whether the law was chosen from a library.
     """
-    found = list[Outcome]()
+    result = list[Outcome]()
     if not (fit.has_model_error or (is_converged and fit.is_resolved)):
-        found.append(note("fit-not-converged" if chosen else "fit-not-converged-from-guesses"))
+        result.append(note("fit-not-converged" if chosen else "fit-not-converged-from-guesses"))
     if fit.has_process_noise:
         of = ", the best in its library," if chosen else ""
-        found.append(note("model-error", library=of, error=model_error_step(fit).choice))
+        result.append(note("model-error", library=of, error=model_error_step(fit).choice))
     elif left := _left(fit):
-        found.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=left))
+        result.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=left))
     if fit.problem.samples:
-        found.append(note("samples-fitted", samples=fit.problem.samples))
-    return tuple(found)
+        result.append(note("samples-fitted", samples=fit.problem.samples))
+    return tuple(result)
 
 
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
     """Return notes on coefficients of laws with latent states that are not, or not well, identifiable."""
-    found = _not_identifiable(law) if problem.trials.schema.starts else ()
+    result = _not_identifiable(law) if problem.trials.schema.starts else ()
     if not problem.equivalent_optima:
-        return found
+        return result
     names = ", ".join(problem.trials.schema.starts)
     parameters = named_parameters(law)
     others = "; or ".join(
         ", ".join(f"{definition.name} = {float(definition.of(each)):.3g}" for definition in parameters.definitions)
         for each in problem.equivalent_optima
     )
-    return (*found, note("latent-state-ambiguous", object=law.objects[0], others=others, states=names))
+    return (*result, note("latent-state-ambiguous", object=law.objects[0], others=others, states=names))
 
 
 def _not_identifiable(law: Law) -> tuple[Outcome, ...]:
@@ -211,14 +211,14 @@ def fit_steps(fit: Fit) -> tuple[Step, ...]:
     errors = problem.errors
     time = f" {schema.units.get(schema.time, '')}".rstrip()
     grown = errors.heteroscedastic_in_words(schema.states)
-    found = [Step(ERRORS[kind].label, levels, _LEVELS) for kind, levels in grown.items()]
+    result = [Step(ERRORS[kind].label, levels, _LEVELS) for kind, levels in grown.items()]
     if errors.correlated is not None:
         levels = levels_in_words(errors.correlated, schema)
-        found.append(Step("autocorrelated errors", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
+        result.append(Step("autocorrelated errors", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
     deviance, count = sum(estimate.deviance for estimate in fit.estimates), sum(problem.measured)
     deviance += float(np.sum(problem.measurements.pure_error[0] / problem.noise**2))
     return (
-        *found,
+        *result,
         model_error_step(fit),
         Step(
             "coefficients",

@@ -56,13 +56,13 @@ def supported_interpolation(trials: Trials) -> str:
 def _leave_one_out_squares(trial: Trial) -> Floats:
     """Return the sums of squared leave-one-out errors of linear and cubic interpolation, shape (2, inputs)."""
     middle = np.arange(2, len(trial) - 2)
-    found = []
+    result = []
     for steps in ((-1, 1), (-2, -1, 1, 2)):
         ahead = [trial.times[middle + step] - trial.times[middle] for step in steps]
         weights = [np.prod([b / (b - a) for b in ahead if b is not a], axis=0) for a in ahead]
         by_others = sum(w[:, np.newaxis] * trial.inputs[middle + step] for w, step in zip(weights, steps, strict=True))
-        found.append(np.sum((trial.inputs[middle] - by_others) ** 2, axis=0))
-    return np.array(found)
+        result.append(np.sum((trial.inputs[middle] - by_others) ** 2, axis=0))
+    return np.array(result)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +123,10 @@ class FitSetup:
     @property
     def known(self) -> Floats:
         """Known coefficients, shape (objects, equations, terms), NaN where they are estimated."""
-        found, law = np.where(self.law.support, np.nan, 0.0) + np.zeros_like(self.law.coefficients), self.law
+        result, law = np.where(self.law.support, np.nan, 0.0) + np.zeros_like(self.law.coefficients), self.law
         certain = standard_errors(law) == 0
-        found[certain] = law.coefficients[certain]
-        return found
+        result[certain] = law.coefficients[certain]
+        return result
 
     def problem(self) -> SearchProblem:
         """Return the measurements prepared for a fit of the terms of the law."""

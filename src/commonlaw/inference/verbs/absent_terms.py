@@ -103,7 +103,7 @@ class Bounds(ShownInNotebooks):
     @property
     def sentences(self) -> tuple[str, ...]:
         """The limits of each term in words."""
-        found = list[str]()
+        result = list[str]()
         for equation, term in dict.fromkeys((bound.equation, bound.term) for bound in self.bounds):
             objects = [bound for bound in self.bounds if (bound.equation, bound.term) == (equation, term)]
             largest, seen = max(objects, key=lambda name: name.effect), [name.object for name in objects if name.seen]
@@ -111,11 +111,11 @@ class Bounds(ShownInNotebooks):
             beyond = f" The interval{among} excludes zero: the term may be present." if seen else ""
             size = f"{float(f'{largest.at_most:.2g}'):g} {largest.unit}".rstrip()
             whose = f"; largest: {largest.object}" if len(objects) > 1 else ""
-            found.append(
+            result.append(
                 f"{term} in {equation}: |coefficient| < {size}, contribution < {float(f'{largest.effect:.2g}'):g} "
                 f"({100 * self.level:.3g} %{whose}).{beyond}"
             )
-        return tuple(found)
+        return tuple(result)
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)

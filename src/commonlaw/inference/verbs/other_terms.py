@@ -74,8 +74,8 @@ def candidate_laws(
     >>> [each.law.structure[0] for each in candidate_laws(law, drops, most=3)]
     ["x'' = a", "x'' = a + b v", "x'' = a + b x + c v"]
     """
-    found = iterate_candidates(law, trials, most, progress)
-    return tuple(sorted(found, key=lambda each: (each.size, -(each.evidence or 0.0), each.chosen)))
+    result = iterate_candidates(law, trials, most, progress)
+    return tuple(sorted(result, key=lambda each: (each.size, -(each.evidence or 0.0), each.chosen)))
 
 
 def iterate_candidates(law: Law, trials: Trials, most: int, progress: Callable[[str], None]) -> Iterator[CandidateLaw]:

@@ -227,9 +227,9 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     names = objects_of_parts(parts, part(progress, 0.0, 0.1))
     laws = [light.select(name) if known.issuperset(name) else typical(law, name) for name in names]
     fits = [partial(how.refined, own, alike=False, progress=silent) for own in laws]
-    found = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
+    result = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
     step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
-    return replace(found, provenance=replace(found.provenance, history=(*law.history, step)))
+    return replace(result, provenance=replace(result.provenance, history=(*law.history, step)))
 
 
 def adapt(law: Law, trials: Trials) -> Law:
@@ -240,8 +240,8 @@ def adapt(law: Law, trials: Trials) -> Law:
         "coefficients estimated from these trials, with the other objects as prior",
     )
     if law.observation is not None:
-        found = updated(law, trials)
-        return replace(found, provenance=replace(law.provenance, history=(*law.history, step)))
+        result = updated(law, trials)
+        return replace(result, provenance=replace(law.provenance, history=(*law.history, step)))
     law.uncertainty.known_covariance()
     if law.uncertainty.noise is None or law.uncertainty.error_model:
         lacks = "has errors other than white noise" if law.uncertainty.noise is not None else "has no noise estimate"
