@@ -236,7 +236,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     """Return the law of the objects of these trials, their coefficients updated by them, see `Law.update`."""
     step = Step(
         "adaptation",
-        f"{len(trials)} trials",
+        f"{len(trials.trials)} trials",
         "coefficients estimated from these trials, with the other objects as prior",
     )
     if law.observation is not None:
