@@ -74,7 +74,7 @@ def test_drawings_in_a_page_look_the_same_and_have_no_element_for_each_point(bro
         looks.append(browser.get_screenshot_as_png())
     one, other = (np.asarray(imread(BytesIO(look))) for look in looks)
     assert np.mean(np.abs(one - other) > 0.5) < 1e-5
-    assert np.mean(one < 0.8) > 0.01
+    assert np.mean(one < 0.8) > 0.003  # Of a window of any size
 
 
 @pytest.mark.slow

@@ -851,10 +851,29 @@ def test_files_with_observations_that_cannot_be_are_refused(change):
         from_json(json.dumps(document))
 
 
+def test_oscillations_over_many_cycles_are_fitted_from_their_first_ones_on():
+    generator, times, truth = np.random.default_rng(3), np.linspace(0, 24, 90), (0.75, 0.84, 0.95, 0.9)
+
+    def rates(_, state, a, c, f, d):
+        return a * state[0] - c * state[0] * state[1], f * state[0] * state[1] - d * state[1]
+
+    x, z = solve_ivp(rates, (0, 24), (0.6, 1.3), t_eval=times, args=truth, rtol=1e-9).y
+    measured = np.column_stack([x, 1.7 * (x + z) + 0.4]) + 0.005 * generator.standard_normal((90, 2))
+    trials = cl.Trials.from_arrays(times, measured, names=["x", "y"])
+    law = cl.fit("x' = a x - c x z; z' = f x z - d z; y = 1.7 x + 1.7 z + 0.4", trials)
+    assert [estimates(law, "object")[name][0] for name in "acfd"] == pytest.approx(truth, abs=0.02)
+    assert not law.diagnostics
+
+
+def test_residuals_above_the_noise_between_samples_are_noted():
+    signal = 1.0 + 0.3 * np.sin(2 * T) + 0.01 * np.random.default_rng(0).standard_normal(len(T))
+    (outcome,) = cl.fit("x' = -k x; signal = x; x(0) = 1", trials_of({"A": (T, signal)}, ["signal"])).diagnostics
+    assert outcome.code == "residuals-exceed-noise"
+
+
 def test_the_rate_of_a_signal_that_is_zero_is_not_identifiable():
     law = cl.fit("x' = -k x; signal = x; x(0) = 1", trials_of({"A": (T, 0 * T)}, ["signal"]))
-    (outcome,) = law.diagnostics
-    assert outcome.code == "parameters-without-limits"
+    assert "parameters-without-limits" in {outcome.code for outcome in law.diagnostics}
 
 
 @pytest.mark.parametrize(

@@ -3,15 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation.noise import noise_level
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
-from commonlaw.estimation.search import DRAWS, REACH, Bounds, Optimum, maximize
+from commonlaw.estimation.search import DRAWS, GROWING_SHARES, REACH, Bounds, Optimum, maximize
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise, measured_schema
 from commonlaw.law.law import object_index, shares_terms
@@ -281,20 +283,21 @@ class Beginning:
         Raises `CommonlawError` if the solution is finite from none of them, or the measurements do not determine all
         unknowns.
         """
-        optimum = maximize(
-            self.problem,
-            self.first,
-            self.guessed,
-            self.bounds,
-            None,
-            seed,
-            progress,
-            **{"draws": draws} if draws else {},
+        search = partial(
+            maximize, self.problem, self.first, self.guessed, self.bounds, None, seed, progress, draws=draws
         )
+        optimum = search()
+        if draws > 1 and self.lack_of_fit(optimum):
+            optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda each: each.log_likelihood)
         lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
         if len(lost):
             raise CommonlawError("parameters-not-identified", names=[self.unknowns.labels[i] for i in lost[:8]])
         return Fitted(self, optimum)
+
+    def lack_of_fit(self, optimum: Optimum) -> list[str]:
+        """Return the quantities whose residuals exceed their noise, with both."""
+        noise = dict(zip(self.problem.model.observables, optimum.noise.tolist(), strict=True))
+        return _lack_of_fit(self.trials, {name: noise[name] for name in noise if name not in self.logarithmic})
 
 
 def begin(
@@ -671,8 +674,13 @@ def _law(begun: Beginning, optimum: Optimum, calls: tuple[str, ...]) -> Law:
     vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
     names = [unknowns.labels[i] for i in vague[:8]]
     limitless = (note("parameters-without-limits", parameters=names),) if names else ()
+    lacking = begun.lack_of_fit(optimum)
     provenance = Provenance(
-        outcomes=(*_at_bounds(model, unknowns, begun.bounds, optimum), *limitless),
+        outcomes=(
+            *_at_bounds(model, unknowns, begun.bounds, optimum),
+            *limitless,
+            *((note("residuals-exceed-noise", residuals=lacking),) if lacking else ()),
+        ),
         history=steps,
         equations=given.texts,
         calls=calls,
@@ -690,6 +698,25 @@ def _law(begun: Beginning, optimum: Optimum, calls: tuple[str, ...]) -> Law:
         properties=properties,
         observation=observation,
     )
+
+
+def _lack_of_fit(trials: Trials, noise: Mapping[str, float]) -> list[str]:
+    """Return the quantities whose residuals exceed the noise by differences of neighbouring samples, with both.
+
+    Residuals are three times as large, and more than a fiftieth of the standard deviation of the measurements.
+    """
+    listed = list[str]()
+    for name, residual in noise.items():
+        if name not in trials.schema.states or name in trials.schema.noise_columns:
+            continue
+        columns = [(trial.times, trial.states[:, trials.schema.states.index(name)]) for trial in trials]
+        seen = [(times[kept], column[kept]) for times, column in columns if (kept := np.isfinite(column)).sum() >= 20]
+        if not seen:
+            continue
+        level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
+        if residual > max(3 * level, 0.02 * float(np.std(np.concatenate([column for _, column in seen])))):
+            listed.append(f"{name}: {residual:.2g} (noise {level:.2g})")
+    return listed
 
 
 def _typical_noise(problem: Problem, optimum: Optimum) -> Floats:

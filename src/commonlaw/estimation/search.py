@@ -5,20 +5,22 @@ logarithmic scale, on which parameters of all sizes move alike, then as they are
 PLOS ONE 8, e74335).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.problem import Problem
+from commonlaw.estimation.problem import Problem, TrialData
 
 DRAWS = 128
 """First values whose likelihood is computed."""
 _IMPROVED = 12
 """Of these, how many are improved roughly, and then how many to the end."""
 _FINISHED = 4
+GROWING_SHARES = (0.2, 0.5, 1.0)
+"""Of the duration of trials, see `maximize`."""
 _SPREAD = 2.0
 """Standard deviation of the logarithm of a first value."""
 REACH = 16.0
@@ -246,8 +248,12 @@ def maximize(
     seed: int,
     progress: Callable[[str], None],
     draws: int = DRAWS,
+    shares: Sequence[float] = (1.0,),
 ) -> Optimum:
     """Return where the likelihood is largest, from the given first values and as many more as make up the draws.
+
+    Starts are improved on first parts of the trials, of these shares of their duration, one after the other. Over many
+    cycles the likelihood of an oscillation has as many local maxima; over the first one it has few.
 
     Raises
     ------
@@ -263,7 +269,8 @@ def maximize(
         unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
     progress(f"computing the likelihood of {len(starts)} first values")
     coarse = replace(problem, tolerance=_ROUGH_TOLERANCE)
-    costs = np.array([_cost(coarse, start, noise) for start in starts])
+    parts = [coarse if share == 1 else _first(coarse, share) for share in shares]
+    costs = np.array([_cost(parts[0], start, noise) for start in starts])
     if not np.isfinite(costs).any():
         raise unsolved
     ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: _IMPROVED if problem.unknowns else 1]
@@ -272,7 +279,10 @@ def maximize(
         progress(f"improving parameters, start {len(rough) + 1} of {len(ranked)}")
         if not np.isfinite(costs[i]):
             continue
-        rough.append(_roughly(coarse, starts[i], noise, bounds, sizes))
+        point = starts[i]
+        for part in parts:
+            cost, point = _roughly(part, point, noise, bounds, sizes)
+        rough.append((cost, point))
     rough = sorted((each for each in rough if np.isfinite(each[0])), key=lambda each: each[0])
     if not rough:
         raise unsolved
@@ -288,6 +298,17 @@ def maximize(
         raise unsolved
     alike = sum(end - score < 0.01 for end in ends)
     return _summary(problem, unknowns, noise, bounds, given, alike)
+
+
+def _first(problem: Problem, share: float) -> Problem:
+    """Return the problem of the first parts of the trials."""
+    changed = list[TrialData]()
+    for data in problem.trials:
+        begin, end = data.times[[0, -1]]
+        last = begin + share * (end - begin)
+        kept = data.trial.times <= max(last, data.trial.times[0])
+        changed.append(replace(data.seen(kept), times=data.times[data.times <= max(last, data.trial.times[0])]))
+    return replace(problem, trials=tuple(changed))
 
 
 def _cost(problem: Problem, unknowns: Floats, noise: Floats) -> float:
