@@ -287,14 +287,16 @@ class Beginning:
             maximize, self.problem, self.first, self.guessed, self.bounds, None, seed, progress, draws=draws
         )
         optimum = search()
-        if draws > 1 and self.lack_of_fit(optimum):
-            optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda each: each.log_likelihood)
+        lacking = self._lack_of_fit(optimum)
+        if draws > 1 and lacking:
+            optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood)
+            lacking = self._lack_of_fit(optimum)
         lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
         if len(lost):
             raise CommonlawError("parameters-not-identified", names=[self.unknowns.labels[i] for i in lost[:8]])
-        return Fitted(self, optimum)
+        return Fitted(self, optimum, lacking)
 
-    def lack_of_fit(self, optimum: Optimum) -> list[str]:
+    def _lack_of_fit(self, optimum: Optimum) -> list[str]:
         """Return the quantities whose residuals exceed their noise, with both."""
         noise = dict(zip(self.problem.model.observables, optimum.noise.tolist(), strict=True))
         return _lack_of_fit(self.trials, {name: noise[name] for name in noise if name not in self.logarithmic})
@@ -569,10 +571,11 @@ def _bounds(model: Model, trials: Trials, unknowns: Unknowns) -> Bounds:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model with its parameters and initial values of largest likelihood."""
+    """A model with its maximum-likelihood estimates, and the quantities whose residuals exceed their noise."""
 
     begun: Beginning
     optimum: Optimum
+    lack_of_fit: Sequence[str]
 
     @property
     def parameters(self) -> int:
@@ -607,10 +610,11 @@ class Fitted:
 
     def law(self, calls: tuple[str, ...]) -> Law:
         """Return the law, which records the calls."""
-        return _law(self.begun, self.optimum, calls)
+        return _law(self, calls)
 
 
-def _law(begun: Beginning, optimum: Optimum, calls: tuple[str, ...]) -> Law:
+def _law(fitted: Fitted, calls: tuple[str, ...]) -> Law:
+    begun, optimum = fitted.begun, fitted.optimum
     model, trials, problem, unknowns = begun.model, begun.trials, begun.problem, begun.unknowns
     groups = begun.groups
     given = read_equations(model.text.equations, model.schema, properties=property_names(trials.properties))
@@ -674,12 +678,11 @@ def _law(begun: Beginning, optimum: Optimum, calls: tuple[str, ...]) -> Law:
     vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
     names = [unknowns.labels[i] for i in vague[:8]]
     limitless = (note("parameters-without-limits", parameters=names),) if names else ()
-    lacking = begun.lack_of_fit(optimum)
     provenance = Provenance(
         outcomes=(
             *_at_bounds(model, unknowns, begun.bounds, optimum),
             *limitless,
-            *((note("residuals-exceed-noise", residuals=lacking),) if lacking else ()),
+            *((note("residuals-exceed-noise", residuals=fitted.lack_of_fit),) if fitted.lack_of_fit else ()),
         ),
         history=steps,
         equations=given.texts,
