@@ -47,7 +47,7 @@ def shares(scores: Sequence[Score]) -> dict[str, list[float]]:
 
 
 def table(titles: Mapping[str, str], known: Mapping[str, Sequence[float]]) -> str:
-    """Return the Markdown table of rows, with titles of its own, beside the baselines."""
+    """Return the Markdown table of rows with given titles and the baselines."""
     rows: dict[str, Row] = {each.title: each for each in ROWS}
     levels = " | ".join(f"{100 * level:g} %" for level in LEVELS)
     lines = [f"| problems, by noise | method | {levels} |", f"|---|---|{'---|' * len(LEVELS)}"]

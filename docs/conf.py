@@ -125,7 +125,7 @@ _MAX_RELATED = 12
 
 
 def _page(module: str, name: str, others: Sequence[str]) -> str:
-    """Return the page of a public name, which refers to the others that are listed beside it."""
+    """Return the page of a public name with references to related ones."""
     found, full = resolve_name(f"{module}:{name}"), f"{module}.{name}"
     lines = [name, "=" * len(name), "", *_used_in(name)]
     related = [each for each in others if each != name][:_MAX_RELATED]

@@ -62,6 +62,6 @@ def test_objects_whose_trials_differ_are_named_and_no_others():
     white = TrajectoryLikelihood(errors="white", noise={"x": 0.01})
     same, other = (cl.discover(balls(scatter, 1), library="poly:1", method=white, order=1) for scatter in (0.0, 0.2))
     assert not [diagnostic for diagnostic in same.diagnostics if diagnostic.kind == "trials differ"]
-    (told,) = [diagnostic for diagnostic in other.diagnostics if diagnostic.kind == "trials differ"]
-    assert "ball 2" in told.text
-    assert "ball 1" not in told.text
+    (outcome,) = [diagnostic for diagnostic in other.diagnostics if diagnostic.kind == "trials differ"]
+    assert "ball 2" in outcome.text
+    assert "ball 1" not in outcome.text

@@ -103,7 +103,7 @@ def application(sessions: Sessions) -> Starlette:
                 return _json({"error": "the file is too large for the app: use the command commonlaw discover"}, 413)
             except TooSlowError:
                 return _json({"error": "the file came to a stop on its way: open it again"}, 408)
-            except ClientDisconnect:  # nobody hears this
+            except ClientDisconnect:  # The answer has no receiver
                 return Response(status_code=408)
 
         return answering

@@ -50,7 +50,7 @@ def in_processes(
                 process, connection = idle.pop() if idle else begun(_serve, work)
                 number, piece = waiting.pop()
                 busy[connection] = process, number
-                with suppress(OSError):  # Its process has ended, which the answer tells
+                with suppress(OSError):  # Its process has ended; receiving the answer fails, too
                     connection.send(piece)
             for connection in cast(list[Connection], wait([*busy])):
                 process, number = busy.pop(connection)

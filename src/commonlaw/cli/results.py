@@ -390,7 +390,7 @@ class FitResult:
                 names = [f"of {term}{f' in {state}' * (len(law.schema.states) > 1)}" for term, state in parts]
             print_spread(law, [_with_unit(*each) for each in zip(names, named_parameters(law).units, strict=True)])
         else:
-            # With standard errors where they are known, true ones beside, and RMS residuals
+            # With standard errors, true coefficients and RMS residuals where these are known
             law, parameters = self.law, named_parameters(self.law)
             columns = {law.schema.object: list[object](law.objects)}
             deviations = np.nan_to_num(parameters.errors.T)
