@@ -34,6 +34,16 @@ def choose(page, name, value):
     )
 
 
+def fit_drag(page):
+    """Write the law of drops with linear drag, fit it, and wait for the result."""
+    page.execute_script("document.getElementById('write').open = true")
+    page.find_element("id", "equations").send_keys("x'' = -g - c v")
+    wait(page, "$('parameters').children.length === 2")
+    choose(page, "setting_errors", "white")
+    page.find_element("id", "fit").click()
+    wait(page, "!$('result').hidden && $('going').hidden")
+
+
 def serious(page):
     found = Axe().run(page)["violations"]
     return [(each["id"], each["impact"]) for each in found if each["impact"] in ("serious", "critical")]

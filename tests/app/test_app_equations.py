@@ -9,7 +9,7 @@ import commonlaw as cl
 from commonlaw.app.equations import Moved, named, solved
 from commonlaw.app.question import Columns, Equations, Table
 from commonlaw.law import from_json
-from tests.in_browser import choose, is_fault, open_page, serious, text, wait
+from tests.in_browser import choose, fit_drag, is_fault, open_page, serious, text, wait
 from tests.refusals import refused
 from tests.served import served
 
@@ -221,12 +221,7 @@ def test_groups_of_objects_are_compared_with_the_reference_that_is_chosen(page, 
     with served(path) as app:
         open_page(page, app)
         wait(page, "$('counts').textContent.includes('12 trials of 6 objects')")
-        page.execute_script("document.getElementById('write').open = true")
-        page.find_element("id", "equations").send_keys("x'' = -g - c v")
-        wait(page, "$('parameters').children.length === 2")
-        choose(page, "setting_errors", "white")
-        page.find_element("id", "fit").click()
-        wait(page, "!$('result').hidden && $('going').hidden")
+        fit_drag(page)
         page.find_element("css selector", "#groups_part summary").click()
         wait(page, "$('groups').tBodies[0].rows.length === 4")
         choose(page, "groups_by", "hull")

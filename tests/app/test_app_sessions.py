@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from tests.in_browser import choose, is_fault, open_page, serious, text, wait
+from tests.in_browser import fit_drag, is_fault, open_page, serious, text, wait
 from tests.served import served
 
 
@@ -29,12 +29,7 @@ def test_a_session_is_saved_continued_by_another_app_and_taken_back(page, table,
         name.send_keys("falling balls")
         page.find_element("id", "session_save").click()
         wait(page, "$('session_said').textContent.startsWith('Saved')")
-        page.execute_script("document.getElementById('write').open = true")
-        page.find_element("id", "equations").send_keys("x'' = -g - c v")
-        wait(page, "$('parameters').children.length === 2")
-        choose(page, "setting_errors", "white")
-        page.find_element("id", "fit").click()
-        wait(page, "!$('result').hidden && $('going').hidden")
+        fit_drag(page)
         wait(page, "!$('session_undo').hidden")  # The law was saved with it
         before = text(page, "coefficients")
         href = next(
